@@ -1,0 +1,3 @@
+"""rorg: declared, requested, time-shared services for robots."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,3 @@
+from rorg.cli.main import run
+
+run()

@@ -1,0 +1,70 @@
+"""The errors of rorg and the one table of exit codes.
+
+Every message reads "cannot X: why; try Y", so that whoever meets it knows what to do next.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Exit(IntEnum):
+    """Exit codes of every command."""
+
+    OK = 0
+    """Fine, or no differences."""
+    DIFFERENCES = 1
+    """`rorg diff` only: the plan is not empty."""
+    USAGE = 2
+    """Wrong usage, or an invalid manifest or request."""
+    UNREACHABLE = 3
+    """The engine, or a running rorg, does not answer."""
+    NOT_READY = 4
+    """Applied, but not everything became ready in time."""
+    REFUSED = 5
+    """Lock held, stale plan, or a confirmation is missing."""
+    INTERNAL = 70
+    """A bug in rorg; an uncaught exception never exits 1."""
+
+
+class RorgError(Exception):
+    """An error that a person can act on: `cannot {what}: {why}; try {remedy}`."""
+
+    code = Exit.USAGE
+
+    def __init__(self, what: str, why: str, remedy: str = "") -> None:
+        self.what, self.why, self.remedy = what, why, remedy
+        super().__init__(f"cannot {what}: {why}" + (f"; try {remedy}" if remedy else ""))
+
+
+class Invalid(RorgError):
+    """A manifest, a request or an argument is wrong; nothing was changed."""
+
+
+class Unreachable(RorgError):
+    """The engine or the running rorg does not answer."""
+
+    code = Exit.UNREACHABLE
+
+
+class NotReady(RorgError):
+    """What was asked for is applied, but not ready in time."""
+
+    code = Exit.NOT_READY
+
+
+class Refused(RorgError):
+    """Refused on purpose: lock held, confirmation missing, stale plan."""
+
+    code = Exit.REFUSED
+
+
+class EngineError(RorgError):
+    """The engine answered, and said no. `kind` is stable: missing_image, name_taken, missing_device,
+    forbidden, gone, conflict, other."""
+
+    code = Exit.NOT_READY
+
+    def __init__(self, what: str, why: str, remedy: str = "", kind: str = "other") -> None:
+        super().__init__(what, why, remedy)
+        self.kind = kind

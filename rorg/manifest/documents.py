@@ -1,0 +1,172 @@
+"""From files to checked documents: reading a tree, the envelope, and what pydantic says, put at its place."""
+
+from __future__ import annotations
+
+import re
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ValidationError
+
+from rorg.manifest.container import ELSEWHERE, ContainerOptions, Strict
+from rorg.manifest.diagnostics import Diagnostic, Where, nearest
+from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
+from rorg.manifest.yaml_source import Document, read_yaml
+
+
+@dataclass(frozen=True)
+class Source:
+    """One manifest that is right by itself: its document for positions, its spec for content."""
+
+    document: Document
+    kind: str
+    name: str
+    description: str
+    labels: dict[str, str]
+    spec: Strict
+    path: Path
+
+    def where(self, *path: str | int, key: bool = False) -> Where:
+        return self.document.where(path, key)
+
+    @property
+    def directory(self) -> Path:
+        return self.path.parent
+
+
+def manifest_files(root: Path) -> list[Path]:
+    """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
+    folders = [root] + [root / folder for folder in FOLDERS]
+    return sorted(p for f in folders if f.is_dir() for p in f.iterdir() if p.suffix in (".yaml", ".yml") and p.is_file())
+
+
+def stray_manifests(root: Path) -> list[Diagnostic]:
+    """Manifests in a folder of the tree's top level that is not read: most likely a misspelt folder."""
+    strays = []
+    for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != "."):
+        for path in sorted(folder.glob("*.y*ml")):
+            if re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+                message = f"a manifest in '{folder.name}/', which is not read"
+                strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(folder.name, FOLDERS)}"))
+    return strays
+
+
+def read_tree(root: Path) -> tuple[list[Source], list[Diagnostic], set[str]]:
+    """All manifests below `root`, all that is wrong with each by itself, and the names of the broken ones, so that
+    nobody is told that a service is unknown whose manifest only has a typo. Raises OSError for an unreadable tree."""
+    sources: list[Source] = []
+    broken: set[str] = set()
+    texts = {path: path.read_text(encoding="utf-8", errors="replace") for path in manifest_files(root)}
+    diagnostics = stray_manifests(root)
+    for path, text in texts.items():
+        source, found = read_source(text, path, str(path))
+        diagnostics += found
+        if source:
+            folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
+            if folder_kind not in (None, source.kind):
+                right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
+                diagnostics.append(Diagnostic(source.where("kind"), f"a {source.kind} in '{path.parent.name}/'",
+                                              f"folder '{right}'"))
+            sources.append(source)
+        else:
+            broken |= {path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", text, re.M)[:1]}
+    return sources, diagnostics, broken
+
+
+def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[Diagnostic]]:
+    """One file's manifest, or None with the reasons."""
+    document, found = read_yaml(text, file)
+    if document is None:
+        return None, found
+    if not isinstance(document.value, dict):
+        message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
+        return None, [*found, Diagnostic(document.where(()), message)]
+    envelope, more = _validate(Manifest, document, document.value, ())
+    found += more
+    kind = document.value.get("kind")
+    if isinstance(kind, str) and kind not in SPECS:
+        found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
+    if kind not in SPECS or "spec" not in document.value:
+        return None, found
+    spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
+    if envelope is None or spec is None or found or more:
+        return None, found + more
+    meta = envelope.metadata
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path), []
+
+
+def _validate(model: type[Strict], document: Document, value: object, at: tuple) -> tuple[typing.Any, list[Diagnostic]]:
+    try:
+        return model.model_validate(value), []
+    except ValidationError as error:
+        found: dict[tuple[Where, str], Diagnostic] = {}
+        for entry in error.errors(include_url=False):
+            diagnostic = _explain(model, document, entry, at)
+            # A union reports once for each of its members: the first says enough.
+            found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
+        return None, list(found.values())
+
+
+def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tuple) -> Diagnostic:
+    """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
+    loc = at + tuple(entry["loc"])
+    if entry["type"] == "extra_forbidden":
+        return _unknown_key(model, document, loc, at)
+    if entry["type"] == "missing":
+        return Diagnostic(document.where(loc[:-1], key=True), f"'{loc[-1]}' is missing")
+    where = document.where(loc)
+    if loc == ("apiVersion",):
+        return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
+    text = entry["msg"].removeprefix("Value error, ")
+    if entry["type"] == "string_pattern_mismatch" and document.values.get(loc):
+        text = f"{entry['input']!r} is not allowed here; it must match {entry['ctx']['pattern']}"
+    if entry["type"] == "model_type" or entry["type"] == "dict_type":
+        text = "must be a mapping"
+    name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
+    return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
+
+
+def _unknown_key(model: type[Strict], document: Document, loc: tuple, at: tuple) -> Diagnostic:
+    where, key = document.where(loc, key=True), str(loc[-1])
+    kind = document.value.get("kind")
+    feature = NOT_YET.get((kind, *loc[len(at):]))
+    if feature:
+        return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
+    parent = _model_at(model, loc[len(at):-1])
+    known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
+    remedy = nearest(key, known)
+    if parent is ContainerOptions and key in ELSEWHERE:
+        remedy = ELSEWHERE[key]
+    elif not parent or remedy.startswith("one of") or not remedy:
+        remedy = _other_level(kind, key) or remedy
+    return Diagnostic(where, f"unknown key '{key}'", remedy)
+
+
+def _other_level(kind: object, key: str) -> str:
+    """A key of the right name at the wrong depth."""
+    if kind == "Service" and key in ContainerOptions.model_fields:
+        return f"spec.container.{key}"
+    if kind in SPECS and key in SPECS[str(kind)].model_fields:
+        return f"spec.{key}"
+    return ELSEWHERE.get(key, "")
+
+
+def _model_at(model: type[BaseModel], path: tuple) -> type[BaseModel] | None:
+    """The model that a path of keys leads to, through optional fields, lists and mappings."""
+    for part in path:
+        if isinstance(part, int):
+            continue
+        field = model.model_fields.get(part)
+        if field is None:
+            continue
+        found = next((t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None)
+        if found is None:
+            return None
+        model = found
+    return model
+
+
+def _types(annotation: object) -> list:
+    args = typing.get_args(annotation)
+    return [annotation] if not args else [t for a in args for t in _types(a)]

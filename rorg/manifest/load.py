@@ -1,0 +1,175 @@
+"""A tree of manifests to a Catalog, or to everything that is wrong with it: `load(root)`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rorg.errors import Invalid
+from rorg.manifest.catalog import DEVELOPER, Catalog, Group, Image, Policy, Request, Service
+from rorg.manifest.diagnostics import Diagnostic, Where, nearest
+from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
+from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
+from rorg.manifest.render import render
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What came of reading a tree. `catalog` is None when there are errors; warnings let it pass."""
+
+    catalog: Catalog | None
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    @property
+    def errors(self) -> list[Diagnostic]:
+        return [d for d in self.diagnostics if d.severity == "error"]
+
+
+def load(root: Path) -> Loaded:
+    """Reads and checks a whole tree. All errors at once, sorted by place; nothing is half accepted.
+
+    Raises Invalid when `root` is no readable directory or holds no manifest at all.
+    """
+    if not root.is_dir():
+        raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
+    try:
+        sources, diagnostics, broken = read_tree(root)
+    except OSError as error:
+        raise Invalid(f"read manifests in {root}", str(error)) from error
+    if not sources and not diagnostics:
+        raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
+    by_kind, more = _by_kind(sources)
+    diagnostics += more
+    catalog, more = _catalog(by_kind, broken)
+    diagnostics += more
+    if any(d.severity == "error" for d in diagnostics):
+        return Loaded(None, tuple(sorted(set(diagnostics))))
+    return Loaded(replace(catalog, fingerprint=_fingerprint(catalog)), tuple(sorted(set(diagnostics))))
+
+
+def load_or_raise(root: Path) -> Catalog:
+    """The Catalog of a tree, or Invalid with every diagnostic in its message."""
+    loaded = load(root)
+    if loaded.catalog is None:
+        lines = "\n".join(str(d) for d in loaded.errors)
+        raise Invalid(f"use the manifests in {root}", f"{len(loaded.errors)} error(s)\n{lines}\n",
+                      "`rorg validate` after mending them")
+    return loaded.catalog
+
+
+def _fingerprint(catalog: Catalog) -> str:
+    def without_places(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {k: without_places(v) for k, v in value.items() if k not in ("where", "fingerprint")}
+        return [without_places(v) for v in value] if isinstance(value, list | tuple) else value
+
+    text = json.dumps(without_places(asdict(catalog)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:
+    """Sources by kind and name. Services and groups share one namespace, since a request names either."""
+    found: dict[str, dict[str, Source]] = {}
+    diagnostics: list[Diagnostic] = []
+    for source in sources:
+        rivals = [k for k in ("Service", "Group") if source.kind in ("Service", "Group")] or [source.kind]
+        first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
+        where = source.where("metadata", "name")
+        if first:
+            diagnostics.append(Diagnostic(where, f"the name '{source.name}' is taken by a {first.kind} at "
+                                          f"{first.where('metadata', 'name')}", "another name"))
+        elif source.kind == "Service" and source.name == DEVELOPER and source.spec.type != "meta":  # type: ignore
+            diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
+        elif source.kind == "Policy" and found.get("Policy"):
+            other = next(iter(found["Policy"].values()))
+            diagnostics.append(Diagnostic(where, "a second Policy", f"to merge it into {other.document.file}"))
+        else:
+            found.setdefault(source.kind, {})[source.name] = source
+    return found, diagnostics
+
+
+def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tuple[Catalog, list[Diagnostic]]:
+    profiles = {**built_in_profiles(), **by_kind.get("Profile", {})}
+    merged, diagnostics = merge_profiles(profiles)
+    policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
+    default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
+    services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
+    for name, source in by_kind.get("Service", {}).items():
+        wanted = source.spec.profile or COMMON  # type: ignore[attr-defined]
+        if wanted not in profiles and wanted not in broken:
+            diagnostics.append(Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'",
+                                          nearest(wanted, profiles)))
+        services[name], found = render(source, merged.get(wanted, merged[COMMON]), default_idle)
+        diagnostics += found
+    groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
+    diagnostics += found
+    known = {*services, *groups, *broken}
+    for name, source in by_kind.get("Service", {}).items():
+        services[name], found = _resolve(source, services[name], groups, known)
+        diagnostics += found
+    diagnostics += check_cycles(services, by_kind.get("Service", {}))
+    requests, found = _requests(by_kind.get("Request", {}), known)
+    diagnostics += found
+    images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}
+    catalog = Catalog(services, groups, images, requests,
+                      Policy(policy.resync, policy.bulk_workers) if policy else Policy())
+    if not diagnostics:
+        diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
+    diagnostics += _image_problems(images, by_kind.get("Image", {}))
+    return catalog, diagnostics
+
+
+def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
+             known: set[str]) -> tuple[Service, list[Diagnostic]]:
+    """Names in `needs` and `conflicts`: unknown ones are errors, groups become their members."""
+    diagnostics = []
+    resolved: dict[str, tuple[str, ...]] = {}
+    for field in ("needs", "conflicts"):
+        names: list[str] = []
+        written = list(getattr(source.spec, field))
+        for name in getattr(service, field):
+            where = source.where("spec", field, written.index(name)) if name in written else source.where(
+                "spec", "profile")
+            if name not in known:
+                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"  # type: ignore
+                diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
+            names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
+        resolved[field] = tuple(dict.fromkeys(names))
+    return replace(service, **resolved), diagnostics
+
+
+def _requests(sources: Mapping[str, Source], known: set[str]) -> tuple[tuple[Request, ...], list[Diagnostic]]:
+    diagnostics, found = [], []
+    for name, source in sources.items():
+        spec: Any = source.spec
+        if spec.requester not in known:
+            diagnostics.append(Diagnostic(source.where("spec", "requester"), f"unknown requester '{spec.requester}'",
+                                          nearest(spec.requester, known)))
+        for index, service in enumerate(spec.services):
+            if service not in known:
+                diagnostics.append(Diagnostic(source.where("spec", "services", index), f"unknown service '{service}'",
+                                              nearest(service, known)))
+        found.append(Request(name, spec.requester, tuple(spec.services), spec.reason or "", standing=True,
+                             where=source.where("metadata", "name")))
+    return tuple(found), diagnostics
+
+
+def _image(source: Source) -> Image:
+    spec: Any = source.spec
+    context = str((source.directory / spec.context).resolve()) if spec.context is not None else None
+    return Image(source.name, context, spec.dockerfile, dict(spec.args), tuple(spec.import_) if spec.import_ else None,
+                 str(source.directory.resolve()), source.where("metadata", "name"))
+
+
+def _image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:
+    diagnostics = []
+    for name, image in images.items():
+        if image.context and not (Path(image.context) / image.dockerfile).is_file():
+            where: Where = sources[name].where("spec", "context")
+            diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
+    return diagnostics

@@ -1,0 +1,107 @@
+"""What manifests say of each other: groups, cycles in `needs`, conflicts that can never be served."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
+
+from rorg.manifest.catalog import Catalog, Group, Service
+from rorg.manifest.diagnostics import Diagnostic, Where, nearest
+from rorg.manifest.documents import Source
+
+
+def expand_groups(sources: Mapping[str, Source], services: Mapping[str, Service], broken: set[str]
+                  ) -> tuple[dict[str, Group], list[Diagnostic]]:
+    """Groups with their members as services; unknown members and groups in a ring are errors."""
+    diagnostics: list[Diagnostic] = []
+    graph: dict[str, list[str]] = {}
+    for name, source in sources.items():
+        graph[name] = []
+        for index, member in enumerate(source.spec.services):  # type: ignore[attr-defined]
+            if member in sources:
+                graph[name].append(member)
+            elif member not in services and member not in broken:
+                where = source.where("spec", "services", index)
+                known = {*services, *sources}
+                diagnostics.append(Diagnostic(where, f"unknown service '{member}'", nearest(member, known)))
+    cycle = find_cycle(graph)
+    if cycle:
+        source = sources[cycle[0]]
+        index = list(source.spec.services).index(cycle[1])  # type: ignore[attr-defined]
+        diagnostics.append(Diagnostic(source.where("spec", "services", index),
+                                      f"groups contain each other: {' -> '.join(cycle)}", "to break the cycle"))
+        return {}, diagnostics
+    groups: dict[str, Group] = {}
+    for name in TopologicalSorter(graph).static_order():
+        members: list[str] = []
+        for member in sources[name].spec.services:  # type: ignore[attr-defined]
+            members += groups[member].services if member in groups else [member] if member in services else []
+        groups[name] = Group(name, tuple(dict.fromkeys(members)), sources[name].description,
+                             sources[name].where("metadata", "name"))
+    return groups, diagnostics
+
+
+def find_cycle(graph: Mapping[str, Iterable[str]]) -> list[str] | None:
+    """A cycle as a path whose first and last name are the same, in the direction of the edges; None without one."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        # graphlib gives the path from a predecessor to its successor; our edges point the other way.
+        path = list(reversed(error.args[1]))
+        start = path.index(min(path[:-1]))
+        return path[start:-1] + path[:start] + [path[start]]
+    return None
+
+
+def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
+    """A service that needs itself, through others or directly, can never start."""
+    cycle = find_cycle({s.name: s.needs for s in services.values()})
+    if not cycle:
+        return []
+    source = sources[cycle[0]]
+    written = list(source.spec.needs)  # type: ignore[attr-defined]
+    where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
+    return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
+
+
+def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
+    """The named services and all that they need."""
+    found: set[str] = set()
+    pending = list(names)
+    while pending:
+        name = pending.pop()
+        if name not in found and name in services:
+            found.add(name)
+            pending += services[name].needs
+    return found
+
+
+def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[tuple[str, str]]:
+    """Pairs among `names` that must not be active together; a conflict declared on one side counts for both."""
+    chosen = set(names)
+    pairs = {tuple(sorted((n, c))) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
+    return sorted(p for p in pairs if p[0] != p[1])  # type: ignore[misc]
+
+
+def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
+    """Services that would have to be active together and must not: one service's needs, or all that is always on."""
+    diagnostics = []
+    for name in sorted(catalog.services):
+        for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
+            diagnostics.append(Diagnostic(_place(sources[name], "needs"),
+                                          f"'{name}' needs both '{a}' and '{b}', which conflict", "to drop one"))
+    roots = [s.name for s in catalog.services.values() if s.always_on]
+    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
+        source = sources[a if catalog.services[a].always_on else b]
+        diagnostics.append(Diagnostic(_place(source, "always_on"),
+                                      f"'{a}' and '{b}' conflict and are both always on", "to drop one"))
+    for request in catalog.requests:
+        names = closure(catalog.services, [m for s in request.services for m in catalog.members(s)] + roots)
+        for a, b in conflicting(catalog.services, names):
+            diagnostics.append(Diagnostic(request.where, f"the request wants both '{a}' and '{b}', which conflict",
+                                          "to drop one"))
+    return diagnostics
+
+
+def _place(source: Source, field: str) -> Where:
+    return source.where("spec", field, key=True)

@@ -1,0 +1,149 @@
+"""From one Service manifest and its profile to the service that is decided about, with its container rendered."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.catalog import Idle, Ready, Service
+from rorg.manifest.diagnostics import Diagnostic
+from rorg.manifest.documents import Source
+from rorg.manifest.profiles import Merged, declared, merge_options
+
+REALTIME = {
+    "cap_add": ["SYS_NICE"],
+    "ulimits": {"rtprio": {"soft": 99, "hard": 99}, "memlock": {"soft": -1, "hard": -1}},
+}
+"""What a control loop needs to run at a real-time priority with its memory locked."""
+
+
+def render(source: Source, profile: Merged, default_idle: Mapping[str, Any]) -> tuple[Service, list[Diagnostic]]:
+    """The service of a manifest. `profile` already stands on `common`; `default_idle` is the Policy's."""
+    spec: Any = source.spec
+    diagnostics: list[Diagnostic] = []
+    meta = spec.type == "meta"
+    idle = {**default_idle, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
+    ready = None if meta else spec.ready or profile.ready
+    needs = list(spec.needs) + [n for n in profile.needs if n != source.name and not meta]
+    service = Service(
+        name=source.name,
+        meta=meta,
+        always_on=spec.always_on,
+        needs=tuple(dict.fromkeys(needs)),
+        conflicts=tuple(spec.conflicts),
+        idle=Idle(**idle),
+        ready=_ready(ready) if ready else None,
+        restart=spec.restart or profile.restart or "always",
+        priority=spec.priority,
+        cpu=spec.resources.cpu,
+        memory=spec.resources.memory,
+        driver=spec.driver is not None,
+        spec=None if meta else _container(source, profile, diagnostics),
+        description=source.description,
+        labels=source.labels,
+        where=source.where("metadata", "name"),
+    )
+    return service, diagnostics
+
+
+def _ready(model: Any) -> Ready:
+    probe = next(name for name in ("delay", "tcp", "http") if getattr(model, name) is not None)
+    target = getattr(model, probe)
+    if probe == "tcp":
+        host, _, port = str(target).rpartition(":")
+        target = f"{host or '127.0.0.1'}:{port}"
+    return Ready(probe, target, model.timeout, model.interval)
+
+
+def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> dict[str, Any]:
+    spec: Any = source.spec
+    options = _substitute(dict(profile.container), _values(source))
+    if spec.driver:
+        options = merge_options(options, _driver(spec.driver, profile.without_hardware))
+    options = merge_options(options, declared(spec.container))
+    if spec.mounts:
+        options = merge_options(options, {"volumes": _mounts(source, diagnostics)})
+    if "volumes" in options:
+        options["volumes"] = [_absolute(v, source.directory) for v in options["volumes"]]
+    if "env_file" in options:
+        options["environment"] = {**_env_files(source, options, diagnostics), **options.get("environment", {})}
+        del options["env_file"]
+    options["image"] = spec.image
+    if spec.command is not None:
+        options["command"] = list(spec.command)
+    return options
+
+
+def _values(source: Source) -> dict[str, str]:
+    resources = source.spec.resources  # type: ignore[attr-defined]
+    return {
+        "${service}": source.name,
+        "${resources.cpu}": f"{resources.cpu:g}",
+        "${resources.memory}": str(resources.memory),
+    }
+
+
+def _substitute(value: Any, values: Mapping[str, str]) -> Any:
+    if isinstance(value, str):
+        return re.sub(r"\$\{[a-z.]+\}", lambda m: values.get(m[0], m[0]), value)
+    if isinstance(value, dict):
+        return {k: _substitute(v, values) for k, v in value.items()}
+    return [_substitute(v, values) for v in value] if isinstance(value, list) else value
+
+
+def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
+    """Least privilege: the named devices, the named groups, and the limits of real time only where asked for."""
+    devices = list(driver.devices)
+    if without_hardware:
+        devices = [f"/dev/null:{(d.split(':') + [d])[1] if ':' in d else d}" for d in devices]
+    options: dict[str, Any] = {}
+    if devices:
+        options["devices"] = devices
+    if driver.groups and not without_hardware:
+        options["group_add"] = list(driver.groups)
+    if driver.realtime and not without_hardware:
+        options = merge_options(options, REALTIME)
+    return options
+
+
+def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
+    volumes = []
+    for index, mount in enumerate(source.spec.mounts):  # type: ignore[attr-defined]
+        where = source.where("spec", "mounts", index)
+        local, _, target = mount.partition(":")
+        if not target.startswith("/") or ":" in target:
+            diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
+        elif not (source.directory / local).exists():
+            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "to create it"))
+        else:
+            volumes.append(f"{source.directory / local}:{target}:ro")
+    return volumes
+
+
+def _absolute(volume: Any, directory: Path) -> Any:
+    """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes or absolute."""
+    if isinstance(volume, dict):
+        if volume["type"] == "bind" and volume.get("source", "/").startswith("."):
+            return {**volume, "source": str((directory / volume["source"]).resolve())}
+        return volume
+    head, colon, tail = volume.partition(":")
+    if head.startswith("~/"):
+        head = str(Path(head).expanduser())
+    elif head.startswith((".", "/")) and colon:
+        head = str((directory / head).resolve()) if head.startswith(".") else head
+    return head + colon + tail
+
+
+def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for index, name in enumerate(options["env_file"]):
+        try:
+            lines = (source.directory / name).read_text(encoding="utf-8").splitlines()
+        except OSError as error:
+            where = source.where("spec", "container", "env_file", index)
+            diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", "to create it"))
+            continue
+        found |= dict(line.split("=", 1) for line in lines if "=" in line and not line.lstrip().startswith("#"))
+    return found

@@ -1,0 +1,133 @@
+"""YAML 1.2 scalars and the position of every key and value, on PyYAML's composer.
+
+PyYAML speaks YAML 1.1, in which `NO` is false and `1:30` is 90. Robots have services named `no` and times written
+`1:30`, so scalars are resolved by the core schema of YAML 1.2 (yaml.org/spec/1.2.2, 10.3.2) instead.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from rorg.manifest.diagnostics import Diagnostic, Where
+
+_Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+MAX_NODES = 100_000
+"""An alias bomb grows past any robot's manifest long before this many nodes."""
+
+
+class _Loader(_Base):  # type: ignore[misc, valid-type]
+    yaml_implicit_resolvers: dict = {}
+
+
+for _tag, _pattern, _first in (
+    ("null", r"^(~|null|Null|NULL|)$", "~nN\0"),
+    ("bool", r"^(true|True|TRUE|false|False|FALSE)$", "tTfF"),
+    ("int", r"^([-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$", "-+0123456789"),
+    (
+        "float",
+        r"^([-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$",
+        "-+.0123456789",
+    ),
+):
+    _firsts = [c for c in _first if c != "\0"] + ([""] if "\0" in _first else [])
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), _firsts)
+
+Path = tuple[str | int, ...]
+
+
+@dataclass
+class Document:
+    """One YAML document: its value, and where each key and each value stands."""
+
+    file: str
+    value: Any = None
+    keys: dict[Path, tuple[int, int]] = field(default_factory=dict)
+    values: dict[Path, tuple[int, int]] = field(default_factory=dict)
+
+    def where(self, path: Path, key: bool = False) -> Where:
+        """The place of a value (or of its key); of its nearest ancestor where the path itself is not there."""
+        while path:
+            found = (self.keys if key else self.values).get(path) or self.values.get(path)
+            if found:
+                return Where(self.file, *found)
+            path, key = path[:-1], False
+        return Where(self.file, *self.values.get((), (1, 1)))
+
+
+class _Reader:
+    """Turns nodes into plain values, noting positions, duplicate keys and foreign tags."""
+
+    def __init__(self, file: str) -> None:
+        self.document = Document(file)
+        self.diagnostics: list[Diagnostic] = []
+        self.count = 0
+
+    def error(self, node: yaml.Node, message: str, remedy: str = "") -> None:
+        where = Where(self.document.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        self.diagnostics.append(Diagnostic(where, message, remedy))
+
+    def read(self, node: yaml.Node, path: Path = ()) -> Any:
+        self.count += 1
+        if self.count > MAX_NODES:
+            raise yaml.YAMLError(f"more than {MAX_NODES} values")
+        self.document.values[path] = (node.start_mark.line + 1, node.start_mark.column + 1)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.read(item, (*path, index)) for index, item in enumerate(node.value)]
+        if isinstance(node, yaml.MappingNode):
+            return self.mapping(node, path)
+        return self.scalar(node)
+
+    def mapping(self, node: yaml.MappingNode, path: Path) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self.error(key_node, "a key must be plain text")
+                continue
+            key = key_node.value
+            if key == "<<":
+                self.error(key_node, "merge keys (<<) are not part of YAML 1.2", "a Profile for what services share")
+                continue
+            if key in result:
+                line = self.document.keys[(*path, key)][0]
+                self.error(key_node, f"key '{key}' appears twice in one mapping", f"to drop it here or in line {line}")
+                continue
+            self.document.keys[(*path, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
+            result[key] = self.read(value_node, (*path, key))
+        return result
+
+    def scalar(self, node: yaml.ScalarNode) -> Any:
+        tag, text = node.tag.rpartition(":")[2], node.value
+        if tag == "null":
+            return None
+        if tag == "bool":
+            return text.lower() == "true"
+        if tag == "int":
+            return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
+        if tag == "float":
+            return float(text.replace(".inf", "inf").replace(".nan", "nan").replace(".Inf", "inf"))
+        if tag != "str":
+            self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
+        return text
+
+
+def read_yaml(text: str, file: str) -> tuple[Document | None, list[Diagnostic]]:
+    """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened."""
+    reader = _Reader(file)
+    try:
+        nodes = list(yaml.compose_all(text, Loader=_Loader))
+        if len(nodes) > 1:
+            reader.error(nodes[1], "a second document in one file", "one file for each document")
+        if not nodes or nodes[0] is None or (nodes[0].tag.endswith(":null") and not nodes[0].value):
+            return None, [Diagnostic(Where(file), "the document is empty", "to fill it, or to delete the file")]
+        reader.document.value = reader.read(nodes[0])
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
+        return None, [Diagnostic(where, f"not valid YAML: {error.problem or error.context}")]
+    except (yaml.YAMLError, RecursionError) as error:
+        return None, [Diagnostic(Where(file), f"not valid YAML: {error}")]
+    return reader.document, reader.diagnostics
