@@ -1,0 +1,47 @@
+"""The one digest function, and the labels that carry it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC
+from rorg.manifest.catalog import Spec
+
+VERSION = "v1"
+
+
+def canonical(value: Any) -> str:
+    """The one text form of a JSON value: sorted keys, no white space."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+def digest(spec: Spec) -> str:
+    """Identity of a rendered container: "v1:" and 32 hexadecimal digits over its canonical JSON.
+
+    The version names the algorithm. A new rorg must give the same digest for the same manifests, or it would replace
+    every container of a robot by itself.
+    """
+    return f"{VERSION}:{hashlib.sha256(canonical(spec).encode()).hexdigest()[:32]}"
+
+
+def declared_fields(spec: Spec) -> dict[str, Any]:
+    """The spec by field, one for each variable of the environment, whose values are only hashed: they may be secret,
+    and this ends up in a label and in plans."""
+    fields = {k: v for k, v in spec.items() if k != "environment"}
+    for name, value in spec.get("environment", {}).items():
+        fields[f"environment.{name}"] = "sha256:" + hashlib.sha256(value.encode()).hexdigest()[:12]
+    return fields
+
+
+def labels(owner: str, service: str, spec: Spec) -> Mapping[str, str]:
+    """What marks a container as ours and says what it was created from."""
+    return {
+        **spec.get("labels", {}),
+        LABEL_OWNER: owner,
+        LABEL_SERVICE: service,
+        LABEL_SPEC: digest(spec),
+        LABEL_DECLARED: canonical(declared_fields(spec)),
+    }

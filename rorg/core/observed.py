@@ -1,0 +1,67 @@
+"""What the engine says is there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+LABEL_OWNER = "rorg.io/owner"
+LABEL_SERVICE = "rorg.io/service"
+LABEL_SPEC = "rorg.io/spec"
+LABEL_DECLARED = "rorg.io/declared"
+
+
+@dataclass(frozen=True, slots=True)
+class Container:
+    """One container that carries our owner label."""
+
+    id: str
+    name: str
+    service: str
+    state: str
+    """created, running, paused, exited, restarting, removing or dead: the engine's words."""
+    started_at: str = ""
+    """When it last started, by the engine's clock, ISO 8601 in UTC; empty when it never did."""
+    exit_code: int | None = None
+    oom_killed: bool = False
+    error: str = ""
+    digest: str = ""
+    """The label rorg.io/spec: the digest of what it was created from."""
+    declared: str = ""
+    """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
+    live: Mapping[str, Any] = field(default_factory=dict)
+    """Options that the engine can change in place, as they are now."""
+    pid: int = 0
+
+    @property
+    def incarnation(self) -> str:
+        """One run of this container; another start is another incarnation."""
+        return f"{self.id[:12]}@{self.started_at}"
+
+    @property
+    def active(self) -> bool:
+        """It uses the CPU, or could at any moment."""
+        return self.state in ("running", "restarting")
+
+    @property
+    def alive(self) -> bool:
+        """Its incarnation goes on: running or paused."""
+        return self.state in ("running", "restarting", "paused")
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """All containers of ours. `complete` is False while the engine does not answer: then nothing may be concluded
+    from what is not in the list."""
+
+    containers: tuple[Container, ...] = ()
+    complete: bool = True
+    error: str = ""
+
+    def by_service(self) -> dict[str, list[Container]]:
+        """Containers of each service: alive ones first, then the last started."""
+        found: dict[str, list[Container]] = {}
+        for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
+            found.setdefault(container.service, []).append(container)
+        return found

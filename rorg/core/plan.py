@@ -1,0 +1,129 @@
+"""The plan: actions and waitings, each with a reason, and its two forms, text and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+SYMBOLS = {
+    "create": "+",
+    "update": "~",
+    "rename": "~",
+    "replace": "-/+",
+    "start": ">",
+    "resume": "=",
+    "pause": '"',
+    "stop": "#",
+    "remove": "-",
+    "wait": ".",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One engine call. All that is needed to perform it is here: the executor decides nothing."""
+
+    index: int
+    verb: str
+    """create, update, rename, start, resume, pause, stop or remove."""
+    service: str
+    container: str = ""
+    """Id of the container; empty for one that an earlier action of the plan will create."""
+    reason: str = ""
+    fields: tuple[str, ...] = ()
+    """Declared options that changed."""
+    after: tuple[int, ...] = ()
+    """Actions of this plan that must have happened, and made their service ready, before this one. Only actions
+    without any can be performed now; after each outcome the rest is planned anew."""
+    args: Mapping[str, Any] = field(default_factory=dict)
+    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds)."""
+    urgent: bool = False
+    """A live request waits for it."""
+    priority: int = 50
+    part_of: str = ""
+    """"replace" for the actions that replace a container together."""
+
+    def __str__(self) -> str:
+        return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({self.reason})"
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """Something that would be done, but not now."""
+
+    service: str
+    reason: str
+    until: float | None = None
+    """Time of the loop's clock at which to look again, where that is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    actions: tuple[Action, ...] = ()
+    waitings: tuple[Waiting, ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        return not self.actions and not self.waitings
+
+    def text(self) -> str:
+        """The canonical text: what `rorg diff` prints and planner tests compare."""
+        lines: list[str] = []
+        width = max((len(n.service) for n in (*self.actions, *self.waitings)), default=0)
+        replaced = ""
+        for action in self.actions:
+            if action.part_of and replaced != action.service:
+                lines.append(_line("replace", action.service, width, _why(action)))
+            replaced = action.service if action.part_of else ""
+            reason = _after(action, self) if action.part_of else _why(action) + _after(action, self)
+            lines.append(("    " if action.part_of else "") + _line(action.verb, action.service, width, reason))
+        lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
+        return "".join(line.rstrip() + "\n" for line in [*lines, self.summary()])
+
+    def summary(self) -> str:
+        """One line with the counts."""
+        if self.empty:
+            return "No differences."
+        names = ("create", "update", "rename", "start", "resume", "pause", "stop", "remove")
+        replaced = len({a.service for a in self.actions if a.part_of})
+        counts = {n: sum(a.verb == n and not a.part_of for a in self.actions) for n in names}
+        parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]
+        parts += [f"{len(self.waitings)} waiting"] * bool(self.waitings)
+        return "Plan: " + ", ".join(parts) + "."
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines: every action with its reason and order; never the values of the environment."""
+        return {
+            "actions": [
+                {
+                    "index": a.index,
+                    "verb": a.verb,
+                    "service": a.service,
+                    "container": a.container,
+                    "reason": a.reason,
+                    "fields": list(a.fields),
+                    "after": list(a.after),
+                    "part_of": a.part_of,
+                    "urgent": a.urgent,
+                }
+                for a in self.actions
+            ],
+            "waitings": [{"service": w.service, "reason": w.reason} for w in self.waitings],
+            "summary": self.summary(),
+        }
+
+
+def _line(verb: str, service: str, width: int, reason: str) -> str:
+    return f"{SYMBOLS[verb]:<3} {verb:<7} {service:<{width}}  {reason}"
+
+
+def _why(action: Action) -> str:
+    return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")
+
+
+def _after(action: Action, plan: Plan) -> str:
+    others = dict.fromkeys(plan.actions[i].service for i in action.after if plan.actions[i].service != action.service)
+    if not others:
+        return ""
+    return f", after {', '.join(others)}"

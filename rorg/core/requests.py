@@ -1,0 +1,82 @@
+"""The life of requests: what may be accepted, and which are still live."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from rorg.core.observed import Container, Observed
+from rorg.core.wanted import wanted
+from rorg.manifest.catalog import Catalog, Request
+from rorg.manifest.diagnostics import nearest
+from rorg.manifest.references import conflicting
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """Requests after a look at their requesters' incarnations."""
+
+    requests: tuple[Request, ...]
+    dropped: tuple[tuple[Request, str], ...] = ()
+    """Requests whose incarnation is over, each with the reason."""
+    bound: tuple[Request, ...] = ()
+    """Requests that were written without an incarnation, now with the one that runs."""
+
+
+def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed) -> Settled:
+    """Drops requests of dead incarnations and binds those that name none. Paused requesters keep theirs. Nothing is
+    concluded while observation is incomplete."""
+    kept: list[Request] = []
+    dropped: list[tuple[Request, str]] = []
+    bound: list[Request] = []
+    by_service = observed.by_service()
+    for request in requests:
+        service = catalog.services.get(request.requester)
+        if request.standing or not observed.complete or (service and service.meta):
+            kept.append(request)
+            continue
+        containers = by_service.get(request.requester, [])
+        alive = [c for c in containers if c.alive]
+        if request.incarnation is None:
+            if alive:
+                request = replace(request, incarnation=alive[0].incarnation)
+                bound.append(request)
+            kept.append(request)
+        elif any(c.incarnation == request.incarnation for c in alive):
+            kept.append(request)
+        else:
+            dropped.append((request, _obituary(request, containers)))
+    return Settled(tuple(kept), tuple(dropped), tuple(bound))
+
+
+def _obituary(request: Request, containers: list[Container]) -> str:
+    if not containers:
+        return f"{request.requester} was removed"
+    if containers[0].alive:
+        return f"{request.requester} was restarted"
+    code = containers[0].exit_code
+    return f"{request.requester} ended" + (f" with exit code {code}" if code is not None else "")
+
+
+def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> list[tuple[str, str]]:
+    """Why a request cannot be accepted, as (cause, remedy) pairs; empty when it can. Accepted whole or not at all."""
+    found: list[tuple[str, str]] = []
+    if new.requester not in catalog.services:
+        found.append((f"unknown requester '{new.requester}'", nearest(new.requester, catalog.services)))
+    if not new.services:
+        found.append(("it names no service", "`rorg release` to give a request up"))
+    known = {*catalog.services, *catalog.groups}
+    for name in new.services:
+        if name not in known:
+            found.append((f"unknown service '{name}'", nearest(name, known)))
+    if found:
+        return found
+    kept = [r for r in existing if r.key != new.key]
+    # A conflict must not come up later either, so the requester counts as active.
+    ask = Request(new.id, "developer", (new.requester, *new.services))
+    names = set(wanted(catalog, [*catalog.requests, *kept, new, ask]))
+    before = set(conflicting(catalog.services, wanted(catalog, [*catalog.requests, *kept])))
+    for a, b in conflicting(catalog.services, names):
+        if (a, b) not in before:
+            found.append((f"'{a}' and '{b}' conflict and would both be wanted", "`rorg why` for who wants which"))
+    return found

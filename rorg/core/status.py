@@ -1,0 +1,114 @@
+"""How each service is: SYNC and HEALTH, and conditions with reasons. No phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rorg.core.observed import Container
+from rorg.core.plan import Plan
+from rorg.core.planner import Situation
+from rorg.core.wanted import chain
+from rorg.manifest.catalog import Service
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; status is True, False or Unknown."""
+
+    type: str
+    status: str
+    reason: str
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    service: str
+    state: str
+    """The engine's word for its container; `none` without one, `meta` for a meta-service."""
+    sync: str
+    """Synced, OutOfSync or Unknown."""
+    health: str
+    """Healthy, Progressing, Degraded, Idle, Completed or Unknown."""
+    wanted: bool
+    why: str
+    conditions: tuple[Condition, ...] = ()
+    container: str = ""
+    incarnation: str = ""
+    started_at: str = ""
+    exits: int = 0
+    pid: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "service": self.service, "state": self.state, "sync": self.sync, "health": self.health,
+            "wanted": self.wanted, "why": self.why, "container": self.container, "incarnation": self.incarnation,
+            "started_at": self.started_at, "exits": self.exits, "pid": self.pid,
+            "conditions": [{"type": c.type, "status": c.status, "reason": c.reason, "message": c.message}
+                           for c in self.conditions],
+        }
+
+
+def statuses(situation: Situation, plan: Plan) -> dict[str, Status]:
+    """Of every declared service, by name."""
+    containers = situation.observed.by_service()
+    pending = {a.service: a.verb for a in reversed(plan.actions)}
+    waiting = {w.service: w.reason for w in plan.waitings}
+    pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
+    return {
+        name: _status(situation, service, (containers.get(name) or [None])[0], pending.get(name, ""),
+                      waiting.get(name, ""))
+        for name, service in sorted(situation.desired.catalog.services.items())
+    }
+
+
+def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str) -> Status:
+    name = service.name
+    causes = situation.wanted.get(name, ())
+    why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
+    if service.meta:
+        return Status(name, "meta", "Synced", "Healthy", True, why)
+    step = situation.memory.of(name)
+    known = situation.observed.complete
+    ready, reason, message = _readiness(situation, service, current, waiting)
+    sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
+    conditions = (
+        Condition("Ready", "Unknown" if not known else str(ready), reason, message),
+        Condition("Requested", str(bool(causes)), "Wanted" if causes else "NotWanted",
+                  " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name)))),
+        Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
+        Condition("Stalled", str(step.stalled), "RepeatedFailure" if step.stalled else "Fine", step.error),
+    )
+    health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
+    return Status(name, current.state if current else "none", sync, health, bool(causes), why, conditions,
+                  current.id if current else "", current.incarnation if current and current.alive else "",
+                  current.started_at if current else "", step.exits, current.pid if current else 0)
+
+
+def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
+    if not is_wanted:
+        return "Idle"
+    if ready:
+        return "Completed" if reason == "Completed" else "Healthy"
+    return "Degraded" if stalled or reason in ("Late", "Failed") else "Progressing"
+
+
+def _readiness(situation: Situation, service: Service, current: Container | None, waiting: str
+               ) -> tuple[bool, str, str]:
+    step = situation.memory.of(service.name)
+    if step.ready:
+        return True, "Ready", ""
+    if current is None:
+        return False, "NoContainer", waiting or step.error
+    if current.state == "exited" and step.exited == current.incarnation and not waiting:
+        if current.exit_code == 0 and service.restart != "always":
+            return True, "Completed", "it ended with exit code 0"
+        return False, "Failed", step.error
+    if current.state == "running" and step.running_since is not None:
+        ran = situation.now - step.running_since
+        late = service.ready is not None and ran > service.ready.timeout
+        return False, "Late" if late else "Probing", step.probe
+    if step.error and step.exits:
+        return False, "Failed", step.error
+    return False, current.state.capitalize(), waiting or step.error

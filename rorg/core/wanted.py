@@ -1,0 +1,84 @@
+"""The rule of activation: the least set of services that must be active now, and why each is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from rorg.manifest.catalog import Catalog, Request
+from rorg.manifest.references import closure
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id) or `needed`."""
+
+    kind: str
+    by: str = ""
+    request: str = ""
+
+    def __str__(self) -> str:
+        if self.kind == "requested":
+            return f"requested by {self.by} ({self.request})"
+        return {"always_on": "always on", "meta": "meta-service"}.get(self.kind, f"needed by {self.by}")
+
+
+Wanted = Mapping[str, tuple[Cause, ...]]
+
+
+def wanted(catalog: Catalog, requests: Iterable[Request]) -> Wanted:
+    """The least set closed under the rules (design: the rule of activation), found from its roots outwards.
+
+    A request counts only while its requester is itself in the set, so a ring of services that only request each other
+    is not reached from any root, and is ceased.
+    """
+    by_requester: dict[str, list[Request]] = {}
+    for request in requests:
+        by_requester.setdefault(request.requester, []).append(request)
+    found: dict[str, list[Cause]] = {}
+    pending: list[str] = []
+
+    def add(name: str, cause: Cause) -> None:
+        if name not in found:
+            found[name] = []
+            pending.append(name)
+        if cause not in found[name]:
+            found[name].append(cause)
+
+    for service in catalog.services.values():
+        if service.meta:
+            add(service.name, Cause("meta"))
+        if service.always_on:
+            add(service.name, Cause("always_on"))
+    while pending:
+        name = pending.pop(0)
+        for request in by_requester.get(name, []):
+            for member in dict.fromkeys(m for s in request.services for m in catalog.members(s)):
+                add(member, Cause("requested", name, request.id))
+        for need in catalog.services[name].needs:
+            if need in catalog.services:
+                add(need, Cause("needed", name))
+    return {name: tuple(causes) for name, causes in found.items()}
+
+
+def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:
+    """What live requests wait for: the requested services and all that they need."""
+    asked = [name for name, causes in found.items() if any(c.kind == "requested" for c in causes)]
+    return frozenset(closure(catalog.services, asked))
+
+
+def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
+    """From a root to the service: [(service, why it is wanted), ...], shortest first; empty when it is not wanted."""
+    if name not in found:
+        return []
+    trails: list[list[tuple[str, Cause]]] = [[(name, cause)] for cause in found[name]]
+    seen = {name}
+    while trails:
+        trail = trails.pop(0)
+        cause = trail[0][1]
+        if cause.kind in ("always_on", "meta"):
+            return trail
+        if cause.by not in seen:
+            seen.add(cause.by)
+            trails += [[(cause.by, c), *trail] for c in found.get(cause.by, ())]
+    return []
