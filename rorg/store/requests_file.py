@@ -1,0 +1,175 @@
+"""The requests file: YAML that a person can read and edit while the loop runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rorg.errors import Invalid
+from rorg.manifest.catalog import Request
+from rorg.manifest.diagnostics import Diagnostic, nearest
+from rorg.manifest.scalars import NAME
+from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.store.files import locked, write_atomic
+
+HEADER = """\
+# What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
+# requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
+# (leave it out: rorg fills it in). restarts: when a restart of a service was asked for.
+"""
+_FIELDS = ("id", "requester", "services", "reason", "incarnation")
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The content of the file."""
+
+    requests: tuple[Request, ...] = ()
+    restarts: Mapping[str, str] = field(default_factory=dict)
+    """Service -> when its restart was asked for, ISO 8601 in UTC."""
+
+    def put(self, request: Request) -> Asked:
+        """With this request, in place of the one with the same requester and id."""
+        return replace(self, requests=(*(r for r in self.requests if r.key != request.key), request))
+
+    def without(self, keys: set[tuple[str, str]]) -> Asked:
+        return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))
+
+
+def parse(text: str, file: str) -> tuple[Asked | None, list[Diagnostic]]:
+    """The content of a requests file, or everything that is wrong with it, with places."""
+    if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
+        return Asked(), []
+    document, diagnostics = read_yaml(text, file)
+    if document is None or diagnostics:
+        return None, diagnostics
+    reader = _Reader(document)
+    asked = reader.read()
+    return (None if reader.diagnostics else asked), reader.diagnostics
+
+
+class _Reader:
+    def __init__(self, document: Document) -> None:
+        self.document, self.diagnostics = document, []
+
+    def error(self, path: tuple, message: str, remedy: str = "", key: bool = False) -> None:
+        self.diagnostics.append(Diagnostic(self.document.where(path, key), message, remedy))
+
+    def read(self) -> Asked:
+        value = self.document.value
+        if not isinstance(value, dict):
+            self.error((), "the file must be a mapping", "`requests:` with a list below it")
+            return Asked()
+        for key in value:
+            if key not in ("requests", "restarts"):
+                self.error((key,), f"unknown key '{key}'", nearest(key, ("requests", "restarts")), key=True)
+        entries = value.get("requests") or []
+        if not isinstance(entries, list):
+            self.error(("requests",), "must be a list")
+            entries = []
+        found = [r for i, entry in enumerate(entries) if (r := self.request(("requests", i), entry))]
+        seen: set[tuple[str, str]] = set()
+        for index, request in enumerate(found):
+            if request.key in seen:
+                self.error(("requests", index, "id"), f"a second request '{request.id}' of {request.requester}",
+                           "another id")
+            seen.add(request.key)
+        return Asked(tuple(found), self.restarts(value.get("restarts") or {}))
+
+    def restarts(self, value: Any) -> dict[str, str]:
+        if not isinstance(value, dict) or not all(isinstance(v, str) for v in value.values()):
+            self.error(("restarts",), "must map services to times such as 2026-01-31T12:00:00Z")
+            return {}
+        return dict(value)
+
+    def request(self, path: tuple, entry: Any) -> Request | None:
+        if not isinstance(entry, dict):
+            self.error(path, "a request must be a mapping with id, requester and services")
+            return None
+        before = len(self.diagnostics)
+        for key in entry:
+            if key not in _FIELDS:
+                self.error((*path, key), f"unknown key '{key}'", nearest(key, _FIELDS), key=True)
+        for key in ("id", "services"):
+            if not entry.get(key):
+                self.error(path, f"'{key}' is missing")
+        services = entry.get("services")
+        if isinstance(services, str) or (services and not all(isinstance(s, str) for s in services)):
+            self.error((*path, "services"), "must be a list of names", "[NAME]")
+        for key in ("id", "requester", "reason", "incarnation"):
+            if not isinstance(entry.get(key, ""), str | None):
+                self.error((*path, key), f"'{key}' must be text", "quotes around it")
+        if len(self.diagnostics) > before:
+            return None
+        return Request(entry["id"], entry.get("requester") or "developer", tuple(services),
+                       entry.get("reason") or "", entry.get("incarnation"), where=self.document.where(path))
+
+
+def render(asked: Asked) -> str:
+    """The file's text."""
+    entries = []
+    for request in asked.requests:
+        entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
+        if request.reason:
+            entry["reason"] = request.reason
+        if request.incarnation:
+            entry["incarnation"] = request.incarnation
+        entries.append(entry)
+    content: dict[str, Any] = {"requests": entries}
+    if asked.restarts:
+        content["restarts"] = dict(asked.restarts)
+    return HEADER + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+
+
+class RequestsFile:
+    """Reads the file when it changed, and changes it under a lock, in one step, with fsync."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stamp: tuple | None = None
+        self._text = ""
+        self.asked = Asked()
+        """The last good content."""
+        self.diagnostics: list[Diagnostic] = []
+        """What is wrong with the content of now; the last good one counts meanwhile."""
+
+    def read(self) -> bool:
+        """Looks at the file; True when its good content is new."""
+        try:
+            stat = self.path.stat()
+            stamp: tuple = (stat.st_ino, stat.st_mtime_ns, stat.st_size)
+        except FileNotFoundError:
+            stamp = ()
+        if stamp == self._stamp:
+            return False
+        self._text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
+        self._stamp = stamp
+        asked, self.diagnostics = parse(self._text, str(self.path))
+        if asked is None or asked == self.asked:
+            return False
+        self.asked = asked
+        return True
+
+    def change(self, edit: Callable[[Asked], Asked]) -> Asked:
+        """Applies `edit` to what the file says now and replaces it. Raises Invalid on a broken file, which a person
+        has to mend first: their edit must not be lost."""
+        with locked(self.path.with_name(".requests.lock")):
+            self.read()
+            if self.diagnostics:
+                raise Invalid(f"change {self.path}", str(self.diagnostics[0]), "to mend the file first")
+            changed = edit(self.asked)
+            if changed != self.asked:
+                write_atomic(self.path, render(changed))
+                self.read()
+            return self.asked
+
+
+def valid_id(text: str) -> bool:
+    """Ids of requests are made of the same characters as names."""
+    import re
+
+    return bool(re.match(NAME, text))

@@ -1,0 +1,97 @@
+"""The state directory: who owns this robot, and where things lie in it."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from rorg.errors import Invalid, Refused
+from rorg.store.files import locked, write_atomic
+
+
+def default_state_dir() -> Path:
+    """/var/lib/rorg for root; below XDG_STATE_HOME (or ~/.local/state) for everybody else."""
+    if os.geteuid() == 0:
+        return Path("/var/lib/rorg")
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "rorg"
+
+
+class StateDir:
+    """One state directory is one robot: its containers carry its instance id, and one rorg at a time owns it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock: int | None = None
+
+    def prepare(self) -> StateDir:
+        """Creates the directory. Raises Invalid when that is not allowed."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True, mode=0o750)
+        except OSError as error:
+            raise Invalid(f"use the state directory {self.path}", error.strerror or str(error),
+                          "--state-dir DIR, or RORG_STATE_DIR") from error
+        return self
+
+    @property
+    def requests(self) -> Path:
+        return self.path / "requests.yaml"
+
+    @property
+    def journal(self) -> Path:
+        return self.path / "journal.jsonl"
+
+    @property
+    def status(self) -> Path:
+        return self.path / "status.json"
+
+    def instance(self, make_id: Any) -> str:
+        """The instance id, made by `make_id()` the first time."""
+        path = self.prepare().path / "instance"
+        with locked(self.path / "instance.lock"):
+            if not path.exists():
+                write_atomic(path, make_id() + "\n")
+            return path.read_text(encoding="utf-8").strip()
+
+    def acquire(self, what: str) -> None:
+        """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
+        self.prepare()
+        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            owner = self.owner() or {}
+            raise Refused(f"own {self.path}", f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
+                          "to stop that one first, or another --state-dir") from None
+        write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
+        self._lock = descriptor
+
+    def release(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def owner(self) -> dict[str, Any] | None:
+        """Who owns it now: {pid, what}; None when nobody does."""
+        try:
+            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CLOEXEC)
+        except OSError:
+            return None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            return None
+        except BlockingIOError:
+            return read_json(self.path / "owner.json") or {}
+        finally:
+            os.close(descriptor)
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file, or None when it is not there or not whole."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
