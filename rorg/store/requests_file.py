@@ -12,7 +12,6 @@ import yaml
 from rorg.errors import Invalid
 from rorg.manifest.catalog import Request
 from rorg.manifest.diagnostics import Diagnostic, nearest
-from rorg.manifest.scalars import NAME
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.store.files import locked, write_atomic
 
@@ -167,9 +166,3 @@ class RequestsFile:
                 self.read()
             return self.asked
 
-
-def valid_id(text: str) -> bool:
-    """Ids of requests are made of the same characters as names."""
-    import re
-
-    return bool(re.match(NAME, text))

@@ -1,0 +1,204 @@
+"""A rendered container as the body of the engine's create call (Docker API 1.41 and later), and back.
+
+One entry for each option of the `container:` section: an option that is missing here fails a test, so none can be
+dropped in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Body = dict[str, Any]
+NANO = 1_000_000_000
+
+
+def _top(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
+    return lambda body, value: body.__setitem__(key, turn(value))
+
+
+def _host(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
+    return lambda body, value: body["HostConfig"].__setitem__(key, turn(value))
+
+
+def _key_value(pairs: Mapping[str, str]) -> list[str]:
+    return [f"{k}={v}" for k, v in sorted(pairs.items())]
+
+
+def _nanoseconds(seconds: float | None) -> int:
+    return int((seconds or 0) * NANO)
+
+
+def _healthcheck(value: Mapping[str, Any]) -> Body:
+    if value.get("disable"):
+        return {"Test": ["NONE"]}
+    return {
+        "Test": value.get("test", []),
+        "Interval": _nanoseconds(value.get("interval")),
+        "Timeout": _nanoseconds(value.get("timeout")),
+        "Retries": value.get("retries", 0),
+        "StartPeriod": _nanoseconds(value.get("start_period")),
+    }
+
+
+def _device(text: str) -> Body:
+    source, _, rest = text.partition(":")
+    target, _, access = rest.partition(":")
+    return {"PathOnHost": source, "PathInContainer": target or source, "CgroupPermissions": access or "rwm"}
+
+
+def _restart(text: str) -> Body:
+    name, _, count = text.partition(":")
+    return {"Name": name, "MaximumRetryCount": int(count or 0)}
+
+
+def _gpu(value: Mapping[str, Any]) -> Body:
+    count = value.get("count")
+    return {
+        "Driver": value.get("driver", ""),
+        "Count": 0 if value.get("device_ids") else -1 if count in ("all", None) else count,
+        "DeviceIDs": value.get("device_ids"),
+        "Capabilities": [value.get("capabilities", ["gpu"])],
+        "Options": value.get("options", {}),
+    }
+
+
+def _volumes(body: Body, values: list[Any]) -> None:
+    for value in values:
+        if isinstance(value, Mapping):
+            body["HostConfig"].setdefault("Mounts", []).append(_mount(value))
+        elif ":" in value:
+            body["HostConfig"].setdefault("Binds", []).append(value)
+        else:
+            body.setdefault("Volumes", {})[value] = {}
+
+
+def _mount(value: Mapping[str, Any]) -> Body:
+    mount: Body = {"Type": value["type"], "Source": value.get("source", ""), "Target": value["target"],
+                   "ReadOnly": value.get("read_only", False)}
+    if value.get("consistency"):
+        mount["Consistency"] = value["consistency"]
+    if value.get("bind"):
+        mount["BindOptions"] = {"Propagation": value["bind"].get("propagation", ""),
+                                **({"CreateMountpoint": True} if value["bind"].get("create_host_path") else {})}
+    if value.get("volume"):
+        mount["VolumeOptions"] = {"NoCopy": bool(value["volume"].get("nocopy"))}
+    if value.get("tmpfs"):
+        mount["TmpfsOptions"] = {{"size": "SizeBytes", "mode": "Mode"}.get(k, k): v for k, v in value["tmpfs"].items()}
+    return mount
+
+
+def _ports(body: Body, values: list[str]) -> None:
+    for value in values:
+        rest, _, protocol = value.partition("/")
+        head, _, inside = rest.rpartition(":")
+        address, _, outside = head.rpartition(":")
+        low, _, high = inside.partition("-")
+        first, _, last = outside.partition("-")
+        for offset in range(int(high or low) - int(low) + 1):
+            key = f"{int(low) + offset}/{protocol or 'tcp'}"
+            host = str(int(first) + offset) if first and (last or not high) else outside
+            body.setdefault("ExposedPorts", {})[key] = {}
+            body["HostConfig"].setdefault("PortBindings", {}).setdefault(key, []).append(
+                {"HostIp": address.strip("[]"), "HostPort": host})
+
+
+def _expose(body: Body, values: list[str]) -> None:
+    for value in values:
+        body.setdefault("ExposedPorts", {})[value if "/" in value else f"{value}/tcp"] = {}
+
+
+def _blkio(body: Body, value: Mapping[str, Any]) -> None:
+    host = body["HostConfig"]
+    if value.get("weight") is not None:
+        host["BlkioWeight"] = value["weight"]
+    names = {"weight_device": "BlkioWeightDevice", "device_read_bps": "BlkioDeviceReadBps",
+             "device_write_bps": "BlkioDeviceWriteBps", "device_read_iops": "BlkioDeviceReadIOps",
+             "device_write_iops": "BlkioDeviceWriteIOps"}
+    for key, name in names.items():
+        if value.get(key):
+            host[name] = [{"Path": e["path"], **({"Weight": e["weight"]} if "weight" in e else {"Rate": e["rate"]})}
+                          for e in value[key]]
+
+
+def _networks(body: Body, value: Mapping[str, Any]) -> None:
+    endpoints = {}
+    for name, network in value.items():
+        ipam = {api: network[key] for key, api in (("ipv4_address", "IPv4Address"), ("ipv6_address", "IPv6Address"),
+                                                   ("link_local_ips", "LinkLocalIPs")) if network.get(key)}
+        endpoints[name] = {"Aliases": network.get("aliases"), "IPAMConfig": ipam or None,
+                           "MacAddress": network.get("mac_address", ""), "DriverOpts": network.get("driver_opts")}
+    body["NetworkingConfig"] = {"EndpointsConfig": endpoints}
+    body["HostConfig"].setdefault("NetworkMode", next(iter(value), "default"))
+
+
+def _tmpfs(body: Body, values: list[str]) -> None:
+    body["HostConfig"]["Tmpfs"] = {v.partition(":")[0]: v.partition(":")[2] for v in values}
+
+
+def _nothing(body: Body, value: Any) -> None:
+    """Sent beside the body: the name, the platform."""
+
+
+OPTIONS: Mapping[str, Callable[[Body, Any], None]] = {
+    "annotations": _host("Annotations"), "blkio_config": _blkio, "cap_add": _host("CapAdd"),
+    "cap_drop": _host("CapDrop"), "cgroup": _host("CgroupnsMode"), "cgroup_parent": _host("CgroupParent"),
+    "command": _top("Cmd"), "container_name": _nothing, "cpu_period": _host("CpuPeriod"),
+    "cpu_quota": _host("CpuQuota"), "cpu_rt_period": _host("CpuRealtimePeriod"),
+    "cpu_rt_runtime": _host("CpuRealtimeRuntime"), "cpu_shares": _host("CpuShares"),
+    "cpus": _host("NanoCpus", lambda v: round(v * NANO)), "cpuset": _host("CpusetCpus"),
+    "cpuset_mems": _host("CpusetMems"), "device_cgroup_rules": _host("DeviceCgroupRules"),
+    "devices": _host("Devices", lambda v: [_device(d) for d in v]), "dns": _host("Dns"),
+    "dns_opt": _host("DnsOptions"), "dns_search": _host("DnsSearch"), "domainname": _top("Domainname"),
+    "entrypoint": _top("Entrypoint"), "environment": _top("Env", _key_value), "expose": _expose,
+    "extra_hosts": _host("ExtraHosts"), "gpus": _host("DeviceRequests", lambda v: [_gpu(g) for g in v]),
+    "group_add": _host("GroupAdd"), "healthcheck": _top("Healthcheck", _healthcheck), "hostname": _top("Hostname"),
+    "image": _top("Image"), "init": _host("Init"), "ipc": _host("IpcMode"), "isolation": _host("Isolation"),
+    "labels": _nothing, "links": _host("Links"),
+    "logging": _host("LogConfig", lambda v: {"Type": v.get("driver", "json-file"), "Config": v.get("options", {})}),
+    "mac_address": _top("MacAddress"), "masked_paths": _host("MaskedPaths"), "mem_limit": _host("Memory"),
+    "mem_reservation": _host("MemoryReservation"), "mem_swappiness": _host("MemorySwappiness"),
+    "memswap_limit": _host("MemorySwap"), "network_disabled": _top("NetworkDisabled"),
+    "network_mode": _host("NetworkMode"), "networks": _networks, "oom_kill_disable": _host("OomKillDisable"),
+    "oom_score_adj": _host("OomScoreAdj"), "pid": _host("PidMode"), "pids_limit": _host("PidsLimit"),
+    "platform": _nothing, "ports": _ports, "privileged": _host("Privileged"),
+    "publish_all_ports": _host("PublishAllPorts"), "read_only": _host("ReadonlyRootfs"),
+    "readonly_paths": _host("ReadonlyPaths"), "restart": _host("RestartPolicy", _restart), "runtime": _host("Runtime"),
+    "security_opt": _host("SecurityOpt"), "shm_size": _host("ShmSize"), "stdin_open": _top("OpenStdin"),
+    "stop_grace_period": _top("StopTimeout", lambda v: max(1, round(v))), "stop_signal": _top("StopSignal"),
+    "storage_opt": _host("StorageOpt"), "sysctls": _host("Sysctls"), "tmpfs": _tmpfs, "tty": _top("Tty"),
+    "ulimits": _host("Ulimits", lambda v: [{"Name": n, "Soft": u["soft"], "Hard": u["hard"]} for n, u in v.items()]),
+    "user": _top("User"), "userns_mode": _host("UsernsMode"), "uts": _host("UTSMode"),
+    "volume_driver": _host("VolumeDriver"), "volumes": _volumes, "volumes_from": _host("VolumesFrom"),
+    "working_dir": _top("WorkingDir"),
+}
+
+
+def create_body(spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
+    """The body of POST /containers/create."""
+    body: Body = {"HostConfig": {}, "Labels": dict(labels)}
+    for option in sorted(spec):
+        OPTIONS[option](body, spec[option])
+    return body
+
+
+_LIVE = {"cpu_period": "CpuPeriod", "cpu_quota": "CpuQuota", "cpu_rt_period": "CpuRealtimePeriod",
+         "cpu_rt_runtime": "CpuRealtimeRuntime", "cpu_shares": "CpuShares", "cpuset": "CpusetCpus",
+         "cpuset_mems": "CpusetMems", "mem_limit": "Memory", "mem_reservation": "MemoryReservation",
+         "memswap_limit": "MemorySwap"}
+
+
+def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
+    """Live options of a container from the HostConfig of an inspection, in the units of manifests."""
+    found = {option: host[key] for option, key in _LIVE.items() if key in host}
+    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
+    found["pids_limit"] = host.get("PidsLimit") or 0
+    policy = host.get("RestartPolicy") or {}
+    count = policy.get("MaximumRetryCount") or 0
+    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
+    return found
+
+
+def update_body(options: Mapping[str, Any]) -> Body:
+    """The body of POST /containers/ID/update."""
+    return create_body(options, {})["HostConfig"]

@@ -1,0 +1,31 @@
+"""Performs one action as one call of the engine. Carries no decision."""
+
+from __future__ import annotations
+
+from rorg.core.plan import Action
+from rorg.engines.protocol import Engine
+
+
+def perform(engine: Engine, action: Action) -> str:
+    """Does what the action says and returns the id of the container that it was done to."""
+    args = action.args
+    match action.verb:
+        case "create":
+            return engine.create(args["name"], args["spec"], args["labels"])
+        case "start":
+            engine.start(action.container)
+        case "resume":
+            engine.resume(action.container)
+        case "pause":
+            engine.pause(action.container)
+        case "stop":
+            engine.stop(action.container, args["signal"], args["grace"])
+        case "remove":
+            engine.remove(action.container)
+        case "rename":
+            engine.rename(action.container, args["name"])
+        case "update":
+            engine.update(action.container, args["options"])
+        case _:
+            raise AssertionError(f"no such verb: {action.verb}")
+    return action.container

@@ -1,0 +1,103 @@
+"""A cache of what the engine says: fed by its events, checked by a full list now and then."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from rorg.core.observed import Container, Observed
+from rorg.engines.protocol import Engine
+from rorg.errors import RorgError
+
+RETRY = (0.2, 0.5, 1.0, 2.0)
+"""Seconds between attempts to reach an engine that does not answer; the last one repeats."""
+
+
+class Observer:
+    """Keeps the cache in a thread of its own, so that a pass never waits for the engine."""
+
+    def __init__(self, engine: Engine, wake: Callable[[], None], resync: Callable[[], float]) -> None:
+        self.engine, self.wake, self.resync = engine, wake, resync
+        self._lock = threading.Lock()
+        self._containers: dict[str, Container] = {}
+        self._snapshot = Observed(complete=False, error=f"no answer from the {engine.name} engine yet")
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self.lists = 0
+        """Full lists made so far."""
+
+    def start(self) -> None:
+        for target in (self._follow, self._resync_now_and_then):
+            thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def stop(self) -> None:
+        self._stop.set()
+
+    def snapshot(self) -> Observed:
+        with self._lock:
+            return self._snapshot
+
+    def refresh(self, container: str) -> None:
+        """Asks for one container now, so that the next pass sees what an action did."""
+        try:
+            found = self.engine.inspect(container)
+        except RorgError:
+            return
+        with self._lock:
+            old = self._containers.get(container)
+            if found is None:
+                self._containers.pop(container, None)
+            else:
+                self._containers[container] = found
+            if old != found:
+                self._publish(self._snapshot.complete, self._snapshot.error)
+
+    def sync(self) -> None:
+        """One full list. What changed while it was made is not lost: the event comes after it."""
+        found = {c.id: c for c in self.engine.list()}
+        self.lists += 1
+        with self._lock:
+            changed = found != self._containers or not self._snapshot.complete
+            self._containers = found
+            if changed:
+                self._publish(True, "")
+        if changed:
+            self.wake()
+
+    def _publish(self, complete: bool, error: str) -> None:
+        containers = tuple(sorted(self._containers.values(), key=lambda c: (c.service, c.id)))
+        self._snapshot = Observed(containers, complete, error)
+
+    def _lost(self, error: Exception) -> None:
+        with self._lock:
+            self._publish(False, str(error))
+        self.wake()
+
+    def _follow(self) -> None:
+        attempt = 0
+        while not self._stop.is_set():
+            try:
+                for container in self.engine.events(self._stop):
+                    attempt = 0
+                    if container:
+                        self.refresh(container)
+                        self.wake()
+                    else:
+                        self.sync()
+            except RorgError as error:
+                self._lost(error)
+            self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)])
+            attempt += 1
+
+    def _resync_now_and_then(self) -> None:
+        last = time.monotonic()
+        while not self._stop.wait(max(0.05, last + self.resync() - time.monotonic())):
+            last = time.monotonic()
+            if self.snapshot().complete:
+                try:
+                    self.sync()
+                except RorgError as error:
+                    self._lost(error)

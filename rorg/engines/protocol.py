@@ -1,0 +1,87 @@
+"""The one small protocol that every engine speaks."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rorg.core.observed import Container
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What an engine can do. What it cannot is said to the user, never passed over in silence."""
+
+    isolation: bool
+    """Containers with namespaces and images; else plain processes of this machine."""
+    live_update: bool
+    """Options can be changed in place."""
+    events: str
+    """`all` changes arrive as events; or only `exits`, other drift being found at the next resync."""
+    ignored_options: frozenset[str] = frozenset()
+    """Container options that have no meaning here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """Since the container began: CPU seconds; and the memory in use now, bytes, without the page cache."""
+
+    cpu: float
+    memory: int
+
+
+class Engine(Protocol):
+    """Every method may be called from any thread. They raise Unreachable when the engine does not answer, and
+    EngineError (with a stable `kind`) when it says no. Only containers with our owner label are ever returned."""
+
+    name: str
+    capabilities: Capabilities
+
+    def ping(self) -> str:
+        """The engine's version. Raises Unreachable."""
+
+    def list(self) -> list[Container]:
+        """All containers of ours."""
+
+    def inspect(self, container: str) -> Container | None:
+        """One container of ours; None when it is gone or not ours."""
+
+    def events(self, stop: threading.Event) -> Iterator[str]:
+        """Ids of our containers as they change, and once "" when the stream stands. Ends when `stop` is set; raises
+        Unreachable when the stream breaks."""
+
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
+        """Makes a container, not started, and returns its id."""
+
+    def start(self, container: str) -> None: ...
+    def pause(self, container: str) -> None: ...
+    def resume(self, container: str) -> None: ...
+    def stop(self, container: str, signal: str, grace: float) -> None:
+        """The signal, `grace` seconds, SIGTERM, 2 seconds, SIGKILL; returns when it has ended."""
+
+    def remove(self, container: str) -> None: ...
+    def rename(self, container: str, name: str) -> None: ...
+    def update(self, container: str, options: Mapping[str, Any]) -> None:
+        """Sets live options in place."""
+
+    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
+        """Output of the container, standard error included; the last `tail` lines, then what comes when following."""
+
+    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
+        """By container id; those that do not run are left out."""
+
+    def close(self) -> None: ...
+
+
+TERM_GRACE = 2.0
+"""Seconds between SIGTERM and SIGKILL."""
+
+
+def stop_sequence(signal: str, grace: float) -> list[tuple[str, float]]:
+    """Signals to send with the seconds to wait after each. roscpp as PID 1 ignores SIGTERM, and a shell in between
+    swallows SIGINT, so one signal alone costs the whole grace period or leaves a stale registration."""
+    if signal in ("SIGTERM", "SIGKILL"):
+        return [(signal, grace), ("SIGKILL", 10.0)]
+    return [(signal, grace), ("SIGTERM", TERM_GRACE), ("SIGKILL", 10.0)]
