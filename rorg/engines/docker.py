@@ -1,0 +1,230 @@
+"""The Docker engine, through docker-py's low-level client. Podman's service speaks the same API."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import docker
+import requests
+import urllib3
+from docker.errors import APIError, DockerException
+
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
+from rorg.engines.docker_body import create_body, live_options, update_body
+from rorg.engines.protocol import Capabilities, Usage, stop_sequence
+from rorg.errors import EngineError, Unreachable
+from rorg.host.cgroups import container_usage
+
+NEVER = "0001-01-01T00:00:00Z"
+"""What the engine calls the start of a container that never started."""
+KINDS = (
+    ("missing_image", r"no such image", "`rorg build` first"),
+    ("name_taken", r"is already in use by container", "to remove or rename that container; rorg did not make it"),
+    ("missing_device", r"gathering device information|no such file or directory.*dev", "to plug the device in"),
+    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or to drop the option"),
+    ("forbidden", r"could not select device driver", "an engine with that runtime, or to drop gpus"),
+    ("gone", r"no such container", ""),
+    ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
+)
+"""What the engine says, as a stable kind with a remedy."""
+API_TIMEOUT = 120.0
+"""Seconds. A start may take long on a loaded robot; a lost connection ends a call at once anyway."""
+
+
+class DockerEngine:
+    """Containers of one owner on one Docker engine. docker-py's client is not safe to share, so each thread has its
+    own (docker-py#3229)."""
+
+    name = "docker"
+    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+
+    def __init__(self, owner: str, base_url: str | None = None) -> None:
+        self.owner, self.base_url = owner, base_url
+        self._local = threading.local()
+        self._version = ""
+
+    # -- plumbing ----------------------------------------------------------------------------------------------
+
+    def _api(self) -> docker.APIClient:
+        api = getattr(self._local, "api", None)
+        if api is None:
+            api = self._local.api = self._connect(API_TIMEOUT)
+        return api
+
+    def _connect(self, timeout: float | None) -> docker.APIClient:
+        """A client of its own; the version is negotiated once."""
+        with _errors("reach the engine"):
+            options: dict[str, Any] = {"version": self._version or "auto", "timeout": timeout}
+            api = docker.APIClient(self.base_url, **options) if self.base_url else docker.from_env(**options).api
+            self._version = api._version
+        return api
+
+    def _call(self, what: str, call: Callable[[docker.APIClient], Any]) -> Any:
+        with _errors(what):
+            return call(self._api())
+
+    def ping(self) -> str:
+        return str(self._call("reach the engine", lambda api: api.version())["Version"])
+
+    def close(self) -> None:
+        api = getattr(self._local, "api", None)
+        if api is not None:
+            api.close()
+            self._local.api = None
+
+    # -- observing ---------------------------------------------------------------------------------------------
+
+    def list(self) -> list[Container]:
+        filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
+        rows = self._call("list containers", lambda api: api.containers(all=True, filters=filters))
+        return [c for row in rows if (c := self.inspect(row["Id"])) is not None]
+
+    def inspect(self, container: str) -> Container | None:
+        try:
+            data = self._call(f"inspect {container[:12]}", lambda api: api.inspect_container(container))
+        except EngineError as error:
+            if error.kind == "gone":
+                return None
+            raise
+        labels = data["Config"].get("Labels") or {}
+        return _container(data, labels) if labels.get(LABEL_OWNER) == self.owner else None
+
+    def events(self, stop: threading.Event) -> Iterator[str]:
+        filters = {"type": "container", "label": f"{LABEL_OWNER}={self.owner}"}
+        quiet = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
+        api = self._connect(None)
+        with _errors("follow the engine's events"):
+            stream = api.events(decode=True, filters=filters)
+        closer = threading.Thread(target=lambda: (stop.wait(), stream.close()), daemon=True, name="events-closer")
+        closer.start()
+        yield ""
+        with _errors("follow the engine's events"):
+            for event in stream:
+                if stop.is_set():
+                    return
+                if not event.get("Action", "").startswith(quiet):
+                    yield event["Actor"]["ID"]
+        if not stop.is_set():
+            raise Unreachable("follow the engine's events", "the engine closed the stream")
+
+    # -- acting ------------------------------------------------------------------------------------------------
+
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
+        body = create_body(spec, labels)
+        platform = spec.get("platform")
+        made = self._call(f"create {name}", lambda api: api.create_container_from_config(body, name, platform))
+        return str(made["Id"])
+
+    def start(self, container: str) -> None:
+        self._call(f"start {container[:12]}", lambda api: api.start(container))
+
+    def pause(self, container: str) -> None:
+        self._call(f"pause {container[:12]}", lambda api: api.pause(container))
+
+    def resume(self, container: str) -> None:
+        self._call(f"resume {container[:12]}", lambda api: api.unpause(container))
+
+    def stop(self, container: str, signal: str, grace: float) -> None:
+        """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws)."""
+        for name, seconds in stop_sequence(signal, grace):
+            try:
+                self._call(f"stop {container[:12]}", lambda api, name=name: api.kill(container, name))
+            except EngineError as error:
+                if error.kind in ("conflict", "gone"):
+                    return
+                raise
+            if self._ended(container, seconds):
+                return
+        raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
+
+    def _ended(self, container: str, seconds: float) -> bool:
+        try:
+            with _errors(f"wait for {container[:12]}"):
+                self._api().wait(container, timeout=seconds, condition="not-running")
+            return True
+        except Unreachable as error:
+            if "timed out" in str(error):
+                return False
+            raise
+        except EngineError as error:
+            if error.kind == "gone":
+                return True
+            raise
+
+    def remove(self, container: str) -> None:
+        try:
+            self._call(f"remove {container[:12]}", lambda api: api.remove_container(container, v=True))
+        except EngineError as error:
+            if error.kind != "gone":
+                raise
+
+    def rename(self, container: str, name: str) -> None:
+        self._call(f"rename {container[:12]} to {name}", lambda api: api.rename(container, name))
+
+    def update(self, container: str, options: Mapping[str, Any]) -> None:
+        def post(api: docker.APIClient) -> None:
+            response = api._post_json(api._url("/containers/{0}/update", container), data=update_body(options))
+            api._raise_for_status(response)
+
+        self._call(f"update {container[:12]}", post)
+
+    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
+        with _errors(f"read the logs of {container[:12]}"):
+            found = self._api().logs(container, stream=True, follow=follow, tail="all" if tail is None else tail)
+            yield from found
+
+    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
+        found = {}
+        for container in containers:
+            figures = container_usage(container.pid) if container.pid and container.alive else None
+            if figures:
+                found[container.id] = Usage(*figures)
+        return found
+
+
+def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
+    state = data["State"]
+    started = state.get("StartedAt") or NEVER
+    return Container(
+        id=data["Id"],
+        name=data["Name"].lstrip("/"),
+        service=labels.get(LABEL_SERVICE, ""),
+        state=state["Status"],
+        started_at="" if started.startswith("0001-") else started,
+        exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
+        oom_killed=bool(state.get("OOMKilled")),
+        error=state.get("Error") or "",
+        digest=labels.get(LABEL_SPEC, ""),
+        declared=labels.get(LABEL_DECLARED, ""),
+        live=live_options(data.get("HostConfig") or {}),
+        pid=state.get("Pid") or 0,
+    )
+
+
+@contextlib.contextmanager
+def _errors(what: str) -> Iterator[None]:
+    """The engine's errors as ours."""
+    try:
+        yield
+    except APIError as error:
+        text = str(error.explanation or error)
+        for kind, pattern, remedy in KINDS:
+            if re.search(pattern, text, re.I):
+                raise EngineError(what, text, remedy, kind) from error
+        raise EngineError(what, text) from error
+    except (DockerException, requests.RequestException, urllib3.exceptions.HTTPError, OSError, ValueError) as error:
+        raise Unreachable(what, _reason(error), "`docker info` to see whether the engine runs") from error
+
+
+def _reason(error: BaseException) -> str:
+    text = str(error)
+    if "timed out" in text.lower():
+        return "timed out"
+    match = re.search(r"(FileNotFoundError|ConnectionRefusedError|PermissionError)", text)
+    known = {"FileNotFoundError": "its socket is not there", "ConnectionRefusedError": "it refuses the connection",
+             "PermissionError": "no permission for its socket"}
+    return known[match[1]] if match else text or type(error).__name__

@@ -1,0 +1,95 @@
+"""Which processes of this machine are whose: identity that survives a restart of rorg and the reuse of pids."""
+
+from __future__ import annotations
+
+import os
+import signal
+from functools import cache
+from pathlib import Path
+
+MARK = "RORG_CONTAINER"
+"""Environment variable that every process we start inherits: the id of its container."""
+PROCESS_GROUP = 4
+"""PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
+
+
+@cache
+def boot_id() -> str:
+    """Identity of this boot: pids and start times mean nothing after another one."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+
+
+def stat(pid: int) -> tuple[str, int, int, float, int] | None:
+    """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return None
+    fields = text[text.rindex(")") + 2 :].split()
+    cpu = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return fields[0], int(fields[3]), int(fields[19]), cpu, int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def is_same(pid: int, started: int, boot: str) -> bool:
+    """Whether that pid is still the process that began at `started`, and not dead."""
+    found = stat(pid) if boot == boot_id() else None
+    return found is not None and found[2] == started and found[0] not in "ZX"
+
+
+def members(leader: int, container: str) -> list[int]:
+    """Live processes of a container: those of its session that carry its mark. The mark is checked, so a stranger
+    that got a reused number is never among them."""
+    found = []
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit():
+            facts = stat(int(entry.name))
+            if facts and facts[1] == leader and facts[0] not in "ZX" and _marked(int(entry.name), container):
+                found.append(int(entry.name))
+    return found
+
+
+def _marked(pid: int, container: str) -> bool:
+    try:
+        environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return False
+    return f"{MARK}={container}".encode() in environment
+
+
+def signal_group(leader: int, started: int, boot: str, container: str, number: int) -> bool:
+    """Signals all processes of a container; False when none of them is left."""
+    try:
+        descriptor = os.pidfd_open(leader)
+    except OSError:
+        descriptor = -1
+    try:
+        # With the descriptor open the pid cannot come to mean another process between the check and the signal.
+        if descriptor >= 0 and is_same(leader, started, boot):
+            try:
+                signal.pidfd_send_signal(descriptor, number, None, PROCESS_GROUP)
+            except OSError:
+                os.killpg(leader, number)
+            return True
+    except ProcessLookupError:
+        pass
+    finally:
+        if descriptor >= 0:
+            os.close(descriptor)
+    left = members(leader, container) if boot == boot_id() else []
+    for pid in left:
+        _signal_one(pid, container, number)
+    return bool(left)
+
+
+def _signal_one(pid: int, container: str, number: int) -> None:
+    try:
+        descriptor = os.pidfd_open(pid)
+    except OSError:
+        return
+    try:
+        if _marked(pid, container):
+            signal.pidfd_send_signal(descriptor, number)
+    except OSError:
+        pass
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,1 @@
+"""The machine: cgroup files, git, file watching, image building, probes."""
