@@ -29,9 +29,9 @@ from rorg.store.files import write_atomic
 HONOURED = {"entrypoint", "environment", "working_dir", "stop_signal", "stop_grace_period", "container_name", "labels",
             "init", "network_mode", "logging"}
 """Options with an effect here, or whose effect a plain process has anyway."""
-SUPERVISE = 'trap : INT TERM HUP QUIT; "$@" & while :; do wait $!; c=$?; kill -0 $! 2>/dev/null || break; done; ' \
-    'echo $c > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
-"""The shell that leads a container's session: waits on through signals, then writes the exit code in one step."""
+SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
+"""The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
+writes the exit code in one step. The service runs in the foreground: a shell's background jobs ignore SIGINT."""
 
 
 class ProcessEngine:

@@ -1,0 +1,39 @@
+"""File changes as wakes. What changed is not told: the loop looks at everything anyway."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import watchfiles
+
+DEBOUNCE = 200
+"""Milliseconds of quiet after which a burst of changes is one."""
+
+
+class Watcher:
+    def __init__(self, paths: list[Path], wake: Callable[[], None], ignore: Callable[[str], bool]) -> None:
+        self.paths, self.wake, self.ignore = paths, wake, ignore
+        self._stop = threading.Event()
+
+    def start(self) -> None:
+        threading.Thread(target=self._run, name="watch", daemon=True).start()
+
+    def stop(self) -> None:
+        self._stop.set()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._follow()
+            except FileNotFoundError:
+                # The directory is being replaced; it comes back, or the loop says that it is gone.
+                self._stop.wait(0.2)
+
+    def _follow(self) -> None:
+        for _ in watchfiles.watch(
+            *self.paths, debounce=DEBOUNCE, step=10, stop_event=self._stop, rust_timeout=500,
+            watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False,
+        ):
+            self.wake()
