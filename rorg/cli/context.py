@@ -1,0 +1,144 @@
+"""What commands look at: the state directory, the manifests, the engine, and how everything is right now."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.memory import Memory, Progress
+from rorg.core.observed import Observed
+from rorg.core.planner import Desired, desire
+from rorg.core.status import statuses
+from rorg.daemon.wiring import ENGINES, make_engine
+from rorg.engines.protocol import Engine
+from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.host.probe import probe_once
+from rorg.manifest.catalog import Catalog
+from rorg.manifest.load import load_or_raise
+from rorg.store.requests_file import Asked, RequestsFile
+from rorg.store.state_dir import StateDir, default_state_dir, read_json
+
+
+class Context:
+    """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
+
+    def __init__(self, state_dir: Path | None, engine: str | None, directory: Path | None) -> None:
+        given = state_dir or os.environ.get("RORG_STATE_DIR")
+        self.state = StateDir(Path(given) if given else default_state_dir())
+        self.engine_name = engine or os.environ.get("RORG_ENGINE") or (self.last() or {}).get("engine_name") or "docker"
+        if self.engine_name not in ENGINES:
+            raise Invalid(f"use the engine '{self.engine_name}'", "there is none of that name", " or ".join(ENGINES))
+        self._directory = directory
+        self._engine: Engine | None = None
+
+    def last(self) -> dict[str, Any] | None:
+        """What a rorg published last, be it running or not."""
+        return read_json(self.state.status)
+
+    def live(self) -> dict[str, Any] | None:
+        """What the running rorg publishes; None when none runs or it has not published yet."""
+        owner, status = self.state.owner(), self.last()
+        return status if owner and status and status.get("pid") == owner.get("pid") else None
+
+    @property
+    def root(self) -> Path:
+        """The directory of manifests."""
+        if self._directory:
+            return self._directory
+        last = (self.last() or {}).get("tree", {}).get("root")
+        if last and (self.state.owner() or not Path("manifests").is_dir()):
+            return Path(last)
+        return Path("manifests") if Path("manifests").is_dir() else Path(".")
+
+    def catalog(self) -> Catalog:
+        return load_or_raise(self.root)
+
+    def engine(self) -> Engine:
+        if self._engine is None:
+            self._engine = make_engine(self.engine_name, self.state)
+        return self._engine
+
+    def asked(self) -> Asked:
+        """The requests file. Raises Invalid when it is broken."""
+        file = RequestsFile(self.state.requests)
+        file.read()
+        if file.diagnostics:
+            raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "to mend it")
+        return file.asked
+
+    def decision(self, catalog: Catalog) -> Decision:
+        """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
+        desired, asked = desire(catalog), self.asked()
+        observed = Observed(tuple(self.engine().list()))
+        last = self.last() or {}
+        owner = last.get("instance") or self.state.instance(lambda: "")
+
+        def look(memory: Memory) -> Decision:
+            return decide(Inputs(desired, asked.requests, asked.restarts, observed, {}, memory, 0.0, owner))
+
+        return look(self._ready(look(Memory()), desired))
+
+    def _ready(self, first: Decision, desired: Desired) -> Memory:
+        """What is ready, found by one look at each: this process has seen nothing run yet."""
+        progress = dict(first.memory.progress)
+        for name, step in progress.items():
+            ready = desired.catalog.services[name].ready
+            if step.running_since is not None and (ready is None or ready.probe == "delay" or not probe_once(ready)):
+                progress[name] = Progress(incarnation=step.incarnation, running_since=0.0, ready=True)
+        return Memory(progress)
+
+    def view(self) -> dict[str, Any]:
+        """The published state of the running rorg; computed the same way when none runs."""
+        live = self.live()
+        if live:
+            return live
+        decision = self.decision(self.catalog())
+        catalog = decision.situation.desired.catalog
+        return {
+            "pid": None, "engine_name": self.engine_name, "plan": decision.plan.as_json(), "in_flight": {},
+            "tree": {"root": str(self.root), "fingerprint": catalog.fingerprint, "errors": []},
+            "engine": {"complete": True, "error": ""}, "restarts": dict(self.asked().restarts),
+            "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
+                          "incarnation": r.incarnation, "standing": r.standing}
+                         for r in (*catalog.requests, *decision.settled.requests)],
+            "services": {n: s.as_json() for n, s in statuses(decision.situation, decision.plan).items()},
+        }
+
+    def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
+        """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""
+        deadline = time.monotonic() + timeout
+        why = "it has not said anything yet"
+        while time.monotonic() < deadline:
+            view = self.live()
+            if view is None and self.state.owner() is None:
+                raise Unreachable(f"wait for {what}", "no rorg runs on this state directory", "`rorg run`")
+            if view is not None:
+                why = done(view)
+                if not why:
+                    return
+            time.sleep(0.01)
+        raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
+
+
+def is_ready(service: dict[str, Any]) -> bool:
+    return any(c["type"] == "Ready" and c["status"] == "True" for c in service["conditions"])
+
+
+def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
+    return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
+
+
+def unready(view: dict[str, Any], names: set[str]) -> str:
+    """What keeps these services from being ready, in words; empty when all of them are."""
+    for name in sorted(names):
+        service = view["services"].get(name)
+        if service is None:
+            return f"{name} is not declared yet"
+        if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
+            found = condition(service, "Ready")
+            return f"{name}: {found['message'] or found['reason']}"
+    return ""

@@ -1,0 +1,82 @@
+"""rorg get"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+
+KINDS = {"services": "services", "service": "services", "svc": "services", "groups": "groups", "group": "groups",
+         "images": "images", "image": "images", "requests": "requests", "request": "requests"}
+
+
+def command(
+    kind: Annotated[str, typer.Argument(help="services, groups, images or requests.")] = "services",
+    name: Annotated[str, typer.Argument(help="Only this one.")] = "",
+    directory: Annotated[Any, typer.Option("--manifests", help="Directory of manifests.", parser=str)] = None,
+    state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table",
+    watch: Annotated[bool, typer.Option("-w", "--watch", help="Go on showing changes.")] = False,
+) -> None:
+    """List services with their state, or groups, images, requests."""
+    import time
+    from pathlib import Path
+
+    from rorg.cli.context import Context
+    from rorg.cli.output import nearest_kind, print_rows
+
+    chosen = KINDS.get(kind) or nearest_kind(kind, KINDS)
+    context = Context(state_dir, engine, Path(directory) if directory else None)
+    columns, wide, last = COLUMNS[chosen][0], COLUMNS[chosen][1], None
+    while True:
+        rows, full = ROWS[chosen](context, name)
+        if rows != last:
+            print_rows(rows, output, columns, wide, full)
+        if not watch:
+            return
+        last = rows
+        time.sleep(0.2)
+
+
+def _services(context: Any, name: str) -> tuple[list[dict], Any]:
+    from rorg.cli.context import condition
+    from rorg.cli.output import missing
+
+    view = context.view()
+    services = {n: s for n, s in view["services"].items() if name in ("", n)}
+    if name and not services:
+        raise missing("service", name, view["services"])
+    rows = [{"name": n, "state": s["state"], "sync": s["sync"], "health": s["health"], "why": s["why"] or "-",
+             "exits": s["exits"], "container": s["container"][:12],
+             "message": condition(s, "Ready")["message"]} for n, s in services.items() if s["state"] != "meta" or name]
+    return rows, list(services.values())
+
+
+def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
+    found = [g for g in context.catalog().groups.values() if name in ("", g.name)]
+    rows = [{"name": g.name, "services": ",".join(g.services), "description": g.description} for g in found]
+    return rows, [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
+
+
+def _images(context: Any, name: str) -> tuple[list[dict], Any]:
+    rows = [{"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
+            for i in context.catalog().images.values() if name in ("", i.name)]
+    return rows, None
+
+
+def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
+    found = [r for r in context.view()["requests"] if name in ("", r["id"])]
+    rows = [{"id": r["id"], "requester": r["requester"], "services": ",".join(r["services"]),
+             "kind": "standing" if r["standing"] else "live", "reason": r["reason"],
+             "incarnation": r["incarnation"] or ""} for r in found]
+    return rows, found
+
+
+ROWS = {"services": _services, "groups": _groups, "images": _images, "requests": _requests}
+COLUMNS = {
+    "services": (("name", "state", "sync", "health", "why"), ("exits", "container", "message")),
+    "groups": (("name", "services"), ("description",)),
+    "images": (("name", "from"), ("dockerfile",)),
+    "requests": (("id", "requester", "services", "kind"), ("incarnation", "reason")),
+}

@@ -1,0 +1,61 @@
+"""The `rorg` command: its list of commands, and where errors become messages and exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import typer
+
+from rorg.errors import Exit, RorgError
+
+COMMANDS = ("validate", "diff", "apply", "run", "get", "describe", "why", "request", "release", "restart", "logs",
+            "graph", "build", "demo", "completion")
+
+app = typer.Typer(
+    name="rorg", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+    help="Run a robot's services: declared in YAML, started and ceased by requests.",
+    epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
+           "4 applied but not ready, 5 refused, 70 internal error.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        from rorg import __version__
+
+        typer.echo(f"rorg {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True,
+                                          help="Print the version and exit.")) -> None:
+    pass
+
+
+for _name in COMMANDS:
+    _module = importlib.import_module(f"rorg.cli.{_name}")
+    app.command(_name)(_module.command)
+
+
+def run() -> None:
+    """Entry point. An uncaught exception is a bug and exits 70, never 1, which means differences."""
+    try:
+        app()
+    except RorgError as error:
+        print(f"rorg: {error}", file=sys.stderr)
+        sys.exit(int(error.code))
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as bug:
+        if os.environ.get("RORG_TRACEBACK"):
+            raise
+        print(f"rorg: internal error: {type(bug).__name__}: {bug}\n"
+              "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed.", file=sys.stderr)
+        sys.exit(int(Exit.INTERNAL))

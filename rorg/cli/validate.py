@@ -1,0 +1,30 @@
+"""rorg validate"""
+
+from __future__ import annotations
+
+import typer
+
+from rorg.cli.options import Directory, Output
+
+
+def command(directory: Directory = None, output: Output = "table") -> None:
+    """Check manifests: everything that is wrong, with file:line:column. Needs no engine."""
+    from pathlib import Path
+
+    from rorg.cli.output import check_form, dump, note
+    from rorg.errors import Exit
+    from rorg.manifest.load import load
+
+    check_form(output, ("table", "json", "yaml"))
+    root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
+    loaded = load(root)
+    if output != "table":
+        dump([d.as_json() for d in loaded.diagnostics], output)
+    for diagnostic in loaded.diagnostics if output == "table" else ():
+        note(str(diagnostic))
+    if loaded.catalog is None:
+        note(f"{len(loaded.errors)} error(s): nothing would be changed by these manifests")
+        raise typer.Exit(int(Exit.USAGE))
+    count = sum(not s.meta for s in loaded.catalog.services.values())
+    note(f"fine: {count} services, {len(loaded.catalog.groups)} groups, {len(loaded.catalog.images)} images, "
+         f"{len(loaded.catalog.requests)} standing requests")

@@ -1,0 +1,168 @@
+"""The loop: one pass after another, level-triggered. A wake says only that it is worth looking."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.lanes import Lanes
+from rorg.core.memory import Memory, finish
+from rorg.core.plan import Action
+from rorg.daemon.reporter import Reporter
+from rorg.daemon.tree import Tree
+from rorg.engines.execute import perform
+from rorg.engines.observe import Observer
+from rorg.engines.protocol import Engine
+from rorg.errors import RorgError
+from rorg.host.probe import Prober
+from rorg.host.watch import Watcher
+from rorg.store.requests_file import Asked, RequestsFile
+from rorg.store.state_dir import StateDir
+
+SOON = 0.05
+"""Seconds until a tree that was being written is looked at again."""
+
+
+class Loop:
+    """Owns the state directory while it runs. `clock` gives monotonic seconds."""
+
+    def __init__(self, tree: Tree, state: StateDir, engine: Engine, reporter: Reporter, owner: str,
+                 clock: Callable[[], float], booted_at: str) -> None:
+        self.tree, self.engine, self.reporter, self.owner = tree, engine, reporter, owner
+        self.clock, self.booted_at = clock, booted_at
+        self.requests = RequestsFile(state.requests)
+        self.observer = Observer(engine, self.wake, lambda: self.tree.desired.catalog.policy.resync)
+        self.prober = Prober(clock, self.wake)
+        names = {state.requests.name}
+        self.watcher = Watcher([tree.root, state.path], self._files_changed,
+                               lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
+        self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
+        self.memory = Memory()
+        self.passes = 0
+        self._woken = threading.Event()
+        self._files = True
+        self._outcomes: list[tuple[Action, str]] = []
+        self._lock = threading.Lock()
+        self._stopping = False
+
+    def wake(self) -> None:
+        self._woken.set()
+
+    def _files_changed(self) -> None:
+        self._files = True
+        self._woken.set()
+
+    def stop(self) -> None:
+        self._stopping = True
+        self._woken.set()
+
+    def run(self, until: Callable[[Decision], bool] = lambda decision: False) -> None:
+        """Passes until stop() is called, or `until` says of a pass that this was all."""
+        self.prober.start()
+        self.watcher.start()
+        self.observer.start()
+        try:
+            while not self._stopping:
+                decision = self.one_pass()
+                if until(decision):
+                    return
+                self._sleep(decision)
+        finally:
+            self._drain()
+
+    def _sleep(self, decision: Decision) -> None:
+        due = [] if decision.deadline is None else [decision.deadline - self.clock()]
+        due += [SOON] if self._files else []
+        due += [max(0.0, self.reporter.due() - self.clock())] if self.reporter.due() else []
+        self._woken.wait(max(0.0, min(due)) if due else None)
+        self._woken.clear()
+
+    def _drain(self) -> None:
+        """Stops the threads. Calls under way are waited for, so that nothing is half done without being known."""
+        self.watcher.stop()
+        self.prober.stop()
+        self.workers.shutdown(wait=True, cancel_futures=True)
+        self.observer.stop()
+        self.reporter.flush()
+
+    # -- one pass ----------------------------------------------------------------------------------------------
+
+    def one_pass(self) -> Decision:
+        """Read, resolve, observe, plan, check, hand to workers, publish."""
+        self.passes += 1
+        self._read_files()
+        self._take_outcomes()
+        decision = decide(Inputs(
+            desired=self.tree.desired, requests=self.requests.asked.requests, restarts=self.requests.asked.restarts,
+            observed=self.observer.snapshot(), probes=self.prober.results(), memory=self.memory, now=self.clock(),
+            owner=self.owner, removals=self.tree.removals, booted_at=self.booted_at,
+            lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers),
+        ))
+        self.memory = decision.memory
+        self._settle(decision)
+        for action in decision.begin:
+            self.workers.submit(self._work, action)
+        services = self.tree.desired.catalog.services
+        self.prober.watch({n: (i, r) for n, i in decision.to_probe.items() if (r := services[n].ready)})
+        self.reporter.report(decision, self.tree, self.requests)
+        return decision
+
+    def _read_files(self) -> None:
+        if not self._files:
+            return
+        self._files = False
+        try:
+            self.requests.read()
+        except OSError as error:
+            self.reporter.event("requests-unreadable", str(error))
+        _, self._files = self.tree.read()
+
+    def _take_outcomes(self) -> None:
+        with self._lock:
+            outcomes, self._outcomes = self._outcomes, []
+        for action, error in outcomes:
+            self.memory = finish(self.memory, action, error, action.args.get("incarnation", ""), self.clock())
+
+    def _settle(self, decision: Decision) -> None:
+        """Writes down requests that were dropped or bound. The file is the truth: a person may have changed it since
+        it was read, so only these entries are touched."""
+        settled = decision.settled
+        if not settled.dropped and not settled.bound:
+            return
+        gone = {r.key: r.incarnation for r, _ in settled.dropped}
+        bound = {r.key: r for r in settled.bound}
+
+        def edit(asked: Asked) -> Asked:
+            kept = [r for r in asked.requests if not (r.key in gone and r.incarnation == gone[r.key])]
+            return Asked(tuple(bound[r.key] if r.key in bound and r.incarnation is None else r for r in kept),
+                         asked.restarts)
+
+        try:
+            self.requests.change(edit)
+        except (RorgError, OSError) as error:
+            self.reporter.event("requests-not-written", str(error))
+            return
+        for request, why in settled.dropped:
+            self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
+                                service=request.requester, services=list(request.services))
+
+    # -- workers -----------------------------------------------------------------------------------------------
+
+    def _work(self, action: Action) -> None:
+        began, error = self.clock(), ""
+        container = action.container
+        try:
+            container = perform(self.engine, action)
+        except RorgError as failed:
+            error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
+        except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
+            error = f"internal error: {type(bug).__name__}: {bug}"
+        if container:
+            self.observer.refresh(container)
+        self.reporter.outcome(action, error, self.clock() - began)
+        with self._lock:
+            self._outcomes.append((action, error))
+        self.wake()
+

@@ -1,0 +1,133 @@
+"""What the loop tells: lines for people, the journal, and the published status that other commands read."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rorg.core.decide import Decision
+from rorg.core.plan import Action
+from rorg.core.status import statuses
+from rorg.daemon.tree import Tree
+from rorg.manifest.scalars import format_seconds
+from rorg.store.files import write_atomic
+from rorg.store.journal import Journal
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
+
+PUBLISH_EVERY = 0.05
+"""Seconds between two published states at the least."""
+
+
+class Reporter:
+    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds."""
+
+    def __init__(self, state: StateDir, say: Callable[[str], None], wall: Callable[[], str],
+                 clock: Callable[[], float], about: dict[str, Any]) -> None:
+        self.state, self.say, self.wall, self.clock, self.about = state, say, wall, clock, about
+        self.journal = Journal(state.journal)
+        self._said: dict[str, Any] = {}
+        self._published = ""
+        self._last = float("-inf")
+        self._next: dict[str, Any] | None = None
+        self._lock = threading.Lock()
+
+    def event(self, kind: str, message: str, **more: Any) -> None:
+        with self._lock:
+            self.say(message)
+            self.journal.append(self.wall(), kind, message, **more)
+
+    def outcome(self, action: Action, error: str, seconds: float) -> None:
+        text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
+        self.event("failed" if error else "done", text, verb=action.verb, service=action.service,
+                   container=action.container[:12], reason=action.reason, fields=list(action.fields), error=error,
+                   seconds=round(seconds, 4))
+
+    def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
+        """Says what is new since the last pass, and publishes the state when it changed."""
+        self._when_new("tree", tuple(map(str, tree.errors)), self._tree, tree)
+        self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
+        observed = decision.situation.observed
+        self._when_new("engine", (observed.complete, observed.error), self._engine, observed)
+        for violation in decision.violations:
+            self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
+        for name, step in decision.memory.progress.items():
+            self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
+        self._publish(self._snapshot(decision, tree, requests))
+
+    def _when_new(self, key: str, value: Any, tell: Callable[[Any], None], subject: Any) -> None:
+        first = key not in self._said
+        if first or self._said[key] != value:
+            self._said[key] = value
+            if not first or key in ("tree", "requests", "engine"):
+                tell(subject)
+            elif value and not key.startswith("engine"):
+                tell(subject)
+
+    def _tree(self, tree: Tree) -> None:
+        if tree.errors:
+            for error in tree.errors:
+                self.event("manifest-error", str(error))
+            kept = "the last good manifests stay in force" if tree.loaded else "nothing is in force yet"
+            self.event("tree-refused", f"manifests refused: {len(tree.errors)} error(s); {kept}")
+        elif tree.loaded:
+            count = sum(not s.meta for s in tree.desired.catalog.services.values())
+            self.event("tree-accepted", f"manifests in force: {count} services"
+                       + (f", revision {tree.revision}" if tree.revision else ""))
+
+    def _requests(self, requests: RequestsFile) -> None:
+        for error in requests.diagnostics:
+            self.event("requests-refused", f"{error}; the last good requests stay in force")
+
+    def _engine(self, observed: Any) -> None:
+        if observed.complete:
+            self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
+        else:
+            self.event("engine-lost", observed.error)
+
+    def _stalled(self, what: Any) -> None:
+        name, step = what
+        again = format_seconds(max(0.0, step.retry_at - self.clock()))
+        self.event("stalled" if step.stalled else "recovered",
+                   f"{name} is stalled: {step.error}; next try in {again}" if step.stalled
+                   else f"{name} is not stalled any more", service=name)
+
+    def _snapshot(self, decision: Decision, tree: Tree, requests: RequestsFile) -> dict[str, Any]:
+        observed = decision.situation.observed
+        found = statuses(decision.situation, decision.plan)
+        return {
+            **self.about,
+            "tree": {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
+                     "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]},
+            "engine": {"complete": observed.complete, "error": observed.error},
+            "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
+                          "incarnation": r.incarnation, "standing": r.standing}
+                         for r in (*tree.desired.catalog.requests, *decision.settled.requests)],
+            "requests_errors": [str(d) for d in requests.diagnostics],
+            "restarts": dict(requests.asked.restarts),
+            "plan": decision.plan.as_json(),
+            "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
+            "services": {name: status.as_json() for name, status in found.items()},
+        }
+
+    # -- publishing --------------------------------------------------------------------------------------------
+
+    def _publish(self, snapshot: dict[str, Any]) -> None:
+        self._next = snapshot
+        if self.clock() - self._last >= PUBLISH_EVERY:
+            self.flush()
+
+    def due(self) -> float | None:
+        """When a held-back state is to be published; None without one."""
+        return self._last + PUBLISH_EVERY if self._next is not None else None
+
+    def flush(self) -> None:
+        if self._next is None:
+            return
+        text = json.dumps(self._next)
+        self._next, self._last = None, self.clock()
+        if text != self._published:
+            self._published = text
+            write_atomic(self.state.status, text, durable=False)
