@@ -20,7 +20,7 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
     from rorg.cli.context import Context
     from rorg.cli.output import note
 
-    context = Context(state_dir, engine, directory)
+    context = Context(state_dir, engine, directory, local=True)
     catalog = context.catalog()
     owner = context.state.owner()
     if owner is None:

@@ -26,13 +26,14 @@ from rorg.store.state_dir import StateDir, default_state_dir, read_json
 class Context:
     """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
 
-    def __init__(self, state_dir: Path | None, engine: str | None, directory: Path | None) -> None:
+    def __init__(self, state_dir: Path | None, engine: str | None, directory: Path | None = None,
+                 local: bool = False) -> None:
         given = state_dir or os.environ.get("RORG_STATE_DIR")
         self.state = StateDir(Path(given) if given else default_state_dir())
         self.engine_name = engine or os.environ.get("RORG_ENGINE") or (self.last() or {}).get("engine_name") or "docker"
         if self.engine_name not in ENGINES:
             raise Invalid(f"use the engine '{self.engine_name}'", "there is none of that name", " or ".join(ENGINES))
-        self._directory = directory
+        self._directory, self._local = directory, local
         self._engine: Engine | None = None
 
     def last(self) -> dict[str, Any] | None:
@@ -46,13 +47,14 @@ class Context:
 
     @property
     def root(self) -> Path:
-        """The directory of manifests."""
+        """The directory of manifests. Commands about a tree (`local`) look here first, those about the robot at what
+        it was last run with."""
         if self._directory:
             return self._directory
         last = (self.last() or {}).get("tree", {}).get("root")
-        if last and (self.state.owner() or not Path("manifests").is_dir()):
+        if last and (not self._local or self.state.owner()):
             return Path(last)
-        return Path("manifests") if Path("manifests").is_dir() else Path(".")
+        return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
 
     def catalog(self) -> Catalog:
         return load_or_raise(self.root)

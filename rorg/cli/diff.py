@@ -15,7 +15,7 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
     from rorg.errors import Exit
 
     check_form(output, ("table", "json", "yaml"))
-    context = Context(state_dir, engine, directory)
+    context = Context(state_dir, engine, directory, local=True)
     plan = context.decision(context.catalog()).plan
     if output == "table":
         typer.echo(plan.text(), nl=False)

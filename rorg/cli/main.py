@@ -44,6 +44,10 @@ for _name in COMMANDS:
 def run() -> None:
     """Entry point. An uncaught exception is a bug and exits 70, never 1, which means differences."""
     try:
+        if "_RORG_COMPLETE" in os.environ:
+            from typer.completion import completion_init
+
+            completion_init()
         app()
     except RorgError as error:
         print(f"rorg: {error}", file=sys.stderr)

@@ -13,7 +13,7 @@ def complete_service(incomplete: str) -> list[str]:
     from rorg.cli.context import Context
 
     try:
-        catalog = Context(None, None, None).catalog()
+        catalog = Context(None, None).catalog()
     except Exception:
         return []
     return [n for n in (*catalog.services, *catalog.groups) if n.startswith(incomplete)]

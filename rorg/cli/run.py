@@ -15,7 +15,7 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid
 
-    context = Context(state_dir, engine, directory)
+    context = Context(state_dir, engine, directory, local=True)
     if not context.root.is_dir():
         raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
     context.state.acquire("rorg run")

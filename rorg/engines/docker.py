@@ -49,23 +49,24 @@ class DockerEngine:
 
     # -- plumbing ----------------------------------------------------------------------------------------------
 
-    def _api(self) -> docker.APIClient:
+    def api(self) -> docker.APIClient:
+        """The client of this thread."""
         api = getattr(self._local, "api", None)
         if api is None:
             api = self._local.api = self._connect(API_TIMEOUT)
         return api
 
     def _connect(self, timeout: float | None) -> docker.APIClient:
-        """A client of its own; the version is negotiated once."""
-        with _errors("reach the engine"):
+        """A new client; the version is negotiated once."""
+        with docker_errors("reach the engine"):
             options: dict[str, Any] = {"version": self._version or "auto", "timeout": timeout}
             api = docker.APIClient(self.base_url, **options) if self.base_url else docker.from_env(**options).api
             self._version = api._version
         return api
 
     def _call(self, what: str, call: Callable[[docker.APIClient], Any]) -> Any:
-        with _errors(what):
-            return call(self._api())
+        with docker_errors(what):
+            return call(self.api())
 
     def ping(self) -> str:
         return str(self._call("reach the engine", lambda api: api.version())["Version"])
@@ -97,12 +98,12 @@ class DockerEngine:
         filters = {"type": "container", "label": f"{LABEL_OWNER}={self.owner}"}
         quiet = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
         api = self._connect(None)
-        with _errors("follow the engine's events"):
+        with docker_errors("follow the engine's events"):
             stream = api.events(decode=True, filters=filters)
         closer = threading.Thread(target=lambda: (stop.wait(), stream.close()), daemon=True, name="events-closer")
         closer.start()
         yield ""
-        with _errors("follow the engine's events"):
+        with docker_errors("follow the engine's events"):
             for event in stream:
                 if stop.is_set():
                     return
@@ -143,8 +144,8 @@ class DockerEngine:
 
     def _ended(self, container: str, seconds: float) -> bool:
         try:
-            with _errors(f"wait for {container[:12]}"):
-                self._api().wait(container, timeout=seconds, condition="not-running")
+            with docker_errors(f"wait for {container[:12]}"):
+                self.api().wait(container, timeout=seconds, condition="not-running")
             return True
         except Unreachable as error:
             if "timed out" in str(error):
@@ -173,8 +174,8 @@ class DockerEngine:
         self._call(f"update {container[:12]}", post)
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        with _errors(f"read the logs of {container[:12]}"):
-            found = self._api().logs(container, stream=True, follow=follow, tail="all" if tail is None else tail)
+        with docker_errors(f"read the logs of {container[:12]}"):
+            found = self.api().logs(container, stream=True, follow=follow, tail="all" if tail is None else tail)
             yield from found
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
@@ -206,7 +207,7 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
 
 
 @contextlib.contextmanager
-def _errors(what: str) -> Iterator[None]:
+def docker_errors(what: str) -> Iterator[None]:
     """The engine's errors as ours."""
     try:
         yield

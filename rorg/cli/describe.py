@@ -1,0 +1,56 @@
+"""rorg describe"""
+
+from __future__ import annotations
+
+import typer
+
+from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+
+
+def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
+            output: Output = "table") -> None:
+    """Everything about one service: what is declared, how it is, who wants it, what happened to it last."""
+    import json
+
+    from rorg.cli.context import Context
+    from rorg.cli.output import dump, missing
+
+    context = Context(state_dir, engine)
+    catalog, view = context.catalog(), context.view()
+    if service in catalog.groups:
+        names = list(catalog.groups[service].services)
+    elif service in catalog.services:
+        names = [service]
+    else:
+        raise missing("service", service, {*catalog.services, *catalog.groups})
+    found = []
+    for name in names:
+        declared, status = catalog.services[name], view["services"].get(name, {})
+        spec = {k: v for k, v in (declared.spec or {}).items() if k != "environment"}
+        spec["environment"] = sorted((declared.spec or {}).get("environment", {}))
+        found.append({
+            "name": name, "description": declared.description, "manifest": str(declared.where),
+            "needs": list(declared.needs), "conflicts": list(declared.conflicts), "always_on": declared.always_on,
+            "idle": {"action": declared.idle.action, "linger": declared.idle.linger}, "restart": declared.restart,
+            "priority": declared.priority, "driver": declared.driver,
+            "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
+            "status": status, "container": spec, "events": _events(context, name),
+        })
+    if output != "table":
+        dump(found[0] if len(found) == 1 else found, output)
+        return
+    import yaml
+
+    for entry in found:
+        typer.echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), nl=False)
+
+
+def _events(context: object, name: str, most: int = 10) -> list[str]:
+    import json
+
+    try:
+        lines = context.state.journal.read_text(encoding="utf-8").splitlines()  # type: ignore[attr-defined]
+    except OSError:
+        return []
+    entries = [json.loads(line) for line in lines if f'"{name}"' in line]
+    return [f"{e['at']} {e['message']}" for e in entries if e.get("service") == name][-most:]

@@ -1,0 +1,51 @@
+"""rorg graph"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from rorg.cli.options import Directory, StateDirectory
+
+
+def command(
+    directory: Directory = None,
+    form: Annotated[str, typer.Option("-o", "--output", help="text, dot, mermaid or json.")] = "text",
+    state_dir: StateDirectory = None,
+) -> None:
+    """Show who needs and who requests whom."""
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form, dump
+
+    check_form(form, ("text", "dot", "mermaid", "json"))
+    context = Context(state_dir, None, directory, local=True)
+    catalog = context.catalog()
+    edges = [(s.name, n, "needs") for s in catalog.services.values() for n in s.needs]
+    for request in (*catalog.requests, *context.asked().requests):
+        edges += [(request.requester, m, "requests") for s in request.services for m in catalog.members(s)]
+    edges = sorted(set(edges))
+    if form == "json":
+        dump({"services": sorted(catalog.services), "edges": [{"from": a, "to": b, "kind": k} for a, b, k in edges]},
+             form)
+    else:
+        typer.echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+
+
+def _text(catalog: Any, edges: list) -> list[str]:
+    lines = []
+    for name in sorted(catalog.services):
+        targets = [f"{'needs' if k == 'needs' else 'requests'} {b}" for a, b, k in edges if a == name]
+        mark = " (always on)" if catalog.services[name].always_on else ""
+        lines.append(name + mark + (": " + ", ".join(targets) if targets else ""))
+    return lines
+
+
+def _dot(catalog: Any, edges: list) -> list[str]:
+    nodes = [f'  "{n}"{" [style=bold]" if s.always_on else ""};' for n, s in sorted(catalog.services.items())]
+    arrows = [f'  "{a}" -> "{b}"{" [style=dashed]" if k == "requests" else ""};' for a, b, k in edges]
+    return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
+
+
+def _mermaid(catalog: Any, edges: list) -> list[str]:
+    return ["graph LR", *[f"  {a} {'-.->' if k == 'requests' else '-->'} {b}" for a, b, k in edges]]

@@ -1,0 +1,38 @@
+"""rorg logs"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Optional
+
+import typer
+
+from rorg.cli.options import EngineName, ServiceName, StateDirectory
+
+
+def command(
+    service: ServiceName,
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
+    tail: Annotated[Optional[int], typer.Option("--tail", help="Only the last so many lines.")] = None,
+    state_dir: StateDirectory = None, engine: EngineName = None,
+) -> None:
+    """Print what a service wrote; lines of a group's members come one service after the other."""
+    from rorg.cli.context import Context
+    from rorg.cli.output import missing
+    from rorg.errors import Invalid
+
+    context = Context(state_dir, engine)
+    catalog = context.catalog()
+    names = catalog.members(service)
+    if not names:
+        raise missing("service", service, {*catalog.services, *catalog.groups})
+    if follow and len(names) > 1:
+        raise Invalid(f"follow the logs of {service}", "it is a group", "one of " + ", ".join(names))
+    containers = {c.service: c for c in context.engine().list()}
+    if not any(n in containers for n in names):
+        raise Invalid(f"read the logs of {service}", "it has no container yet", "`rorg request` or `rorg apply`")
+    for name in names:
+        if name in containers:
+            for chunk in context.engine().logs(containers[name].id, follow, tail):
+                sys.stdout.buffer.write(chunk)
+                sys.stdout.buffer.flush()

@@ -1,0 +1,37 @@
+"""rorg release"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rorg.cli.options import StateDirectory
+
+
+def command(
+    id: Annotated[str, typer.Argument(help="Id of the request.")],
+    requester: Annotated[str, typer.Option("--as", help="Its requester, where several use the same id.")] = "",
+    state_dir: StateDirectory = None,
+) -> None:
+    """Give a request up. Releasing what is already released is fine."""
+    from rorg.cli.output import note
+    from rorg.errors import Invalid
+    from rorg.store.requests_file import Asked, RequestsFile
+    from rorg.store.state_dir import StateDir, default_state_dir
+
+    released: list[str] = []
+
+    def edit(asked: Asked) -> Asked:
+        keys = {r.key for r in asked.requests if r.id == id and requester in ("", r.requester)}
+        if len(keys) > 1:
+            raise Invalid(f"release '{id}'", f"{' and '.join(sorted(k[0] for k in keys))} have a request of that id",
+                          "--as REQUESTER")
+        released[:] = [k[0] for k in keys]
+        return asked.without(keys)
+
+    RequestsFile(StateDir(state_dir or default_state_dir()).prepare().requests).change(edit)
+    if released:
+        typer.echo(f"request '{id}' of {released[0]} released")
+    else:
+        note(f"there is no request '{id}'; nothing to release")

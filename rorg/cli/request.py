@@ -1,0 +1,69 @@
+"""rorg request"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from rorg.cli.options import EngineName, ServiceNames, StateDirectory, Timeout, Wait
+
+
+def command(
+    services: ServiceNames,
+    requester: Annotated[str, typer.Option("--as", help="The service that asks.")] = "developer",
+    id: Annotated[str, typer.Option("--id", help="Id of the request; the same id again replaces it. "
+                                                 "Default: the first service's name.")] = "",
+    reason: Annotated[str, typer.Option("--reason", help="For people, shown by `rorg why`.")] = "",
+    wait: Wait = False, timeout: Timeout = 60.0, state_dir: StateDirectory = None, engine: EngineName = None,
+) -> None:
+    """Ask for services; they run, with all that they need, until the request is released."""
+    from rorg.cli.context import Context, unready
+    from rorg.cli.output import note
+    from rorg.errors import Invalid, Refused
+    from rorg.manifest.catalog import Request
+    from rorg.manifest.references import closure
+    from rorg.core.requests import problems
+    from rorg.store.requests_file import Asked, RequestsFile
+
+    context = Context(state_dir, engine)
+    catalog = context.catalog()
+    chosen = tuple(dict.fromkeys(services))
+    request = Request(id or chosen[0], requester, chosen, reason, _incarnation(context, catalog, requester))
+    context.state.prepare()
+
+    def put(asked: Asked) -> Asked:
+        found = problems(catalog, asked.requests, request)
+        if found:
+            cause, remedy = found[0]
+            kind = Refused if "conflict" in cause else Invalid
+            raise kind(f"request {', '.join(chosen)}", "; ".join(c for c, _ in found), remedy)
+        return asked.put(request)
+
+    RequestsFile(context.state.requests).change(put)
+    typer.echo(f"request '{request.id}' of {requester}: {', '.join(chosen)}")
+    if not wait:
+        if context.state.owner() is None:
+            note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
+        return
+    names = closure(catalog.services, [m for s in chosen for m in catalog.members(s)])
+
+    def done(view: dict[str, Any]) -> str:
+        known = any(r["id"] == request.id and r["requester"] == requester for r in view["requests"])
+        return unready(view, names) if known else "the request has not been read yet"
+
+    context.wait(", ".join(chosen), done, timeout)
+
+
+def _incarnation(context: Any, catalog: Any, requester: str) -> str | None:
+    """The run of the requester that the request belongs to; None for those that have no container."""
+    from rorg.errors import Refused
+
+    service = catalog.services.get(requester)
+    if service is None or service.meta:
+        return None
+    status = context.view()["services"].get(requester, {})
+    if not status.get("incarnation"):
+        raise Refused(f"request as {requester}", f"{requester} is {status.get('state', 'unknown')}, and a request "
+                      "belongs to a run of its requester", "to request it first, or to leave out --as")
+    return status["incarnation"]

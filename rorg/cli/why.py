@@ -1,0 +1,51 @@
+"""rorg why"""
+
+from __future__ import annotations
+
+import typer
+
+from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+
+
+def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
+            output: Output = "table") -> None:
+    """Why a service is active: the chain from a root to it. Or why it is not."""
+    from rorg.cli.context import Context, condition
+    from rorg.cli.output import dump, missing
+
+    context = Context(state_dir, engine)
+    catalog, view = context.catalog(), context.view()
+    names = catalog.members(service)
+    if not names:
+        raise missing("service", service, {*catalog.services, *catalog.groups})
+    found = []
+    for name in names:
+        status = view["services"].get(name)
+        if status is None:
+            raise missing("service", name, view["services"])
+        requests = [r for r in view["requests"] if any(name in catalog.members(s) for s in r["services"])]
+        waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
+        found.append({"service": name, "wanted": status["wanted"], "state": status["state"],
+                      "chain": condition(status, "Requested")["message"].split(" <- ") if status["wanted"] else [],
+                      "requests": requests, "waits": waits})
+    if output != "table":
+        dump(found[0] if len(found) == 1 else found, output)
+        return
+    for entry in found:
+        typer.echo("\n".join(_lines(entry, catalog)))
+
+
+def _lines(entry: dict, catalog: object) -> list[str]:
+    name = entry["service"]
+    lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
+    lines += [f"  {'  ' * depth}{link}" for depth, link in enumerate(entry["chain"])]
+    if not entry["wanted"]:
+        dependants = sorted(s.name for s in catalog.services.values() if name in s.needs)  # type: ignore[attr-defined]
+        lines += [f"  request '{r['id']}' of {r['requester']} names it, but {r['requester']} is not active"
+                  for r in entry["requests"]]
+        if not entry["requests"]:
+            lines.append("  no request names it")
+        if dependants:
+            lines.append(f"  none of those that need it is active: {', '.join(dependants)}")
+    lines += [f"  it waits: {reason}" for reason in entry["waits"]]
+    return lines
