@@ -118,7 +118,7 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         elif not (source.directory / local).exists():
             diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "to create it"))
         else:
-            volumes.append(f"{source.directory / local}:{target}:ro")
+            volumes.append(f"{(source.directory / local).resolve()}:{target}:ro")
     return volumes
 
 
