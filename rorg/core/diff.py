@@ -12,10 +12,6 @@ from rorg.core.observed import Container
 from rorg.manifest.catalog import Spec
 from rorg.manifest.container import LIVE
 
-RESET: Mapping[str, Any] = {"cpuset": "", "cpuset_mems": "", "restart": "no"}
-"""Value of a live option that is no longer declared; 0 for all others (Docker: no limit, default weight)."""
-
-
 @dataclass(frozen=True, slots=True)
 class Difference:
     """`recreate`: options that only a new container can have. `live`: options to set in place, with their values."""
@@ -35,13 +31,16 @@ def difference(container: Container, spec: Spec, digest: str) -> Difference:
         if not was or not container.digest.startswith(VERSION + ":"):
             # Without a readable record of what it was made from, only a new container is sure to be right.
             return Difference(recreate=("digest",))
-    live = {}
-    for option in LIVE - {"container_name"}:
-        if option in spec or option in was:
-            value = spec.get(option, RESET.get(option, 0))
-            if option in container.live and container.live[option] != value:
-                live[option] = value
-    return Difference(tuple(k for k in changed if k not in LIVE), live)
+    # An engine takes 0 for "not said", so an option cannot be taken back in place, nor, lest a rollback be impossible,
+    # newly set: only another value for an option that the container was made with is live.
+    live = {
+        option: spec[option]
+        for option in LIVE - {"container_name"}
+        if option in spec and option in container.live and container.live[option] != spec[option]
+        and (not changed or option in was)
+    }
+    in_place = {"container_name", *(k for k in LIVE if k in was and k in spec)}
+    return Difference(tuple(k for k in changed if k not in in_place), live)
 
 
 def _parse(text: str) -> Mapping[str, Any]:

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, StringConstraints, WithJsonSchema
 
 DURATION = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
-NAME = r"^[a-z0-9]([a-z0-9_.-]{0,61}[a-z0-9])?$"
+NAME = r"^[a-z0-9][a-z0-9_.-]{0,61}[a-z0-9]$"
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"": 1, "b": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30}
 

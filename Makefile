@@ -1,0 +1,39 @@
+# make demo: the main job in under two minutes. make test: everything that must hold.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test bench schemas docs lint clean
+
+# ensurepip is not part of every Debian; virtualenv's zipapp is not needed where pip can be bootstrapped by a package.
+$(BIN)/rorg: pyproject.toml
+	@echo "setting up $(VENV)"
+	@$(PYTHON) -m venv $(VENV) 2>/dev/null || sh .ci/venv $(PYTHON) $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/test-installed: $(BIN)/rorg
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $@
+
+demo: $(BIN)/rorg
+	@$(BIN)/rorg demo $(ARGS)
+
+test: $(VENV)/test-installed
+	$(BIN)/ruff check .
+	$(BIN)/pytest $(ARGS)
+
+bench: $(VENV)/test-installed
+	$(BIN)/pytest tests/bench -s $(ARGS)
+
+schemas: $(BIN)/rorg
+	$(BIN)/python -m rorg.manifest.schema schemas
+
+docs: $(BIN)/rorg
+	$(BIN)/python docs/reference/generate.py
+
+lint: $(VENV)/test-installed
+	$(BIN)/ruff check .
+
+clean:
+	rm -rf $(VENV)

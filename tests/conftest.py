@@ -1,0 +1,162 @@
+"""Engines for the tests: a private dockerd, the process engine, the sim engine; and the count of tests on each."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+ROOT = Path(__file__).parent.parent
+BASE_IMAGE = "rorg-base"
+_ran: Counter[str] = Counter()
+
+
+def wait_for(condition, seconds: float = 20.0, what: str = "the condition"):
+    """Polls a condition with a deadline; returns its first true value."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.005)
+    raise AssertionError(f"not within {seconds} s: {what}")
+
+
+def no_docker(reason: str):
+    """A test that cannot run for want of an engine: a failure where the engine should have been brought."""
+    if os.environ.get("RORG_TEST_REQUIRE_DOCKER"):
+        pytest.fail(f"a Docker engine is required here: {reason}")
+    pytest.skip(f"NO DOCKER ENGINE: {reason}")
+
+
+class Dockerd:
+    """A private daemon that can be killed and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.host = f"unix://{folder}/docker.sock"
+        self.process: subprocess.Popen | None = None
+
+    def start(self) -> None:
+        log = (self.folder / "dockerd.log").open("ab")
+        self.process = subprocess.Popen(
+            ["dockerd", "--data-root", f"{self.folder}/data", "--exec-root", f"{self.folder}/exec", "--pidfile",
+             f"{self.folder}/pid", "--host", self.host, "--bridge=none", "--iptables=false"],
+            stdout=log, stderr=log, start_new_session=True)
+        wait_for(self.answers, 60, f"dockerd, see {self.folder}/dockerd.log")
+
+    def answers(self) -> bool:
+        if self.process is not None and self.process.poll() is not None:
+            raise RuntimeError((self.folder / "dockerd.log").read_text()[-2000:])
+        import docker
+
+        try:
+            return docker.APIClient(self.host, version="auto").ping()
+        except docker.errors.DockerException:
+            return False
+
+    def stop(self, kill: bool = False) -> None:
+        if self.process:
+            (self.process.kill if kill else self.process.terminate)()
+            self.process.wait(30)
+            self.process = None
+
+
+class Reachable(Dockerd):
+    """An engine that somebody else runs: used as it is, never stopped."""
+
+    def __init__(self, host: str) -> None:
+        self.host = host
+
+
+@pytest.fixture(scope="session")
+def dockerd(tmp_path_factory) -> Iterator[Dockerd]:
+    """A private daemon when one can be started, else an engine that answers, else a loud skip."""
+    os.environ["PATH"] += os.pathsep + "/usr/sbin"
+    if os.geteuid() == 0 and shutil.which("dockerd"):
+        folder = Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip())
+        daemon = Dockerd(folder)
+        try:
+            daemon.start()
+        except (RuntimeError, AssertionError) as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            no_docker(f"dockerd does not start: {error}")
+        _import_base(daemon.host)
+        yield daemon
+        daemon.stop()
+        shutil.rmtree(folder, ignore_errors=True)
+        return
+    import docker
+
+    try:
+        api = docker.from_env(version="auto").api
+        api.ping()
+    except docker.errors.DockerException as error:
+        no_docker(f"no dockerd to start as root, and none answers ({error})")
+    daemon = Reachable(api.base_url.replace("http+docker://localhost", "unix:///var/run/docker.sock"))
+    _import_base(daemon.host)
+    yield daemon
+
+
+def _import_base(host: str) -> None:
+    import docker
+
+    api = docker.APIClient(host, version="auto")
+    if not api.images(BASE_IMAGE):
+        made = subprocess.Popen([sys.executable, str(ROOT / "images/base/rootfs.py")], stdout=subprocess.PIPE)
+        api.import_image(src=made.stdout, repository=BASE_IMAGE, stream_src=True)
+        assert made.wait() == 0
+
+
+@pytest.fixture(params=["sim", "process", pytest.param("docker", marks=pytest.mark.docker)])
+def robot(request, tmp_path):
+    """A robot on each engine in turn."""
+    yield from _make_robot(request, tmp_path, request.param)
+
+
+@pytest.fixture(params=["process", pytest.param("docker", marks=pytest.mark.docker)])
+def real_robot(request, tmp_path):
+    """A robot with a real loop and real programs."""
+    yield from _make_robot(request, tmp_path, request.param)
+
+
+@pytest.fixture
+def docker_robot(request, tmp_path):
+    yield from _make_robot(request, tmp_path, "docker")
+
+
+def _make_robot(request, tmp_path, kind):
+    from robots import RealRobot, VirtualRobot
+
+    host = request.getfixturevalue("dockerd").host if kind == "docker" else None
+    found = VirtualRobot(tmp_path) if kind == "sim" else RealRobot(tmp_path, kind, host)
+    yield found
+    found.close()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    outcome = yield
+    if call.when == "call" and outcome.get_result().passed:
+        names = set(item.fixturenames)
+        kind = item.callspec.params.get("robot") or item.callspec.params.get("real_robot") if hasattr(
+            item, "callspec") else None
+        if kind is None:
+            kind = "docker" if names & {"dockerd", "docker_robot"} else "no engine"
+        _ran[kind] += 1
+
+
+def pytest_terminal_summary(terminalreporter):
+    counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
+    terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
+    if not _ran["docker"]:
+        terminalreporter.write_line("NO TEST RAN ON DOCKER", red=True, bold=True)

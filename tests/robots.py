@@ -1,0 +1,190 @@
+"""Robots to test on: the same words for a real loop over a real engine and for virtual time."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import yaml
+from conftest import BASE_IMAGE, wait_for
+
+from rorg.daemon.wiring import make_engine, make_loop
+from rorg.manifest.catalog import Request
+from rorg.manifest.load import load_or_raise
+from rorg.sim.robot import SimRobot
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
+
+WORK = ["python3", "-S", "-c", "import signal,sys\nfor s in (2,15): signal.signal(s, lambda *_: sys.exit(0))\n"
+        "while True: signal.pause()"]
+"""A program that waits, and ends when told to."""
+
+
+def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) -> Path:
+    """A tree of manifests from specs by name. Services get the test image and WORK unless they say otherwise."""
+    for folder, kind, specs in (("services", "Service", services), ("groups", "Group", kinds.get("groups", {})),
+                                ("profiles", "Profile", kinds.get("profiles", {})),
+                                ("requests", "Request", kinds.get("requests", {})),
+                                ("policies", "Policy", kinds.get("policies", {}))):
+        (root / folder).mkdir(parents=True, exist_ok=True)
+        wanted = {f"{name}.yaml" for name in specs}
+        for path in (root / folder).glob("*.yaml"):
+            if path.name not in wanted:
+                path.unlink()
+        for name, spec in specs.items():
+            if kind == "Service" and spec.get("type") != "meta":
+                spec = {"image": BASE_IMAGE, "command": WORK, **spec}
+            text = yaml.safe_dump({"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec},
+                                  sort_keys=False)
+            path = root / folder / f"{name}.yaml"
+            if not path.exists() or path.read_text() != text:
+                path.write_text(text)
+    return root
+
+
+class VirtualRobot:
+    kind = "sim"
+
+    def __init__(self, folder: Path) -> None:
+        self.tree = folder / "tree"
+        self.sim: SimRobot | None = None
+
+    def declare(self, services: dict, **kinds: dict) -> None:
+        catalog = load_or_raise(write_tree(self.tree, services, **kinds))
+        if self.sim is None:
+            self.sim = SimRobot(catalog)
+        else:
+            self.sim.declare(catalog)
+
+    def request(self, *services: str, id: str = "test", by: str = "developer") -> None:
+        run = None if by == "developer" else self.container(by).incarnation
+        self.sim.asked = self.sim.asked.put(Request(id, by, services, incarnation=run))
+
+    def release(self, id: str = "test", by: str = "developer") -> None:
+        self.sim.asked = self.sim.asked.without({(by, id)})
+
+    def wait(self, condition, seconds: float = 60.0) -> None:
+        self.sim.run(lambda _: condition(), seconds)
+
+    def settle(self) -> None:
+        self.sim.settle()
+
+    def containers(self):
+        return list(self.sim.engine.list())
+
+    def log(self) -> list[str]:
+        return [text for _, text in self.sim.log]
+
+    def now(self) -> float:
+        return self.sim.now
+
+    def requests(self):
+        return self.sim.asked.requests
+
+    # behind its back
+    def kill(self, service: str) -> None:
+        self.sim.engine.kill(self.container(service).id)
+
+    def drift(self, verb: str, service: str, *args) -> None:
+        getattr(self.sim.engine, verb)(self.container(service).id, *args)
+
+    def close(self) -> None:
+        pass
+
+    def states(self) -> dict[str, str]:
+        return {c.service: c.state for c in self.containers()}
+
+    def active(self) -> set[str]:
+        return {c.service for c in self.containers() if c.state == "running"}
+
+    def container(self, service: str):
+        return next(c for c in self.containers() if c.service == service)
+
+
+class RealRobot(VirtualRobot):
+    def __init__(self, folder: Path, kind: str, host: str | None) -> None:
+        self.kind, self.tree, self.host = kind, folder / "tree", host
+        self.state = StateDir(folder / "state").prepare()
+        if host:
+            os.environ["DOCKER_HOST"] = host
+        self.engine = make_engine(kind, self.state)
+        self.lines: list[str] = []
+        self.loop = None
+        self.file = RequestsFile(self.state.requests)
+
+    def declare(self, services: dict, **kinds: dict) -> None:
+        write_tree(self.tree, services, **kinds)
+        if self.loop is None:
+            self.start()
+
+    def start(self) -> None:
+        """Starts a loop, as `rorg run` does."""
+        self.state.acquire("rorg run")
+        self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
+        self.thread = threading.Thread(target=self.loop.run, daemon=True)
+        self.thread.start()
+
+    def stop(self) -> None:
+        self.loop.stop()
+        self.thread.join(30)
+        assert not self.thread.is_alive()
+        self.state.release()
+        self.loop = None
+
+    def request(self, *services: str, id: str = "test", by: str = "developer") -> None:
+        run = None if by == "developer" else self.container(by).incarnation
+        self.file.change(lambda asked: asked.put(Request(id, by, services, incarnation=run)))
+
+    def release(self, id: str = "test", by: str = "developer") -> None:
+        self.file.change(lambda asked: asked.without({(by, id)}))
+
+    def wait(self, condition, seconds: float = 30.0) -> None:
+        try:
+            wait_for(condition, seconds)
+        except AssertionError:
+            raise AssertionError(f"not so: {self.states()}\n" + "\n".join(self.lines[-30:])) from None
+
+    def settle(self) -> None:
+        """Until a pass over files that have been read has nothing to do and nothing is under way."""
+        seen = self.loop.passes
+        self.loop._files_changed()
+        self.wait(lambda: self.loop.passes > seen + 1 or self.loop.passes > seen and self.quiet())
+        self.wait(self.quiet)
+
+    def quiet(self) -> bool:
+        from rorg.store.state_dir import read_json
+
+        status = read_json(self.state.status) or {}
+        plan = status.get("plan", {"actions": [1]})
+        return not (plan["actions"] or plan["waitings"] or status["in_flight"]) and not self.loop.memory.in_flight
+
+    def containers(self):
+        return self.engine.list()
+
+    def log(self) -> list[str]:
+        return list(self.lines)
+
+    def requests(self):
+        self.file.read()
+        return self.file.asked.requests
+
+    def kill(self, service: str) -> None:
+        container = self.container(service)
+        if self.kind == "docker":
+            self.engine.api().kill(container.id)
+        else:
+            os.killpg(container.pid, 9)
+
+    def drift(self, verb: str, service: str, *args) -> None:
+        getattr(self.engine, verb)(self.container(service).id, *args)
+        if self.kind == "process" and verb in ("pause", "resume"):
+            self.engine._tell(self.container(service).id)
+
+    def close(self) -> None:
+        if self.loop:
+            self.stop()
+        for container in self.engine.list():
+            if container.alive:
+                self.engine.stop(container.id, "SIGKILL", 5.0)
+            self.engine.remove(container.id)
