@@ -46,3 +46,12 @@ class DockerBuilder:
         error = process.stderr.read().decode(errors="replace") if process.stderr else ""
         if process.wait() != 0:
             raise EngineError(f"import {image.name}", error.strip()[-500:] or f"exit code {process.returncode}")
+
+    def remove(self, names: list[str]) -> None:
+        """Takes images away again; one that something still uses stays."""
+        for name in reversed(names):
+            try:
+                with docker_errors(f"remove {name}"):
+                    self.api.remove_image(name, force=True)
+            except EngineError:
+                continue

@@ -191,7 +191,7 @@ class ContainerOptions(Strict):
     cap_drop: list[str] | None = recreate()
     cgroup: Literal["host", "private"] | None = recreate()
     cgroup_parent: str | None = recreate()
-    container_name: Annotated[str, Field(pattern=r"^[a-zA-Z0-9][a-zA-Z0-9_.-]+$")] | None = live(
+    container_name: Annotated[str, Field(pattern=r"^([a-zA-Z0-9]|\$\{service\})([a-zA-Z0-9_.-]|\$\{service\})*$")] | None = live(
         description="Name of the container; the service's name by default."
     )
     cpu_period: int | None = live()
