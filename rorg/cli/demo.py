@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -13,7 +13,7 @@ def command(
     engine: EngineName = None,
     speed: Annotated[float, typer.Option("--speed", help="2 is twice as fast.", min=0.1, max=20)] = 1.0,
     keep: Annotated[bool, typer.Option("--keep", help="Leave everything as it is at the end.")] = False,
-    svg: Annotated[Optional[str], typer.Option("--svg", help="Save the table of the tour as a picture.")] = None,
+    svg: Annotated[str | None, typer.Option("--svg", help="Save the table of the tour as a picture.")] = None,
 ) -> None:
     """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind."""
     import signal

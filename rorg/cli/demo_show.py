@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from typing import Any
 
@@ -92,7 +93,7 @@ class Show:
     def save(self, robot: Any) -> None:
         """The table as it is now, as a picture."""
         if self.svg:
-            console = Console(record=True, width=104, force_terminal=True, file=open("/dev/null", "w"))
+            console = Console(record=True, width=104, force_terminal=True, file=io.StringIO())
             console.print(self.render(robot))
             console.save_svg(self.svg, title="rorg: a tour-guide robot")
 

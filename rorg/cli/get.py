@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.options import EngineName, Output, StateDirectory
 
 KINDS = {"services": "services", "service": "services", "svc": "services", "groups": "groups", "group": "groups",
          "images": "images", "image": "images", "requests": "requests", "request": "requests"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -13,7 +13,7 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory
 def command(
     service: ServiceName,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
-    tail: Annotated[Optional[int], typer.Option("--tail", help="Only the last so many lines.")] = None,
+    tail: Annotated[int | None, typer.Option("--tail", help="Only the last so many lines.")] = None,
     state_dir: StateDirectory = None, engine: EngineName = None,
 ) -> None:
     """Print what a service wrote; lines of a group's members come one service after the other."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -19,13 +19,13 @@ def complete_service(incomplete: str) -> list[str]:
     return [n for n in (*catalog.services, *catalog.groups) if n.startswith(incomplete)]
 
 
-Directory = Annotated[Optional[Path], typer.Argument(
+Directory = Annotated[Path | None, typer.Argument(
     help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
     show_default=False)]
-StateDirectory = Annotated[Optional[Path], typer.Option(
+StateDirectory = Annotated[Path | None, typer.Option(
     "--state-dir", envvar="RORG_STATE_DIR", show_default=False,
     help="State directory of this robot. Default: /var/lib/rorg for root, else ~/.local/state/rorg.")]
-EngineName = Annotated[Optional[str], typer.Option(
+EngineName = Annotated[str | None, typer.Option(
     "--engine", envvar="RORG_ENGINE", show_default=False, help="docker or process. Default: docker.")]
 Output = Annotated[str, typer.Option("-o", "--output", help="table, wide, name, yaml or json.")]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]

@@ -20,10 +20,10 @@ def command(
     """Ask for services; they run, with all that they need, until the request is released."""
     from rorg.cli.context import Context, unready
     from rorg.cli.output import note
+    from rorg.core.requests import problems
     from rorg.errors import Invalid, Refused
     from rorg.manifest.catalog import Request
     from rorg.manifest.references import closure
-    from rorg.core.requests import problems
     from rorg.store.requests_file import Asked, RequestsFile
 
     context = Context(state_dir, engine)

@@ -12,6 +12,7 @@ from rorg.core.observed import Container
 from rorg.manifest.catalog import Spec
 from rorg.manifest.container import LIVE
 
+
 @dataclass(frozen=True, slots=True)
 class Difference:
     """`recreate`: options that only a new container can have. `live`: options to set in place, with their values."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from rorg.manifest.catalog import Catalog, Request
@@ -35,30 +35,34 @@ def wanted(catalog: Catalog, requests: Iterable[Request]) -> Wanted:
     by_requester: dict[str, list[Request]] = {}
     for request in requests:
         by_requester.setdefault(request.requester, []).append(request)
-    found: dict[str, list[Cause]] = {}
-    pending: list[str] = []
+    found: dict[str, dict[Cause, None]] = {}
+    pending = list(_roots(catalog))
+    while pending:
+        name, cause = pending.pop(0)
+        if name in found:
+            found[name][cause] = None
+            continue
+        found[name] = {cause: None}
+        pending += _asked(catalog, name, by_requester.get(name, []))
+    return {name: tuple(causes) for name, causes in found.items()}
 
-    def add(name: str, cause: Cause) -> None:
-        if name not in found:
-            found[name] = []
-            pending.append(name)
-        if cause not in found[name]:
-            found[name].append(cause)
 
+def _roots(catalog: Catalog) -> Iterator[tuple[str, Cause]]:
     for service in catalog.services.values():
         if service.meta:
-            add(service.name, Cause("meta"))
+            yield service.name, Cause("meta")
         if service.always_on:
-            add(service.name, Cause("always_on"))
-    while pending:
-        name = pending.pop(0)
-        for request in by_requester.get(name, []):
-            for member in dict.fromkeys(m for s in request.services for m in catalog.members(s)):
-                add(member, Cause("requested", name, request.id))
-        for need in catalog.services[name].needs:
-            if need in catalog.services:
-                add(need, Cause("needed", name))
-    return {name: tuple(causes) for name, causes in found.items()}
+            yield service.name, Cause("always_on")
+
+
+def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator[tuple[str, Cause]]:
+    """What follows from a service being wanted: what it requests, and what it needs."""
+    for request in requests:
+        for member in dict.fromkeys(m for s in request.services for m in catalog.members(s)):
+            yield member, Cause("requested", name, request.id)
+    for need in catalog.services[name].needs:
+        if need in catalog.services:
+            yield need, Cause("needed", name)
 
 
 def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:

@@ -61,9 +61,7 @@ class Reporter:
         first = key not in self._said
         if first or self._said[key] != value:
             self._said[key] = value
-            if not first or key in ("tree", "requests", "engine"):
-                tell(subject)
-            elif value and not key.startswith("engine"):
+            if not first or key in ("tree", "requests", "engine") or (value and not key.startswith("engine")):
                 tell(subject)
 
     def _tree(self, tree: Tree) -> None:

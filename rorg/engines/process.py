@@ -6,6 +6,7 @@ for the service and writes down how it ended, so that a restart of rorg loses no
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -71,10 +72,8 @@ class ProcessEngine:
     def _tell(self, container: str) -> None:
         with self._lock:
             self._changed.append(container)
-        try:
+        with contextlib.suppress(BlockingIOError):
             os.write(self._wake_write, b".")
-        except BlockingIOError:
-            pass
 
     # -- observing ---------------------------------------------------------------------------------------------
 
@@ -186,8 +185,9 @@ class ProcessEngine:
                        "PATH": os.pathsep.join([*folders, path]), **spec.get("environment", {}),
                        MARK: record["id"], "RORG_EXIT": str(self._folder(record["id"]) / "exit")}
         command = [*spec.get("entrypoint", []), *spec.get("command", [])]
-        if not command or shutil.which(command[0], path=environment["PATH"]) is None:
-            raise EngineError(f"start {record['name']}", f"no program '{command[0] if command else ''}' on this machine",
+        program = command[0] if command else ""
+        if shutil.which(program, path=environment["PATH"]) is None:
+            raise EngineError(f"start {record['name']}", f"no program '{program}' on this machine",
                               "`rorg build`, or --engine docker", "missing_image")
         return command, environment
 

@@ -81,7 +81,8 @@ def order(catalog: Catalog, names: Iterable[str]) -> list[tuple[str, list[str]]]
     try:
         return [(name, graph[name]) for name in TopologicalSorter(graph).static_order()]
     except CycleError as error:
-        raise Invalid("build", f"images stand on each other: {' -> '.join(error.args[1])}", "to break the cycle") from error
+        cycle = " -> ".join(error.args[1])
+        raise Invalid("build", f"images stand on each other: {cycle}", "to break the cycle") from error
 
 
 def build(catalog: Catalog, names: Iterable[str], builder: Builder, say: Callable[[str], None]) -> list[Result]:

@@ -31,5 +31,5 @@ def revision(directory: Path) -> str:
 
 
 def checkout_under_way(git: Path | None) -> bool:
-    """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half of it is not to be read."""
+    """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
     return git is not None and (git / "index.lock").exists()

@@ -1,4 +1,4 @@
-"""What a tree of manifests says, frozen: the one input of all decisions. No pydantic, no positions but where a thing stands."""
+"""What a tree of manifests says, frozen: the one input of all decisions."""
 
 from __future__ import annotations
 

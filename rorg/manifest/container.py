@@ -181,6 +181,9 @@ def _gpus(value: object) -> object:
     return [{"count": "all"}] if value == "all" else value
 
 
+CONTAINER_NAME = r"^([a-zA-Z0-9]|\$\{service\})([a-zA-Z0-9_.-]|\$\{service\})*$"
+
+
 class ContainerOptions(Strict):
     """Options of the container, named as in Compose. What rorg itself decides (image, command, restart of
     services) stands outside of this section."""
@@ -191,7 +194,7 @@ class ContainerOptions(Strict):
     cap_drop: list[str] | None = recreate()
     cgroup: Literal["host", "private"] | None = recreate()
     cgroup_parent: str | None = recreate()
-    container_name: Annotated[str, Field(pattern=r"^([a-zA-Z0-9]|\$\{service\})([a-zA-Z0-9_.-]|\$\{service\})*$")] | None = live(
+    container_name: Annotated[str, Field(pattern=CONTAINER_NAME)] | None = live(
         description="Name of the container; the service's name by default."
     )
     cpu_period: int | None = live()

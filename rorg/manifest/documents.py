@@ -38,7 +38,8 @@ class Source:
 def manifest_files(root: Path) -> list[Path]:
     """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
     folders = [root] + [root / folder for folder in FOLDERS]
-    return sorted(p for f in folders if f.is_dir() for p in f.iterdir() if p.suffix in (".yaml", ".yml") and p.is_file())
+    found = [p for f in folders if f.is_dir() for p in f.iterdir()]
+    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and p.is_file())
 
 
 def stray_manifests(root: Path) -> list[Diagnostic]:

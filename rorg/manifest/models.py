@@ -1,4 +1,4 @@
-"""The kinds of manifest as pydantic models. Field marks as in container.py; `none` costs a running container nothing."""
+"""The kinds of manifest as pydantic models. Marks as in container.py; `none` costs a running container nothing."""
 
 from __future__ import annotations
 

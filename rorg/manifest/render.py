@@ -123,7 +123,7 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
 
 
 def _absolute(volume: Any, directory: Path) -> Any:
-    """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes or absolute."""
+    """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
     if isinstance(volume, dict):
         if volume["type"] == "bind" and volume.get("source", "/").startswith("."):
             return {**volume, "source": str((directory / volume["source"]).resolve())}
