@@ -69,6 +69,11 @@ class Dockerd:
             (self.process.kill if kill else self.process.terminate)()
             self.process.wait(30)
             self.process = None
+            pid = self.folder / "exec/containerd/containerd.pid"
+            if pid.exists():
+                # A killed daemon takes its containerd along, but not at once; the next one would wait for the dying.
+                wait_for(lambda: not os.path.exists(f"/proc/{pid.read_text().strip()}"), 30, "containerd to end")
+                pid.unlink()
 
 
 class Reachable(Dockerd):

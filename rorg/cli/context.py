@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
-from rorg.core.planner import Desired, desire
 from rorg.core.status import statuses
 from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.protocol import Engine

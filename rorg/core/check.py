@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from rorg.core.desired import Situation
 from rorg.core.plan import Action, Plan
-from rorg.core.planner import Situation
 
 STATES = {
     "start": ("created", "exited"),

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rorg.core.check import check
+from rorg.core.desired import Desired, Situation
 from rorg.core.lanes import Lanes, relief, select
 from rorg.core.memory import Memory, Probe, advance, begin
 from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
-from rorg.core.planner import Desired, Situation, make_plan
+from rorg.core.planner import make_plan
 from rorg.core.requests import Settled, settle
 from rorg.core.wanted import urgent, wanted
 from rorg.manifest.catalog import Request

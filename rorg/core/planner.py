@@ -9,72 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from graphlib import TopologicalSorter
 from typing import Any
 
+from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
-from rorg.core.digest import digest, labels
-from rorg.core.memory import Memory
-from rorg.core.observed import Container, Observed
+from rorg.core.digest import labels
+from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan, Waiting
-from rorg.core.wanted import Wanted
-from rorg.manifest.catalog import Catalog, Service
+from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
 STOP_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
-
-
-@dataclass(frozen=True, slots=True)
-class Desired:
-    """The catalog with what is worth computing once for it."""
-
-    catalog: Catalog
-    digests: Mapping[str, str]
-    order: tuple[str, ...]
-    """All services, what is needed before what needs it."""
-    dependants: Mapping[str, tuple[str, ...]]
-    conflicts: Mapping[str, tuple[str, ...]]
-    """In both directions, whichever side declared them."""
-
-
-def desire(catalog: Catalog) -> Desired:
-    """Digests and orders of a catalog."""
-    services = catalog.services
-    graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
-    dependants: dict[str, list[str]] = {name: [] for name in services}
-    conflicts: dict[str, set[str]] = {name: set() for name in services}
-    for name, service in services.items():
-        for need in graph[name]:
-            dependants[need].append(name)
-        for other in service.conflicts:
-            if other in services and other != name:
-                conflicts[name].add(other)
-                conflicts[other].add(name)
-    return Desired(
-        catalog,
-        {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
-        tuple(TopologicalSorter(graph).static_order()),
-        {name: tuple(sorted(found)) for name, found in dependants.items()},
-        {name: tuple(sorted(found)) for name, found in conflicts.items()},
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """All that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` holds, for each service
-    that somebody asked to restart, when (ISO 8601, UTC)."""
-
-    desired: Desired
-    wanted: Wanted
-    urgent: frozenset[str]
-    observed: Observed
-    memory: Memory
-    now: float
-    owner: str
-    restarts: Mapping[str, str] = field(default_factory=dict)
-    removals: bool = True
-    """False while manifests do not load: then nothing that they do not name is removed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from rorg.core.desired import Situation
 from rorg.core.observed import Container
 from rorg.core.plan import Plan
-from rorg.core.planner import Situation
 from rorg.core.wanted import chain
 from rorg.manifest.catalog import Service
 

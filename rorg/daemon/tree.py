@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from rorg.core.planner import Desired, desire
+from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
 from rorg.host.git import checkout_under_way, git_dir, revision
 from rorg.manifest.catalog import EMPTY

@@ -103,7 +103,7 @@ class ProcessEngine:
         child = self._children.get(record["id"])
         if child is not None:
             child.poll()
-        if is_same(record["pid"], record["ticks"], record["boot"]):
+        if is_same(record["pid"], record["ticks"], record["boot"], record["id"]):
             facts = stat(record["pid"])
             return ("paused" if facts and facts[0] == "T" else "running"), None
         try:

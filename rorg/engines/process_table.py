@@ -30,10 +30,11 @@ def stat(pid: int) -> tuple[str, int, int, float, int] | None:
     return fields[0], int(fields[3]), int(fields[19]), cpu, int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def is_same(pid: int, started: int, boot: str) -> bool:
-    """Whether that pid is still the process that began at `started`, and not dead."""
+def is_same(pid: int, started: int, boot: str, container: str) -> bool:
+    """Whether that pid is still the process that began at `started` for this container, and not dead. Start times
+    have a grain of 10 ms, so the mark is looked at too."""
     found = stat(pid) if boot == boot_id() else None
-    return found is not None and found[2] == started and found[0] not in "ZX"
+    return found is not None and found[2] == started and found[0] not in "ZX" and _marked(pid, container)
 
 
 def members(leader: int, container: str) -> list[int]:
@@ -64,7 +65,7 @@ def signal_group(leader: int, started: int, boot: str, container: str, number: i
         descriptor = -1
     try:
         # With the descriptor open the pid cannot come to mean another process between the check and the signal.
-        if descriptor >= 0 and is_same(leader, started, boot):
+        if descriptor >= 0 and is_same(leader, started, boot, container):
             try:
                 signal.pidfd_send_signal(descriptor, number, None, PROCESS_GROUP)
             except OSError:

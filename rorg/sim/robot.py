@@ -7,11 +7,11 @@ import itertools
 from collections.abc import Callable, Mapping
 
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.desired import Desired, desire
 from rorg.core.lanes import Lanes
 from rorg.core.memory import Memory, Probe, finish
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
-from rorg.core.planner import Desired, desire
 from rorg.engines.execute import perform
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Catalog

@@ -1,0 +1,183 @@
+"""Nothing is lost, whatever is killed when."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import wait_for
+from robots import RealRobot, write_tree
+
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir, read_json
+
+SERVICES = {
+    "roscore": {"always_on": True},
+    "localization": {"needs": ["roscore"]},
+    "navigation": {"needs": ["localization"], "idle": {"action": "pause"}},
+    "camera": {"idle": {"action": "pause"}},
+    "speech": {"idle": {"action": "remove"}},
+}
+
+
+class Daemon:
+    """`rorg run` as a process of its own."""
+
+    def __init__(self, robot: RealRobot) -> None:
+        self.robot, self.process, self.starts = robot, None, 0
+
+    def start(self) -> None:
+        self.starts += 1
+        log = (self.robot.state.path.parent / "run.log").open("ab")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
+             "--engine", self.robot.kind], stdout=log, stderr=log)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def status(self) -> dict:
+        status = read_json(self.robot.state.status) or {}
+        return status if status.get("pid") == self.process.pid else {}
+
+    def settled(self) -> bool:
+        status = self.status()
+        return bool(status) and not (status["plan"]["actions"] or status["plan"]["waitings"] or status["in_flight"])
+
+
+@pytest.fixture
+def daemon(real_robot):
+    write_tree(real_robot.tree, SERVICES)
+    found = Daemon(real_robot)
+    yield found
+    found.kill()
+
+
+def test_kill_9_at_random_moments_loses_nothing(daemon):
+    robot, chance = daemon.robot, random.Random(20260101)
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    roscore = robot.container("roscore").incarnation
+    wanted: dict[str, tuple[str, ...]] = {}
+    for round in range(20):
+        id = f"r{round % 3}"
+        if id in wanted and chance.random() < 0.5:
+            robot.release(id)
+            wanted.pop(id)
+        else:
+            wanted[id] = tuple(chance.sample(["navigation", "camera", "speech"], 2))
+            robot.request(*wanted[id], id=id)
+        # The moment is random on purpose: any point of a pass, a call or a write.
+        time.sleep(chance.random() * 0.15)
+        daemon.kill()
+        daemon.start()
+    wait_for(daemon.settled, 60)
+    assert {r.id: r.services for r in robot.requests()} == wanted
+    names = {n for s in wanted.values() for n in s}
+    needed = {"localization"} if "navigation" in names else set()
+    assert robot.active() == {"roscore"} | names | needed
+    assert robot.container("roscore").incarnation == roscore, "a container that nobody touched was started again"
+    assert len(robot.containers()) == len({c.service for c in robot.containers()}), "two containers of a service"
+
+
+def test_a_restart_adopts_what_runs(daemon):
+    robot = daemon.robot
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    robot.request("navigation", "camera")
+    wait_for(lambda: daemon.settled() and "navigation" in robot.active(), 60)
+    before = {c.service: c.incarnation for c in robot.containers()}
+    daemon.kill()
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    assert {c.service: c.incarnation for c in robot.containers()} == before
+
+
+def test_requests_of_a_service_survive_a_restart_of_rorg(daemon):
+    robot = daemon.robot
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    robot.request("camera", id="look", by="roscore")
+    wait_for(lambda: "camera" in robot.active(), 30)
+    daemon.kill()
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    assert [r.key for r in robot.requests()] == [("roscore", "look")]
+    assert "camera" in robot.active()
+
+
+def test_two_rorgs_never_own_one_robot(daemon):
+    daemon.start()
+    wait_for(daemon.settled, 60)
+    other = subprocess.run(
+        [sys.executable, "-m", "rorg", "run", str(daemon.robot.tree), "--state-dir", str(daemon.robot.state.path),
+         "--engine", daemon.robot.kind], capture_output=True, text=True)
+    assert other.returncode == 5
+    assert f"pid {daemon.process.pid}" in other.stderr
+
+
+def test_a_restart_of_the_engine_is_survived(docker_robot, dockerd):
+    if not hasattr(dockerd, "folder"):
+        pytest.skip("the engine is not ours to restart")
+    robot = docker_robot
+    robot.declare({"camera": {"always_on": True}, "mapper": {}})
+    robot.wait(lambda: robot.active() == {"camera"})
+    robot.request("mapper")
+    robot.wait(lambda: robot.active() == {"camera", "mapper"})
+    dockerd.stop(kill=True)
+    robot.wait(lambda: not robot.loop.observer.snapshot().complete)
+    assert any("engine" in line for line in robot.lines)
+    robot.release()
+    robot.request("mapper", id="again")
+    dockerd.start()
+    robot.wait(lambda: robot.active() == {"camera", "mapper"}, 60)
+    robot.settle()
+    assert [r.id for r in robot.requests()] == ["again"]
+
+
+def test_a_process_that_got_a_reused_pid_is_never_touched(tmp_path):
+    """A record that names the pid of somebody else's process, as after a reboot or a wrap of the numbers."""
+    import json
+
+    from rorg.engines.process import ProcessEngine
+
+    stranger = subprocess.Popen(["sleep", "60"], start_new_session=True)
+    try:
+        engine = ProcessEngine("me", tmp_path / "process")
+        container = engine.create("camera", {"image": "x", "command": ["sleep", "60"]},
+                                  {"rorg.io/owner": "me", "rorg.io/service": "camera"})
+        engine.start(container)
+        path = tmp_path / "process" / container / "record.json"
+        record = json.loads(path.read_text())
+        real = record["pid"]
+        path.write_text(json.dumps({**record, "pid": stranger.pid}))
+        assert engine.inspect(container).state == "exited"
+        engine.stop(container, "SIGKILL", 1.0)
+        assert stranger.poll() is None
+        path.write_text(json.dumps(record))
+        engine.stop(container, "SIGKILL", 1.0)
+        assert not os.path.exists(f"/proc/{real}") or engine.inspect(container).state == "exited"
+        engine.remove(container)
+    finally:
+        stranger.kill()
+        stranger.wait()
+
+
+def test_requests_written_at_once_are_all_kept(tmp_path):
+    """Many processes change the file at the same time."""
+    state = StateDir(tmp_path).prepare()
+    code = ("import sys; from pathlib import Path; from rorg.store.requests_file import RequestsFile; "
+            "from rorg.manifest.catalog import Request\n"
+            "for i in range(10): RequestsFile(Path(sys.argv[1])).change("
+            "lambda a: a.put(Request(f'{sys.argv[2]}-{i}', 'developer', ('x',))))")
+    running = [subprocess.Popen([sys.executable, "-c", code, str(state.requests), f"p{n}"]) for n in range(8)]
+    assert [p.wait() for p in running] == [0] * 8
+    file = RequestsFile(state.requests)
+    file.read()
+    assert len(file.asked.requests) == 80 and not file.diagnostics

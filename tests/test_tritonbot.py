@@ -1,0 +1,133 @@
+"""The tour-guide robot: 41 services, the five actions of its work cycle, on Docker."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+import yaml
+from conftest import ROOT, wait_for
+from robots import RealRobot
+
+from rorg.engines.docker_build import DockerBuilder
+from rorg.host.build import build
+from rorg.manifest.load import load_or_raise
+
+CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
+
+
+def expected(action: dict) -> set[str]:
+    """What must be active during an action, and nothing else."""
+    return {*CYCLE["always_on"], "behavioral", *(action["requests"])}
+
+
+@pytest.fixture(scope="module")
+def images(dockerd):
+    """The 45 stand-in images, built once."""
+    from rorg.engines.docker import DockerEngine
+
+    catalog = load_or_raise(ROOT / "manifests")
+    results = build(catalog, sorted(catalog.images), DockerBuilder(DockerEngine("test", dockerd.host)),
+                    lambda line: None)
+    assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
+
+
+@pytest.fixture
+def triton(dockerd, images, tmp_path):
+    found = RealRobot(tmp_path, "docker", dockerd.host)
+    shutil.copytree(ROOT / "manifests", found.tree)
+    shutil.copytree(ROOT / "images", found.tree.parent / "images")
+    profile = found.tree / "profiles" / "standin.yaml"
+    profile.write_text(profile.read_text() + '      STANDIN_SCALE: "0.05"\n')
+    yield found
+    found.close()
+
+
+def rorg(robot: RealRobot, *args: str, code: int = 0) -> str:
+    done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, env={
+        **os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": robot.kind, "DOCKER_HOST": robot.host})
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout
+
+
+def ask(robot: RealRobot, action: dict) -> None:
+    who = action["who"]
+    robot.request(*action["requests"], id=f"cycle-{who}", by=who)
+
+
+def test_diff_apply_diff(triton):
+    plan = json.loads(rorg(triton, "diff", str(triton.tree), "-o", "json", code=1))
+    assert sum(a["verb"] == "create" for a in plan["actions"]) <= 41
+    rorg(triton, "apply", str(triton.tree), "--yes", "--wait")
+    assert json.loads(rorg(triton, "diff", str(triton.tree), "-o", "json", code=0))["actions"] == []
+    assert triton.active() == set(CYCLE["always_on"])
+
+
+def test_the_work_cycle_leaves_exactly_what_each_action_needs(triton):
+    triton.start()
+    triton.wait(lambda: triton.loop.tree.loaded and triton.active() == set(CYCLE["always_on"]), 60)
+    for action in [*CYCLE["actions"], CYCLE["actions"][1]]:
+        ask(triton, action)
+        want = expected(action) if action["action"] > 1 else {*CYCLE["always_on"], "behavioral"}
+        triton.wait(lambda want=want: triton.active() == want, 60)
+        triton.settle()
+        assert triton.active() == want, action["name"]
+    starts = [line for line in triton.lines if line.startswith(("> start cartographer_localization", "> start navi"))]
+    assert "cartographer_localization" in starts[0], "localization comes before navigation"
+
+
+def test_damage_in_the_middle_of_a_tour_is_repaired(triton):
+    triton.start()
+    triton.wait(lambda: triton.loop.tree.loaded and triton.active() == set(CYCLE["always_on"]), 60)
+    tour = CYCLE["actions"][3]
+    ask(triton, CYCLE["actions"][0])
+    triton.wait(lambda: "behavioral" in triton.active())
+    ask(triton, tour)
+    triton.wait(lambda: triton.active() == expected(tour), 60)
+    triton.settle()
+    api = triton.engine.api()
+    before = {c.service: c for c in triton.containers()}
+    api.kill(before["navigation"].id)
+    api.pause(before["leg_tracker"].id)
+    api.remove_container(before["back_laser"].id, force=True)
+    api.rename(before["laser_repub"].id, "somewhere-else")
+    triton.wait(lambda: triton.active() == expected(tour) and len(triton.containers()) == 41
+                and triton.container("laser_repub").name == "laser_repub"
+                and triton.container("navigation").incarnation != before["navigation"].incarnation, 60)
+    triton.settle()
+    after = {c.service: c for c in triton.containers()}
+    touched = {n for n, c in after.items() if c.incarnation != before[n].incarnation}
+    assert touched == {"navigation", "back_laser"}
+    api.stop(before["behavioral"].id)
+    triton.wait(lambda: triton.active() == {*CYCLE["always_on"], "behavioral"}, 60)
+    assert [r.id for r in triton.requests()] == ["cycle-developer"]
+
+
+def test_kill_9_in_the_cycle(triton):
+    """A restart of rorg between any two actions leaves all containers as they are."""
+    log = (triton.state.path.parent / "run.log").open("ab")
+
+    def start() -> subprocess.Popen:
+        return subprocess.Popen([sys.executable, "-m", "rorg", "run", str(triton.tree), "--state-dir",
+                                 str(triton.state.path), "--engine", "docker"], stdout=log, stderr=log)
+
+    process = start()
+    try:
+        wait_for(lambda: triton.active() == set(CYCLE["always_on"]), 60)
+        roscore = triton.container("roscore").incarnation
+        for action in CYCLE["actions"]:
+            ask(triton, action)
+            process.kill()
+            process.wait()
+            process = start()
+            want = expected(action) if action["action"] > 1 else {*CYCLE["always_on"], "behavioral"}
+            wait_for(lambda want=want: triton.active() == want, 60, action["name"])
+        assert triton.container("roscore").incarnation == roscore
+        assert len(triton.containers()) == 41
+    finally:
+        process.kill()
+        process.wait()
