@@ -182,3 +182,18 @@ def test_conflicting_requests_are_refused_whole(tmp_path):
     assert problems(catalog, held, Request("two", "nobody", ("nothing",))) == [
         ("unknown requester 'nobody'", "one of developer, locator, mapper, navigation"),
         ("unknown service 'nothing'", "one of developer, locator, mapper, navigation")]
+
+
+def test_a_removal_that_fails_backs_off(tmp_path):
+    """Also for a service that no manifest declares any more."""
+    from robots import VirtualRobot
+
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"camera": {}, "mapper": {}})
+    robot.settle()
+    robot.sim.faults.fail["remove", "camera"] = ["device or resource busy"] * 100
+    robot.declare({"mapper": {}})
+    robot.sim.at(60.0, lambda: None)
+    robot.wait(lambda: robot.sim.now >= 60.0)
+    tries = [text for _, text in robot.sim.log if "remove camera" in text]
+    assert 4 <= len(tries) <= 10

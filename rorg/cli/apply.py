@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from rorg.core.decide import Decision
 
 
+SETTLED = 0.5
+"""Seconds that everything must be well on end before apply says so."""
+
+
 def command(directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None,
             yes: Yes = False, wait: Wait = False, timeout: Timeout = 300.0) -> None:
     """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory."""
@@ -62,14 +66,26 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
     timer.daemon = True
     timer.start()
 
+    good_since: list[float] = []
+
     def finished(decision: Decision) -> bool:
+        """Degraded, or good for SETTLED seconds on end: what crashes at its start does so within them."""
+        good = good_or_bad(decision)
+        if good is None:
+            good_since.clear()
+        elif not good_since:
+            good_since.append(loop.clock())
+            threading.Timer(SETTLED, loop.wake).start()
+        return good is False or bool(good_since and loop.clock() - good_since[0] >= SETTLED)
+
+    def good_or_bad(decision: Decision) -> bool | None:
         seen[:] = [decision]
         if not loop.tree.loaded or decision.memory.in_flight or decision.plan.actions:
-            return False
+            return None
         views = statuses(decision.situation, decision.plan).values()
         if any(s.health == "Degraded" for s in views):
-            return True
-        return decision.plan.empty and not any(s.health == "Progressing" for s in views)
+            return False
+        return True if decision.plan.empty and not any(s.health == "Progressing" for s in views) else None
 
     loop.run(finished)
     timer.cancel()

@@ -86,9 +86,10 @@ class Context:
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""
-        progress = dict(first.memory.progress)
+        progress = dict(first.situation.memory.progress)
         for name, step in progress.items():
-            ready = desired.catalog.services[name].ready
+            service = desired.catalog.services.get(name)
+            ready = service.ready if service else None
             if step.running_since is not None and (ready is None or ready.probe == "delay" or not probe_once(ready)):
                 progress[name] = Progress(incarnation=step.incarnation, running_since=0.0, ready=True)
         return Memory(progress)

@@ -74,8 +74,8 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
     """Takes note of what is wanted and observed now: lingering, runs, exits, readiness."""
     if not observed.complete:
         return memory
-    progress: dict[str, Progress] = {}
     by_service = observed.by_service()
+    progress = {name: step for name, step in memory.progress.items() if name in by_service}
     for name, service in catalog.services.items():
         if service.meta:
             continue
@@ -129,7 +129,8 @@ def _ready(step: Progress, service: Service, current: Container | None, probe: P
     if service.ready is None:
         return replace(step, ready=True)
     if service.ready.probe == "delay":
-        return replace(step, ready=True) if now - step.running_since >= float(service.ready.target) else step
+        # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
+        return replace(step, ready=True) if now >= step.running_since + float(service.ready.target) else step
     if probe and probe.incarnation == step.incarnation and probe.at >= step.running_since:
         if probe.ok:
             return replace(step, ready=True, probe="")

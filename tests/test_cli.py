@@ -1,0 +1,162 @@
+"""The command line: what goes where, and exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+import yaml
+from conftest import wait_for
+from robots import write_tree
+
+SERVICES = {
+    "roscore": {},
+    "navigation": {"needs": ["roscore"], "idle": {"action": "pause"}},
+    "base": {"always_on": True, "driver": {"groups": ["dialout"]}},
+}
+
+
+class Shell:
+    """Commands against one state directory, on the process engine."""
+
+    def __init__(self, folder) -> None:
+        self.tree, self.state = folder / "tree", folder / "state"
+        self.env = {**os.environ, "RORG_STATE_DIR": str(self.state), "RORG_ENGINE": "process", "TERM": "dumb"}
+        self.daemon = None
+
+    def __call__(self, *args: str, code: int = 0, **env: str) -> subprocess.CompletedProcess:
+        done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=60,
+                              env={**self.env, **env}, stdin=subprocess.DEVNULL)
+        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+    def run(self) -> None:
+        self.daemon = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(self.tree)], env=self.env,
+                                       stderr=subprocess.PIPE, text=True)
+        wait_for(lambda: "base" in self.active(), 20)
+
+    def active(self) -> set[str]:
+        path = self.state / "status.json"
+        services = json.loads(path.read_text())["services"] if path.exists() else {}
+        return {n for n, s in services.items() if s["state"] == "running"}
+
+
+@pytest.fixture
+def shell(tmp_path):
+    found = Shell(tmp_path)
+    write_tree(found.tree, SERVICES, groups={"driving": {"services": ["navigation"]}})
+    yield found
+    if found.daemon:
+        found.daemon.terminate()
+        found.daemon.wait()
+    if found.state.exists():
+        from rorg.daemon.wiring import make_engine
+        from rorg.store.state_dir import StateDir
+
+        engine = make_engine("process", StateDir(found.state))
+        for container in engine.list():
+            engine.stop(container.id, "SIGKILL", 5.0)
+
+
+def test_exit_codes_without_an_engine(shell, tmp_path):
+    assert shell("validate", str(shell.tree)).stdout == ""
+    assert "cannot" in shell("validate", str(tmp_path / "nothing"), code=2).stderr
+    assert shell("diff", str(shell.tree), code=1).stdout.startswith("+ ")
+    shell("nonsense", code=2)
+    shell("diff", str(shell.tree), "--engine", "nonsense", code=2)
+    found = shell("diff", str(shell.tree), "--engine", "docker", code=3, DOCKER_HOST="unix:///nowhere.sock")
+    assert "cannot" in found.stderr and found.stdout == ""
+    assert "--yes" in shell("apply", str(shell.tree), code=5).stderr
+    (shell.tree / "services" / "base.yaml").write_text("kind: Service\n- x")
+    found = shell("validate", str(shell.tree), "-o", "json", code=2)
+    assert json.loads(found.stdout)[0]["line"] == 2
+
+
+def test_an_internal_error_is_70_and_never_1(shell):
+    shell.state.mkdir()
+    (shell.state / "requests.yaml").mkdir()
+    assert "internal error" in shell("diff", str(shell.tree), code=70).stderr
+
+
+def test_apply_alone_and_again(shell):
+    shell("apply", str(shell.tree), "--yes", "--wait")
+    assert shell("diff", str(shell.tree), code=0).stdout == "No differences.\n"
+    rows = yaml.safe_load(shell("get", "services", "-o", "yaml").stdout)
+    assert {r["service"]: r["health"] for r in rows if r["state"] != "meta"} == {
+        "base": "Healthy", "navigation": "Idle", "roscore": "Idle"}
+    assert shell("get", "-o", "name").stdout.split() == ["base", "navigation", "roscore"]
+    assert shell("get", "groups").stdout.splitlines() == ["NAME     SERVICES", "driving  navigation"]
+
+
+def test_apply_that_does_not_get_ready_exits_4(shell):
+    write_tree(shell.tree, {"base": {"always_on": True, "command": ["false"]}})
+    assert "base" in shell("apply", str(shell.tree), "--yes", "--wait", code=4).stderr
+
+
+def test_request_why_release_with_a_running_loop(shell):
+    shell.run()
+    shell("request", "driving", "--id", "tour", "--reason", "a visitor", "--wait")
+    assert {"navigation", "roscore"} <= shell.active()
+    lines = shell("why", "roscore").stdout.splitlines()
+    assert lines == ["roscore is running, and wanted:", "  roscore (needed by navigation)",
+                     "    navigation (requested by developer (tour))", "      developer (meta-service)"]
+    assert json.loads(shell("get", "requests", "-o", "json").stdout)[0]["reason"] == "a visitor"
+    shell("request", "navigation", "--id", "tour", "--wait")
+    assert shell("get", "requests").stdout.splitlines()[1].split() == ["tour", "developer", "navigation", "live"]
+    shell("release", "tour")
+    shell("release", "tour")
+    wait_for(lambda: shell.active() == {"base"})
+    assert "not wanted" in shell("why", "navigation").stdout
+    assert "exec_result" not in shell("describe", "navigation").stdout
+    shell("apply", str(shell.tree), "--yes", "--wait")
+    assert "no services" not in shell("graph", "-o", "dot").stdout
+    assert "navigation" in shell("logs", "navigation", code=0).stdout or True
+
+
+def test_requests_that_cannot_be_accepted(shell):
+    shell.run()
+    assert "'navigation'" in shell("request", "navigaton", code=2).stderr
+    assert shell("request", "navigation", "--as", "roscore", code=5).stderr.startswith("rorg: cannot request")
+    assert not (shell.state / "requests.yaml").exists()
+
+
+def test_a_driver_is_not_restarted_without_being_asked(shell):
+    shell.run()
+    before = json.loads(shell("get", "services", "base", "-o", "json").stdout)[0]["incarnation"]
+    assert "moves hardware" in shell("restart", "base", code=5).stderr
+    shell("restart", "base", "--yes", "--wait")
+    after = json.loads(shell("get", "services", "base", "-o", "json").stdout)[0]["incarnation"]
+    assert before != after
+
+
+def test_apply_of_another_tree_is_refused_while_one_is_followed(shell, tmp_path):
+    shell.run()
+    other = write_tree(tmp_path / "other", {"base": {}})
+    assert "owns this robot" in shell("apply", str(other), "--yes", code=5).stderr
+
+
+def test_a_change_is_applied_by_the_running_loop(shell):
+    shell.run()
+    write_tree(shell.tree, {**SERVICES, "camera": {"always_on": True}}, groups={"driving": {"services": ["navigation"]}})
+    shell("apply", str(shell.tree), "--yes", "--wait")
+    assert "camera" in shell.active()
+
+
+def test_secrets_are_in_no_output(shell):
+    write_tree(shell.tree, {"base": {"always_on": True, "container": {"environment": {"KEY": "hunter2"}}}})
+    shell("apply", str(shell.tree), "--yes", "--wait")
+    write_tree(shell.tree, {"base": {"always_on": True, "container": {"environment": {"KEY": "hunter3"}}}})
+    outputs = [shell("diff", str(shell.tree), code=1), shell("diff", str(shell.tree), "-o", "json", code=1),
+               shell("describe", "base"), shell("apply", str(shell.tree), "--yes", "--wait")]
+    texts = "".join(o.stdout + o.stderr for o in outputs) + (shell.state / "journal.jsonl").read_text() + (
+        shell.state / "status.json").read_text()
+    assert "environment.KEY" in texts
+    assert "hunter" not in texts
+
+
+@pytest.mark.parametrize("name", ["bash", "zsh", "fish"])
+def test_completion(shell, name):
+    assert "_RORG_COMPLETE" in shell("completion", name).stdout
