@@ -93,6 +93,8 @@ class Show:
     def save(self, robot: Any) -> None:
         """The table as it is now, as a picture."""
         if self.svg:
+            self.rows(robot)
+            time.sleep(1.0)  # CPU is a rate: it takes two looks
             console = Console(record=True, width=104, force_terminal=True, file=io.StringIO())
             console.print(self.render(robot))
             console.save_svg(self.svg, title="rorg: a tour-guide robot")

@@ -1,0 +1,103 @@
+"""The planner on data: manifests + requests + what is observed + what is remembered -> the exact text of the plan.
+
+Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
+like their service, with their name as id, and were created from the declared spec unless `spec` says what differed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rorg.core.decide import Inputs, decide
+from rorg.core.desired import desire
+from rorg.core.digest import canonical, declared_fields, digest
+from rorg.core.memory import InFlight, Memory, Progress
+from rorg.core.observed import Container, Observed
+from rorg.core.plan import Action
+from rorg.manifest.catalog import Request
+from rorg.manifest.container import LIVE
+from rorg.manifest.load import load_or_raise
+from rorg.manifest.yaml_source import read_yaml
+
+CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
+KEYS = {"about", "services", "groups", "requests", "observed", "complete", "memory", "in_flight", "now", "removals",
+        "restarts", "plan", "dropped"}
+STARTED = "2026-01-01T00:00:00Z"
+
+
+def read_case(path: Path) -> dict:
+    document, diagnostics = read_yaml(path.read_text(encoding="utf-8"), path.name)
+    assert not diagnostics
+    assert set(document.value) <= KEYS, set(document.value) - KEYS
+    return document.value
+
+
+def catalog_of(case: dict, root: Path):
+    """The catalog of a case, by way of a real tree of manifests."""
+    kinds = {
+        "Service": {n: {"image": "img", **(s or {})} for n, s in case["services"].items()},
+        "Group": {n: {"services": members} for n, members in case.get("groups", {}).items()},
+    }
+    for kind, specs in kinds.items():
+        folder = root / f"{kind.lower()}s"
+        folder.mkdir()
+        for name, spec in specs.items():
+            if spec.get("type") == "meta":
+                spec.pop("image")
+            text = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}
+            (folder / f"{name}.yaml").write_text(yaml.safe_dump(text), encoding="utf-8")
+    return load_or_raise(root)
+
+
+def created_from(declared: dict, override: object) -> dict:
+    """The spec of a container: the declared one, with what differed when it was created (null: was not there)."""
+    spec = dict(declared)
+    for option, value in ({} if override == "declared" else override).items():
+        value = {**spec.get(option, {}), **value} if isinstance(value, dict) else value
+        spec[option] = {k: v for k, v in value.items() if v is not None} if isinstance(value, dict) else value
+    return {k: v for k, v in spec.items() if v is not None}
+
+
+def container_of(entry: dict, catalog) -> Container:
+    service, name = entry["service"], entry.get("name", entry["service"])
+    declared = catalog.services[service].spec if service in catalog.services else {"image": "img"}
+    spec = created_from(declared, entry.get("spec", "declared"))
+    live = {k: v for k, v in spec.items() if k in LIVE - {"container_name"}}
+    started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
+    return Container(id=name, name=name, service=service, state=entry["state"], started_at=started,
+                     exit_code=entry.get("exit_code"), digest=entry.get("digest", digest(spec)),
+                     declared=canonical(declared_fields(spec)), live={**live, **entry.get("live", {})})
+
+
+def memory_of(case: dict, containers: list[Container]) -> Memory:
+    progress = {c.service: Progress(running_since=0.0, ready=True, incarnation=c.incarnation)
+                for c in containers if c.state == "running"}
+    for name, known in case.get("memory", {}).items():
+        progress[name] = replace(progress.get(name, Progress()), **known)
+    flights = {name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in
+               case.get("in_flight", {}).items()}
+    return Memory(progress, flights)
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda p: p.stem)
+def test_plan(path, tmp_path):
+    case = read_case(path)
+    catalog = catalog_of(case, tmp_path)
+    containers = [container_of(entry, catalog) for entry in case.get("observed", [])]
+    requests = tuple(Request(r["id"], r.get("requester", "developer"), tuple(r["services"]),
+                             incarnation=r.get("incarnation")) for r in case.get("requests", []))
+    decision = decide(Inputs(
+        desired=desire(catalog), requests=requests, restarts=case.get("restarts", {}),
+        observed=Observed(tuple(containers), complete=case.get("complete", True)), probes={},
+        memory=memory_of(case, containers), now=float(case["now"]), owner="robot", removals=case.get("removals", True)))
+    assert decision.plan.text() == case["plan"]
+    assert decision.violations == ()
+    assert [f"{r.id}: {why}" for r, why in decision.settled.dropped] == case.get("dropped", [])
+
+
+def test_enough_cases():
+    assert len(CASES) >= 20
