@@ -24,7 +24,7 @@ test: $(VENV)/test-installed
 	$(BIN)/pytest $(ARGS)
 
 bench: $(VENV)/test-installed
-	$(BIN)/pytest tests/bench -s $(ARGS)
+	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)
 
 schemas: $(BIN)/rorg
 	$(BIN)/python -m rorg.manifest.schema schemas

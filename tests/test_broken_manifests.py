@@ -22,7 +22,7 @@ def test_every_mistake_is_told_at_its_place(folder, monkeypatch):
     assert lines == (folder / "expected").read_text(encoding="utf-8").splitlines()
 
 
-def test_every_mistake_is_told_in_any_order_of_the_files(monkeypatch, tmp_path):
+def test_mistakes_of_several_files_come_at_once_and_sorted(monkeypatch, tmp_path):
     """One tree with the mistakes of several files: no error hides another's, and they come sorted by place."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "services").mkdir()

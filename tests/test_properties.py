@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from pathlib import Path
 
@@ -78,10 +79,8 @@ def disturb(robot: SimRobot, verb: str, name: str, specs: dict, root: Path) -> N
     elif verb == "kill" and current and current.alive:
         robot.engine.kill(current.id)
     elif verb == "pause" and current and current.state == "running":
-        try:
+        with contextlib.suppress(RorgError):
             robot.engine.pause(current.id)
-        except RorgError:
-            pass
     elif verb == "hang":
         robot.faults.hang["start", name] = 10.0
     elif verb == "replace":

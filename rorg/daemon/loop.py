@@ -18,6 +18,7 @@ from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
+from rorg.store.bell import Bell
 from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -38,11 +39,13 @@ class Loop:
         names = {state.requests.name}
         self.watcher = Watcher([tree.root, state.path], self._files_changed,
                                lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
+        self.bell = Bell(state.path, self._rung)
         self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
         self.memory = Memory()
         self.passes = 0
         self._woken = threading.Event()
-        self._files = True
+        self._files, self._asked = True, True
+        """Whether the tree, or the requests file, may have changed."""
         self._outcomes: list[tuple[Action, str]] = []
         self._lock = threading.Lock()
         self._stopping = False
@@ -51,7 +54,11 @@ class Loop:
         self._woken.set()
 
     def _files_changed(self) -> None:
-        self._files = True
+        self._files = self._asked = True
+        self._woken.set()
+
+    def _rung(self) -> None:
+        self._asked = True
         self._woken.set()
 
     def stop(self) -> None:
@@ -62,6 +69,7 @@ class Loop:
         """Passes until stop() is called, or `until` says of a pass that this was all."""
         self.prober.start()
         self.watcher.start()
+        self.bell.start()
         self.observer.start()
         try:
             while not self._stopping:
@@ -81,6 +89,7 @@ class Loop:
 
     def _drain(self) -> None:
         """Stops the threads. Calls under way are waited for, so that nothing is half done without being known."""
+        self.bell.stop()
         self.watcher.stop()
         self.prober.stop()
         self.workers.shutdown(wait=True, cancel_futures=True)
@@ -110,14 +119,15 @@ class Loop:
         return decision
 
     def _read_files(self) -> None:
-        if not self._files:
-            return
-        self._files = False
-        try:
-            self.requests.read()
-        except OSError as error:
-            self.reporter.event("requests-unreadable", str(error))
-        _, self._files = self.tree.read()
+        if self._asked:
+            self._asked = False
+            try:
+                self.requests.read()
+            except OSError as error:
+                self.reporter.event("requests-unreadable", str(error))
+        if self._files:
+            self._files = False
+            _, self._files = self.tree.read()
 
     def _take_outcomes(self) -> None:
         with self._lock:

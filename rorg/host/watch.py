@@ -11,6 +11,9 @@ import watchfiles
 DEBOUNCE = 200
 """Milliseconds of quiet after which a burst of changes is one."""
 
+STEP = 100
+"""Milliseconds between two looks of the watcher at what the kernel told it: 10 cost 0.5 % of a core, doing nothing."""
+
 
 class Watcher:
     def __init__(self, paths: list[Path], wake: Callable[[], None], ignore: Callable[[str], bool]) -> None:
@@ -33,7 +36,7 @@ class Watcher:
 
     def _follow(self) -> None:
         for _ in watchfiles.watch(
-            *self.paths, debounce=DEBOUNCE, step=10, stop_event=self._stop, rust_timeout=500,
+            *self.paths, debounce=DEBOUNCE, step=STEP, stop_event=self._stop, rust_timeout=1000,
             watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False,
         ):
             self.wake()

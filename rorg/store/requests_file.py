@@ -13,6 +13,7 @@ from rorg.errors import Invalid
 from rorg.manifest.catalog import Request
 from rorg.manifest.diagnostics import Diagnostic, nearest
 from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.store.bell import ring
 from rorg.store.files import locked, write_atomic
 
 HEADER = """\
@@ -164,5 +165,6 @@ class RequestsFile:
             if changed != self.asked:
                 write_atomic(self.path, render(changed))
                 self.read()
+                ring(self.path.parent)
             return self.asked
 

@@ -1,0 +1,126 @@
+"""Figures, each beside what it is to be compared with, measured in the same run: `make bench`."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from conftest import *  # noqa: F403 - the engines of the test suite
+from conftest import wait_for
+from robots import RealRobot, write_tree
+
+from rorg.core.decide import Inputs, decide
+from rorg.core.desired import desire
+from rorg.core.observed import Observed
+from rorg.manifest.load import load_or_raise
+from rorg.sim.robot import SimRobot
+
+
+def timed(call, times: int) -> list[float]:
+    found = []
+    for _ in range(times):
+        began = time.perf_counter()
+        call()
+        found.append((time.perf_counter() - began) * 1000)
+    return sorted(found)
+
+
+def show(what: str, found: list[float], beside: list[float] | None = None) -> None:
+    median, p95 = statistics.median(found), found[int(len(found) * 0.95)]
+    ratio = f", {median / statistics.median(beside):.2f} times the other" if beside else ""
+    print(f"\n{what}: median {median:.1f} ms, p95 {p95:.1f} ms of {len(found)}{ratio}", end="")
+
+
+def test_help():
+    bare = timed(lambda: subprocess.run([sys.executable, "-c", ""]), 15)
+    helped = timed(lambda: subprocess.run([sys.executable, "-m", "rorg", "--help"], stdout=subprocess.DEVNULL), 15)
+    show("bare python", bare)
+    show("rorg --help", helped, bare)
+
+
+def test_a_pass_over_200_unchanged_services(tmp_path):
+    specs = {f"s{n:03}": {"needs": [f"s{n - 1:03}"] if n % 5 else [], "always_on": n % 4 == 0} for n in range(200)}
+    robot = SimRobot(load_or_raise(write_tree(tmp_path, specs)))
+    robot.settle()
+    calls = len(robot.engine.calls)
+    inputs = Inputs(robot.desired, (), {}, Observed(tuple(robot.engine.list())), {}, robot.memory, robot.now, "sim")
+    show("one pass over 200 services", timed(lambda: decide(inputs), 50))
+    show("reading 200 manifests", timed(lambda: desire(load_or_raise(tmp_path)), 5))
+    assert len(robot.engine.calls) == calls
+
+
+def test_response_on_docker_at_41_services(dockerd, tmp_path):
+    specs = {f"s{n:02}": {"always_on": n >= 2} for n in range(41)}
+    specs["s00"]["idle"] = {"action": "pause"}
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    try:
+        robot.declare(specs)
+        robot.wait(lambda: len(robot.containers()) == 41 and len(robot.active()) == 39, 120)
+        robot.settle()
+        api, events = robot.engine.api(), robot.loop.observer
+        for name, verb in (("s00", "resume"), ("s01", "start")):
+            robot.request(name)
+            robot.wait(lambda name=name: name in robot.active())
+            robot.release()
+            robot.wait(lambda name=name: name not in robot.active())
+
+            def state(name=name, events=events):
+                return next(c.state for c in events.snapshot().containers if c.service == name)
+
+            def once(name=name, state=state):
+                robot.request(name)
+                while state() != "running":
+                    time.sleep(0.0002)
+
+            def back(name=name, state=state):
+                robot.release()
+                wait_for(lambda: state() != "running" and name not in robot.loop.memory.in_flight)
+
+            ours = []
+            for _ in range(30):
+                ours += timed(once, 1)
+                back()
+            container = robot.container(name).id
+            robot.stop()
+            bare = []
+            for _ in range(30):
+                bare += timed(lambda c=container, verb=verb: (
+                    api.unpause if verb == "resume" else api.start)(c), 1)
+                (api.pause if verb == "resume" else api.kill)(container)
+                wait_for(lambda c=container: not api.inspect_container(c)["State"]["Running"]
+                         or api.inspect_container(c)["State"]["Paused"])
+            robot.start()
+            wait_for(lambda: robot.loop.observer.snapshot().complete)
+            events = robot.loop.observer
+            robot.settle()
+            show(f"bare {verb}", sorted(bare))
+            show(f"request to running, by {verb}", sorted(ours), bare)
+    finally:
+        robot.close()
+
+
+def test_an_idle_loop(dockerd, tmp_path):
+    import psutil
+
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    try:
+        write_tree(robot.tree, {f"s{n:02}": {} for n in range(41)})
+        process = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(robot.tree), "--state-dir",
+                                    str(robot.state.path), "--engine", "docker"], stderr=subprocess.DEVNULL)
+        wait_for(lambda: len(robot.containers()) == 41, 60)
+        time.sleep(2)
+        of = psutil.Process(process.pid)
+        before, began = of.cpu_times(), time.monotonic()
+        time.sleep(20)
+        used = sum(of.cpu_times()[:2]) - sum(before[:2])
+        print(f"\nidle loop, 41 services: {100 * used / (time.monotonic() - began):.2f} % of a core, "
+              f"{of.memory_info().rss >> 20} MiB", end="")
+        process.kill()
+        process.wait()
+    finally:
+        robot.close()
