@@ -50,7 +50,8 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         if name not in situation.wanted:
             return [f"{action}, which nobody wants"]
         unready = [n for n in services[name].needs
-                   if not services[n].meta and not situation.memory.of(n).ready and not action.after]
+                   if not services[n].meta and not action.after and not situation.memory.of(n).ready
+                   and not _completed(n, situation)]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
     if name in situation.wanted and action.verb in ("pause", "remove", "stop") and not (
@@ -58,3 +59,9 @@ def _activation(action: Action, situation: Situation) -> list[str]:
                                                 "the engine calls it dead")):
         return [f"{action}, which is wanted"]
     return []
+
+
+def _completed(name: str, situation: Situation) -> bool:
+    current = next(iter(situation.observed.by_service().get(name, [])), None)
+    service = situation.desired.catalog.services[name]
+    return current is not None and current.exit_code == 0 and situation.memory.of(name).over(service, current)

@@ -13,7 +13,7 @@ from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
 from rorg.core.requests import Settled, settle
-from rorg.core.wanted import urgent, wanted
+from rorg.core.wanted import arbitrate, urgent
 from rorg.manifest.catalog import Request
 
 
@@ -53,10 +53,10 @@ def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed)
-    found = wanted(desired.catalog, (*desired.catalog.requests, *settled.requests))
+    found, gave_way = arbitrate(desired.catalog, (*desired.catalog.requests, *settled.requests))
     memory = advance(inputs.memory, desired.catalog, found, inputs.observed, inputs.probes, now, inputs.booted_at)
     situation = Situation(desired, found, urgent(desired.catalog, found), inputs.observed, memory, now, inputs.owner,
-                          inputs.restarts, inputs.removals)
+                          inputs.restarts, inputs.removals, gave_way)
     plan = make_plan(situation)
     violations = tuple(check(plan, situation))
     chosen = () if violations else tuple(select(plan, memory.in_flight, inputs.lanes, now))

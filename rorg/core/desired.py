@@ -63,3 +63,5 @@ class Situation:
     restarts: Mapping[str, str] = field(default_factory=dict)
     removals: bool = True
     """False while manifests do not load: then nothing that they do not name is removed."""
+    gave_way: Mapping[str, str] = field(default_factory=dict)
+    """Services that would be wanted but for a conflict, each with the reason."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rorg.core.digest import VERSION, declared_fields
+from rorg.core.digest import declared_fields
 from rorg.core.observed import Container
 from rorg.manifest.catalog import Spec
 from rorg.manifest.container import LIVE
@@ -29,8 +29,9 @@ def difference(container: Container, spec: Spec, digest: str) -> Difference:
         was = _parse(container.declared)
         now = json.loads(json.dumps(declared_fields(spec)))
         changed = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
-        if not was or not container.digest.startswith(VERSION + ":"):
-            # Without a readable record of what it was made from, only a new container is sure to be right.
+        if not was:
+            # Without a readable record of what it was made from, only a new container is sure to be right. With one,
+            # the digest's version does not matter: a new rorg must not replace anything by itself.
             return Difference(recreate=("digest",))
     # An engine takes 0 for "not said", so an option cannot be taken back in place, nor, lest a rollback be impossible,
     # newly set: only another value for an option that the container was made with is live.

@@ -46,6 +46,11 @@ class Progress:
     """How often the same action was begun with nothing observed to change."""
     error: str = ""
 
+    def over(self, service: Service, container: Container) -> bool:
+        """It ended by itself while wanted, and its restart policy leaves it at that."""
+        return container.state == "exited" and self.exited == container.incarnation and (
+            service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
+
     @property
     def stalled(self) -> bool:
         return self.attempts >= STALLED_AFTER or self.exits >= STALLED_AFTER
@@ -81,7 +86,7 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
             continue
         containers = by_service.get(name, [])
         current = containers[0] if containers else None
-        step = _wanted(memory.of(name), name in found, now)
+        step = _fresh(_wanted(memory.of(name), name in found, now), current)
         step = _run(step, current, now)
         if name in found and name not in memory.in_flight:
             step = _exit(step, service, current, now, booted_at)
@@ -97,6 +102,13 @@ def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
     # Whoever asks for it again gets a fresh start.
     return replace(step, unwanted_since=now, exits=0, exited="", retry_verb="", retry_at=0.0, attempts=0, attempt=(),
                    error="")
+
+
+def _fresh(step: Progress, current: Container | None) -> Progress:
+    """Another container has no part in what the one before it did."""
+    if not step.exited or current is None or step.exited.startswith(current.id[:12]):
+        return step
+    return replace(step, exits=0, exited="", retry_verb="", retry_at=0.0, error="")
 
 
 def _run(step: Progress, current: Container | None, now: float) -> Progress:

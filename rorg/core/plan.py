@@ -76,7 +76,7 @@ class Plan:
             if action.part_of and replaced != action.service:
                 lines.append(_line("replace", action.service, width, _why(action)))
             replaced = action.service if action.part_of else ""
-            reason = _after(action, self) if action.part_of else _why(action) + _after(action, self)
+            reason = ", ".join(filter(None, ["" if action.part_of else _why(action), _after(action, self)]))
             lines.append(("    " if action.part_of else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
         return "".join(line.rstrip() + "\n" for line in [*lines, self.summary()])
@@ -126,4 +126,4 @@ def _after(action: Action, plan: Plan) -> str:
     others = dict.fromkeys(plan.actions[i].service for i in action.after if plan.actions[i].service != action.service)
     if not others:
         return ""
-    return f", after {', '.join(others)}"
+    return f"after {', '.join(others)}"

@@ -64,6 +64,7 @@ class _Planner:
         for name in self.desired.order:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
+        self.waitings += [Waiting(name, reason) for name, reason in self.s.gave_way.items()]
         return Plan(tuple(self.actions), tuple(self.waitings))
 
     # -- chains ------------------------------------------------------------------------------------------------
@@ -96,13 +97,11 @@ class _Planner:
             steps += self.adjust(service, *current)
         elif keep and new_name != service.container_name:
             steps.append(Step("rename", None, "it takes its name", args={"name": service.container_name}))
-        if stale and keep:
-            steps = [replace(s, part_of="replace") for s in steps]
         if is_wanted:
             steps += self.wake(service, current[0] if current else None, steps)
         elif current:
             steps += self.cease(service, current[0])
-        if stale and keep and is_wanted:
+        if any(diff.recreate for _, diff in stale) and keep:
             steps = [replace(s, part_of="replace") for s in steps]
         return steps
 
@@ -137,7 +136,7 @@ class _Planner:
             steps.append(Step("rename", container, f"it is called {container.name}",
                               args={"name": service.container_name}))
         asked = self.s.restarts.get(service.name, "")
-        if container.alive and container.started_at < asked:
+        if container.alive and container.started_at < asked and service.name in self.s.wanted:
             steps.append(_stop(container, "restart asked for", service))
         return steps
 
@@ -152,11 +151,17 @@ class _Planner:
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead")]
         step = self.s.memory.of(service.name)
+        if step.over(service, container):
+            return []
         if container.state == "exited" and step.exited == container.incarnation:
-            if service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0):
-                return []
             why += f"; {step.error}"
         return [Step("start", container, why)]
+
+    def completed(self, need: str) -> bool:
+        """It did what it was for, and ended well."""
+        current = next(iter(self.containers.get(need, [])), None)
+        return current is not None and current.exit_code == 0 and self.s.memory.of(need).over(
+            self.services[need], current)
 
     def cease(self, service: Service, container: Container) -> list[Step]:
         """A service that nobody wants: as its idle policy says. (Removal is chain()'s: nothing is kept then.)"""
@@ -206,7 +211,9 @@ class _Planner:
     def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
         """Actions that this step must follow, or what it waits for."""
         memory = self.s.memory.of(service.name)
-        if memory.retry_verb == step.verb and memory.retry_at > self.s.now:
+        asked = self.s.restarts.get(service.name, "")
+        impatient = step.verb == "start" and step.container is not None and step.container.started_at < asked
+        if memory.retry_verb == step.verb and memory.retry_at > self.s.now and not impatient:
             wait = format_seconds(memory.retry_at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {memory.error or 'no effect'}; again in {wait}",
@@ -226,16 +233,11 @@ class _Planner:
             if reason:
                 return (), Waiting(service.name, f"{need} {reason}", self.deadline(need))
         for other in self.desired.conflicts.get(service.name, ()):
-            if any(c.alive and (c.active or other in self.s.wanted) for c in self.containers.get(other, [])):
-                if other not in self.last or other in self.s.wanted:
+            if any(c.active for c in self.containers.get(other, [])):
+                if other not in self.last:
                     return (), Waiting(service.name, f"conflicts with {other}, which is active")
                 after.append(self.last[other])
-            elif other in self.s.wanted and self.wins(other, service.name):
-                return (), Waiting(service.name, f"conflicts with {other}, which has the higher priority")
         return tuple(after), None
-
-    def wins(self, a: str, b: str) -> bool:
-        return (-self.services[a].priority, a) < (-self.services[b].priority, b)
 
     def unready(self, need: str) -> str:
         """Why a needed service is not ready and nothing in this plan will make it so; empty otherwise."""
@@ -246,11 +248,12 @@ class _Planner:
         if need in self.last:
             return ""
         step, ready = self.s.memory.of(need), self.services[need].ready
-        if step.ready:
+        if step.ready or self.completed(need):
             return ""
         if step.running_since is None:
             return f"is not running ({step.error or 'ended'})"
-        limit = f" of {format_seconds(ready.timeout)}" if ready else ""
+        seconds = None if ready is None else float(ready.target) if ready.probe == "delay" else ready.timeout
+        limit = "" if seconds is None else f" of {format_seconds(seconds)}"
         detail = f": {step.probe}" if step.probe else ""
         return f"is not ready ({format_seconds(self.s.now - step.running_since)}{limit}){detail}"
 
@@ -272,7 +275,8 @@ class _Planner:
                     return (), Waiting(service.name, f"not wanted, but {dependant} needs it and is still active")
                 after.append(self.last[dependant])
         since = self.s.memory.of(service.name).unwanted_since
-        until = (self.s.now if since is None else since) + service.idle.linger
+        rivals = [o for o in self.desired.conflicts.get(service.name, ()) if o in self.s.wanted]
+        until = (self.s.now if since is None else since) + (0.0 if rivals else service.idle.linger)
         if until > self.s.now:
             return (), Waiting(service.name, f"not wanted; lingers for {format_seconds(until - self.s.now)}", until)
         return tuple(after), None

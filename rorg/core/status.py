@@ -102,7 +102,7 @@ def _readiness(situation: Situation, service: Service, current: Container | None
     if current is None:
         return False, "NoContainer", waiting or step.error
     if current.state == "exited" and step.exited == current.incarnation and not waiting:
-        if current.exit_code == 0 and service.restart != "always":
+        if current.exit_code == 0 and step.over(service, current):
             return True, "Completed", "it ended with exit code 0"
         return False, "Failed", step.error
     if current.state == "running" and step.running_since is not None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure
+from rorg.manifest.references import closure, conflicting
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +26,11 @@ class Cause:
 Wanted = Mapping[str, tuple[Cause, ...]]
 
 
-def wanted(catalog: Catalog, requests: Iterable[Request]) -> Wanted:
+def wanted(catalog: Catalog, requests: Iterable[Request], without: Collection[str] = ()) -> Wanted:
     """The least set closed under the rules (design: the rule of activation), found from its roots outwards.
 
     A request counts only while its requester is itself in the set, so a ring of services that only request each other
-    is not reached from any root, and is ceased.
+    is not reached from any root, and is ceased. Services in `without` are left out, with all that only they want.
     """
     by_requester: dict[str, list[Request]] = {}
     for request in requests:
@@ -39,6 +39,8 @@ def wanted(catalog: Catalog, requests: Iterable[Request]) -> Wanted:
     pending = list(_roots(catalog))
     while pending:
         name, cause = pending.pop(0)
+        if name in without:
+            continue
         if name in found:
             found[name][cause] = None
             continue
@@ -63,6 +65,23 @@ def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator
     for need in catalog.services[name].needs:
         if need in catalog.services:
             yield need, Cause("needed", name)
+
+
+def arbitrate(catalog: Catalog, requests: Collection[Request]) -> tuple[Wanted, Mapping[str, str]]:
+    """The wanted set without conflicts, and who gave way, with the reason. Conflicts are refused when a request or a
+    manifest arrives; what is left are requests that slept meanwhile, and conflicts declared later. The higher
+    priority goes first, then the name; what needs the one that gives way gives way too."""
+    gave_way: dict[str, str] = {}
+    while True:
+        found = wanted(catalog, requests, gave_way)
+        pairs = conflicting(catalog.services, found)
+        if not pairs:
+            return found, gave_way
+        first, second = sorted(pairs[0], key=lambda n: (-catalog.services[n].priority, n))
+        gave_way[second] = f"conflicts with {first}, which goes first"
+        for name in found:
+            if name != second and second in closure(catalog.services, [name]):
+                gave_way[name] = f"{second} {gave_way[second]}"
 
 
 def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:

@@ -49,15 +49,13 @@ def _pairs(value: object) -> object:
     if isinstance(value, list):
         if not all(isinstance(item, str) and "=" in item for item in value):
             raise ValueError("each item must read KEY=VALUE")
-        value = dict(item.split("=", 1) for item in value)
-    if isinstance(value, dict):
-        if any(item is None for item in value.values()):
-            raise ValueError("a value is missing; write it, or '' for an empty one")
-        return {key: _text(item) for key, item in value.items()}
+        return dict(item.split("=", 1) for item in value)
     return value
 
 
 def _text(value: object) -> object:
+    if value is None:
+        raise ValueError("a value is missing; write it, or '' for an empty one")
     if isinstance(value, bool):
         raise ValueError("true and false must be quoted here, as in Compose")
     return str(value) if isinstance(value, int | float) else value
@@ -68,8 +66,7 @@ def _texts(value: object) -> object:
 
 
 def _volume(value: object) -> object:
-    parts = value.split(":") if isinstance(value, str) else []
-    if isinstance(value, str) and (not 1 <= len(parts) <= 3 or not parts[-1 if len(parts) == 1 else 1].startswith("/")):
+    if isinstance(value, str) and not re.match(r"^(/[^:]*|[^:]+:/[^:]*(:[a-zA-Z,]+)?)$", value):
         raise ValueError(f"'{value}' is not a volume; write SOURCE:/path/in/container, with :ro for read only")
     return value
 
@@ -90,8 +87,8 @@ def _signal(value: object) -> object:
 Words = Annotated[list[str], BeforeValidator(_words)]
 Many = Annotated[list[str], BeforeValidator(_one_or_many)]
 Texts = Annotated[list[str], BeforeValidator(_texts)]
-Pairs = Annotated[dict[str, str], BeforeValidator(_pairs)]
 Text = Annotated[str, BeforeValidator(_text)]
+Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs)]
 Signal = Annotated[str, BeforeValidator(_signal)]
 Cores = Annotated[float, Field(strict=False, gt=0)]
 Device = Annotated[str, AfterValidator(_device)]

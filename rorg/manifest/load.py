@@ -83,7 +83,8 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
         if first:
             diagnostics.append(Diagnostic(where, f"the name '{source.name}' is taken by a {first.kind} at "
                                           f"{first.where('metadata', 'name')}", "another name"))
-        elif source.kind == "Service" and source.name == DEVELOPER and source.spec.type != "meta":  # type: ignore
+        elif source.name == DEVELOPER and (
+                source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")):  # type: ignore
             diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
@@ -112,8 +113,9 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     for name, source in by_kind.get("Service", {}).items():
         services[name], found = _resolve(source, services[name], groups, known)
         diagnostics += found
+    diagnostics += _same_container(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
-    requests, found = _requests(by_kind.get("Request", {}), known)
+    requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}
     catalog = Catalog(services, groups, images, requests,
@@ -135,7 +137,10 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
         for name in getattr(service, field):
             where = source.where("spec", field, written.index(name)) if name in written else source.where(
                 "spec", "profile")
-            if name not in known:
+            if field == "conflicts" and (name == service.name or name in service.needs):
+                what = "itself" if name == service.name else f"'{name}', which it needs"
+                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them"))
+            elif name not in known:
                 by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"  # type: ignore
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
@@ -143,13 +148,29 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
     return replace(service, **resolved), diagnostics
 
 
-def _requests(sources: Mapping[str, Source], known: set[str]) -> tuple[tuple[Request, ...], list[Diagnostic]]:
+def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
+    """Two services can have no container of the same name."""
+    owners: dict[str, str] = {}
+    diagnostics = []
+    for name in sources:
+        service = services[name]
+        first = owners.setdefault(service.container_name, name)
+        if first != name:
+            both = sorted((first, name), key=lambda n: services[n].container_name == n)
+            where = sources[both[0]].where("spec", "container", "container_name")
+            diagnostics.append(Diagnostic(where, f"the container of '{both[1]}' is called "
+                                          f"'{service.container_name}' too", "another container_name"))
+    return diagnostics
+
+
+def _requests(sources: Mapping[str, Source], known: set[str], requesters: set[str]
+              ) -> tuple[tuple[Request, ...], list[Diagnostic]]:
     diagnostics, found = [], []
     for name, source in sources.items():
         spec: Any = source.spec
-        if spec.requester not in known:
+        if spec.requester not in requesters:
             diagnostics.append(Diagnostic(source.where("spec", "requester"), f"unknown requester '{spec.requester}'",
-                                          nearest(spec.requester, known)))
+                                          nearest(spec.requester, requesters)))
         for index, service in enumerate(spec.services):
             if service not in known:
                 diagnostics.append(Diagnostic(source.where("spec", "services", index), f"unknown service '{service}'",

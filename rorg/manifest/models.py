@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.container import ContainerOptions, Device, Pairs, Strict, Texts, Words, recreate, unchanging
 from rorg.manifest.scalars import Duration, Memory, Name
@@ -25,12 +25,29 @@ class Idle(Strict):
     linger: Duration | None = unchanging(description="How long it stays active after that. Default: 0.")
 
 
+def _port(value: object) -> str:
+    port = str(value).rpartition(":")[2]
+    if isinstance(value, bool) or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ValueError("must be PORT or HOST:PORT, with a port from 1 to 65535")
+    return str(value)
+
+
+def _url(value: str) -> str:
+    if not value.startswith("http://"):
+        raise ValueError("must be a URL that begins with http://")
+    return value
+
+
+Port = Annotated[str, BeforeValidator(_port), WithJsonSchema({"type": ["integer", "string"]})]
+Url = Annotated[str, AfterValidator(_url)]
+
+
 class Ready(Strict):
     """When a running service counts as ready; exactly one of the probes. Without one, running is ready."""
 
     delay: Duration | None = unchanging(description="Ready this long after it began to run.")
-    tcp: int | str | None = unchanging(description="Ready when PORT, or HOST:PORT, accepts a connection.")
-    http: str | None = unchanging(description="Ready when a GET of this http:// URL answers 2xx or 3xx.")
+    tcp: Port | None = unchanging(description="Ready when PORT, or HOST:PORT, accepts a connection.")
+    http: Url | None = unchanging(description="Ready when a GET of this http:// URL answers 2xx or 3xx.")
     timeout: Duration = unchanging(30.0, description="After this, the service counts as late. Default: 30s.")
     interval: Duration = unchanging(0.25, description="Time between two probes. Default: 250ms.")
 
@@ -39,17 +56,7 @@ class Ready(Strict):
         probes = [name for name in ("delay", "tcp", "http") if getattr(self, name) is not None]
         if len(probes) != 1:
             raise ValueError("exactly one of delay, tcp, http must be given")
-        _check_target(self)
         return self
-
-
-def _check_target(ready: Ready) -> None:
-    if ready.http is not None and not ready.http.startswith("http://"):
-        raise ValueError("http must be a URL that begins with http://")
-    if ready.tcp is not None:
-        port = str(ready.tcp).rpartition(":")[2]
-        if not port.isdigit() or not 0 < int(port) < 65536:
-            raise ValueError("tcp must be PORT or HOST:PORT, with a port from 1 to 65535")
 
 
 class Resources(Strict):
@@ -187,7 +194,7 @@ SPECS: dict[str, type[Strict]] = {
 FOLDERS = {"services": "Service", "groups": "Group", "images": "Image", "profiles": "Profile", "policies": "Policy",
            "requests": "Request"}
 
-NOT_YET = {
+_SERVICE = {
     ("Service", "live"): "liveness probes",
     ("Service", "may_request"): "rights of services",
     ("Service", "exclusive"): "exclusive resources",
@@ -202,6 +209,10 @@ NOT_YET = {
     ("Service", "idle", "min_active"): "a least active time",
     ("Service", "idle", "escalate"): "escalation of idling",
     ("Service", "driver", "hotplug"): "hot-plugging",
+}
+NOT_YET = {
+    **_SERVICE,
+    **{("Profile", *path[1:]): what for path, what in _SERVICE.items() if path[1] in ("ready", "idle")},
     ("Request", "ttl"): "leases",
     ("Policy", "budget"): "budgets",
     ("Policy", "pressure"): "pressure",

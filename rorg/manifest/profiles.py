@@ -69,7 +69,9 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         if name in merged:
             return merged[name]
         source, spec = sources[name], sources[name].spec
-        result = Merged() if name == COMMON else visit(COMMON, ())
+        # What `common` itself extends stands on nothing: it is what everything else stands on.
+        based = COMMON in merged or COMMON not in (*trail, name)
+        result = visit(COMMON, ()) if based and name != COMMON else Merged()
         for index, parent in enumerate(spec.extends):  # type: ignore[attr-defined]
             where = source.where("spec", "extends", index)
             if parent in (*trail, name):

@@ -96,10 +96,14 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
         diagnostics.append(Diagnostic(_place(source, "always_on"),
                                       f"'{a}' and '{b}' conflict and are both always on", "to drop one"))
     for request in catalog.requests:
-        names = closure(catalog.services, [m for s in request.services for m in catalog.members(s)] + roots)
-        for a, b in conflicting(catalog.services, names):
-            diagnostics.append(Diagnostic(request.where, f"the request wants both '{a}' and '{b}', which conflict",
-                                          "to drop one"))
+        before = closure(catalog.services, roots)
+        if catalog.services[request.requester].meta:
+            roots += [m for s in request.services for m in catalog.members(s)]
+        names = before | closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
+        for a, b in sorted(set(conflicting(catalog.services, names)) - set(conflicting(catalog.services, before))):
+            diagnostics.append(Diagnostic(
+                request.where, f"with this request both '{a}' and '{b}' would be wanted, which conflict",
+                "to drop one"))
     return diagnostics
 
 

@@ -113,7 +113,7 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
     for index, mount in enumerate(source.spec.mounts):  # type: ignore[attr-defined]
         where = source.where("spec", "mounts", index)
         local, _, target = mount.partition(":")
-        if not target.startswith("/") or ":" in target:
+        if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not (source.directory / local).exists():
             diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "to create it"))

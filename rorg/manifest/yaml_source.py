@@ -105,13 +105,20 @@ class _Reader:
             return None
         if tag == "bool":
             return text.lower() == "true"
-        if tag == "int":
-            return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
-        if tag == "float":
-            return float(text.replace(".inf", "inf").replace(".nan", "nan").replace(".Inf", "inf"))
+        if tag in ("int", "float"):
+            return self.number(node, tag, text)
         if tag != "str":
             self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
         return text
+
+    def number(self, node: yaml.Node, tag: str, text: str) -> int | float | str:
+        try:
+            if tag == "int":
+                return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
+            return float(re.sub(r"\.(?=[inIN])", "", text))
+        except ValueError as error:
+            self.error(node, f"not a number that can be read: {error}")
+            return text
 
 
 def read_yaml(text: str, file: str) -> tuple[Document | None, list[Diagnostic]]:
