@@ -82,7 +82,7 @@ class Reporter:
     def _engine(self, observed: Any) -> None:
         if observed.complete:
             self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
-        else:
+        elif observed.error:
             self.event("engine-lost", observed.error)
 
     def _stalled(self, what: Any) -> None:

@@ -21,7 +21,7 @@ class Observer:
         self.engine, self.wake, self.resync = engine, wake, resync
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
-        self._snapshot = Observed(complete=False, error=f"no answer from the {engine.name} engine yet")
+        self._snapshot = Observed(complete=False)
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self.lists = 0
