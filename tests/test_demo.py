@@ -33,7 +33,8 @@ def demo(folder: Path, *args: str, **env: str) -> subprocess.Popen:
 
 def check(output: str) -> None:
     lines = output.splitlines()
-    assert any("> cartographer_localization" in line and "needed by" in line for line in lines)
+    assert any(line.split() == ["needed", "by", "navigation"] for line in [
+        line.partition("> cartographer_localization")[2] for line in lines])
     assert any("# cartographer_localization" in line for line in lines)
     assert any(line.startswith("cartographer_localization: exited. Nobody ever requested it") for line in lines)
     assert "services/ros_trigger_ui.yaml:8:3: unknown key 'imagge'; try 'image'" in output

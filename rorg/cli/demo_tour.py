@@ -14,12 +14,13 @@ FACE = ["ros_face_train_controller", "snowboy"]
 CYCLE: list[tuple[str, list[str]]] = [
     ("2 standby: look for visitors", FACE),
     ("3 chat: talk with one", [*FACE, "gcloud_speech_action_server", "ros_speak_text"]),
-    ("4 tour: drive, and look whether the visitor follows", ["navigation_route", "leg_tracker", "ros_speak_text"]),
+    ("4 tour: drive ahead", ["navigation_route", "ros_speak_text"]),
+    ("4 tour: look whether the visitor follows", ["navigation_route", "ros_speak_text", "leg_tracker"]),
     ("5 return: drive back", ["navigation_route"]),
 ]
 """Actions 2 to 5 of the paper's figure 4, as `behavioral` asks for them: what is needed comes by itself."""
 DWELL = 3.0
-"""Seconds that each action is looked at and measured."""
+"""Seconds that each step is looked at and measured."""
 
 
 def play(robot: DemoRobot, show: Show) -> None:
