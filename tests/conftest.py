@@ -48,9 +48,15 @@ class Dockerd:
 
     def start(self) -> None:
         log = (self.folder / "dockerd.log").open("ab")
+        # A runtime whose containers do not start while the file `hold` is there.
+        hang = self.folder / "hang"
+        wait = f"while [ -e {self.folder}/hold ]; do sleep 0.05; done"
+        hang.write_text(f'#!/bin/sh\ncase " $* " in *" start "*) {wait};; esac\nexec runc "$@"\n')
+        hang.chmod(0o755)
         self.process = subprocess.Popen(
             ["dockerd", "--data-root", f"{self.folder}/data", "--exec-root", f"{self.folder}/exec", "--pidfile",
-             f"{self.folder}/pid", "--host", self.host, "--bridge=none", "--iptables=false"],
+             f"{self.folder}/pid", "--host", self.host, "--bridge=none", "--iptables=false", "--add-runtime",
+             f"hang={hang}"],
             stdout=log, stderr=log, start_new_session=True)
         wait_for(self.answers, 60, f"dockerd, see {self.folder}/dockerd.log")
 

@@ -72,6 +72,42 @@ def test_eight_starts_that_hang_leave_places_for_others(tmp_path):
     assert robot.sim.now - began < 6
 
 
+def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dockerd):
+    """Compared with the same request in the same run while nothing hangs."""
+    if not hasattr(dockerd, "folder"):
+        pytest.skip("the engine is not ours to give a runtime that hangs")
+    robot, hold = docker_robot, dockerd.folder / "hold"
+    robot.declare({"stuck": {"container": {"runtime": "hang"}}, "camera": {"idle": {"action": "pause"}}})
+    robot.settle()
+
+    def state(name: str) -> str:
+        return next(c.state for c in robot.loop.observer.snapshot().containers if c.service == name)
+
+    def response() -> float:
+        began = time.monotonic()
+        robot.request("camera", id="look")
+        robot.wait(lambda: state("camera") == "running")
+        took = time.monotonic() - began
+        robot.release("look")
+        robot.wait(lambda: state("camera") == "paused" and "camera" not in robot.loop.memory.in_flight)
+        return took
+
+    response()
+    quiet = sorted(response() for _ in range(9))[4]
+    hold.touch()
+    try:
+        robot.request("stuck", id="one")
+        robot.wait(lambda: "stuck" in robot.loop.memory.in_flight)
+        meanwhile = sorted(response() for _ in range(9))[4]
+        assert "stuck" in robot.loop.memory.in_flight, "the start was over: nothing was shown"
+        assert meanwhile - quiet < 0.1
+        # Even a rorg that starts now sees all others.
+        assert {c.service for c in robot.engine.list()} == {"stuck", "camera"}
+    finally:
+        hold.unlink()
+    robot.wait(lambda: state("stuck") == "running")
+
+
 def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     """The same on Docker: a service that ignores its signals takes seconds to stop."""
     robot = docker_robot

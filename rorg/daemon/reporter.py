@@ -22,12 +22,14 @@ PUBLISH_EVERY = 0.05
 
 
 class Reporter:
-    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds."""
+    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds;
+    `ignored` are the options without meaning on this engine."""
 
     def __init__(self, state: StateDir, say: Callable[[str], None], wall: Callable[[], str],
-                 clock: Callable[[], float], about: dict[str, Any]) -> None:
+                 clock: Callable[[], float], about: dict[str, Any], ignored: frozenset[str]) -> None:
         self.state, self.say, self.wall, self.clock, self.about = state, say, wall, clock, about
         self.journal = Journal(state.journal)
+        self.ignored = ignored
         self._said: dict[str, Any] = {}
         self._published = ""
         self._last = float("-inf")
@@ -74,6 +76,17 @@ class Reporter:
             count = sum(not s.meta for s in tree.desired.catalog.services.values())
             self.event("tree-accepted", f"manifests in force: {count} services"
                        + (f", revision {tree.revision}" if tree.revision else ""))
+            self._ignored(tree)
+
+    def _ignored(self, tree: Tree) -> None:
+        """Options that the engine has no meaning for are not passed over in silence."""
+        users: dict[str, int] = {}
+        for service in tree.desired.catalog.services.values():
+            for option in self.ignored & set(service.spec or {}):
+                users[option] = users.get(option, 0) + 1
+        if users:
+            found = ", ".join(f"{option} ({count} services)" for option, count in sorted(users.items()))
+            self.event("options-ignored", f"the {self.about['engine_name']} engine has no meaning for: {found}")
 
     def _requests(self, requests: RequestsFile) -> None:
         for error in requests.diagnostics:

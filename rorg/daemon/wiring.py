@@ -49,5 +49,5 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory."""
     owner = state.instance(lambda: uuid.uuid4().hex)
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    reporter = Reporter(state, say, wall_clock, time.monotonic, about)
+    reporter = Reporter(state, say, wall_clock, time.monotonic, about, engine.capabilities.ignored_options)
     return Loop(Tree(root.resolve()), state, engine, reporter, owner, time.monotonic, booted_at())

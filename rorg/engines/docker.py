@@ -33,6 +33,8 @@ KINDS = (
 """What the engine says, as a stable kind with a remedy."""
 API_TIMEOUT = 120.0
 """Seconds. A start may take long on a loaded robot; a lost connection ends a call at once anyway."""
+QUICK = 2.0
+"""Seconds for one inspection within a full list."""
 
 
 class DockerEngine:
@@ -82,11 +84,31 @@ class DockerEngine:
     def list(self) -> list[Container]:
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
         rows = self._call("list containers", lambda api: api.containers(all=True, filters=filters))
-        return [c for row in rows if (c := self.inspect(row["Id"])) is not None]
+        return [c for row in rows if (c := self._look(row)) is not None]
 
-    def inspect(self, container: str) -> Container | None:
+    def _look(self, row: Mapping[str, Any]) -> Container | None:
+        """One row of the list, inspected. While a start or stop of a container hangs, the engine holds back its
+        inspection too: then the row itself must do, lest one hung container hide all others."""
         try:
-            data = self._call(f"inspect {container[:12]}", lambda api: api.inspect_container(container))
+            return self.inspect(row["Id"], self._quick())
+        except Unreachable as error:
+            if "timed out" not in str(error):
+                raise
+        labels = row.get("Labels") or {}
+        return Container(row["Id"], row["Names"][0].lstrip("/"), labels.get(LABEL_SERVICE, ""), row["State"],
+                         digest=labels.get(LABEL_SPEC, ""), declared=labels.get(LABEL_DECLARED, ""))
+
+    def _quick(self) -> docker.APIClient:
+        """A second client of this thread, with little patience."""
+        api = getattr(self._local, "quick", None)
+        if api is None:
+            api = self._local.quick = self._connect(QUICK)
+        return api
+
+    def inspect(self, container: str, api: docker.APIClient | None = None) -> Container | None:
+        try:
+            with docker_errors(f"inspect {container[:12]}"):
+                data = (api or self.api()).inspect_container(container)
         except EngineError as error:
             if error.kind == "gone":
                 return None
