@@ -104,6 +104,9 @@ def dockerd(tmp_path_factory) -> Iterator[Dockerd]:
         _import_base(daemon.host)
         yield daemon
         daemon.stop()
+        mounts = [line.split()[1] for line in Path("/proc/mounts").read_text().splitlines()]
+        for mount in sorted((m for m in mounts if m.startswith(f"{folder}/")), reverse=True):
+            subprocess.run(["umount", "-l", mount], check=False)
         shutil.rmtree(folder, ignore_errors=True)
         return
     import docker

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 import time
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console, Group
@@ -97,7 +99,9 @@ class Show:
             time.sleep(1.0)  # CPU is a rate: it takes two looks
             console = Console(record=True, width=104, force_terminal=True, file=io.StringIO())
             console.print(self.render(robot))
-            console.save_svg(self.svg, title="rorg: a tour-guide robot")
+            picture = console.export_svg(title="rorg: a tour-guide robot")
+            # The viewer's own fixed-width font: a picture must not fetch one from elsewhere.
+            Path(self.svg).write_text(re.sub(r"@font-face \{.*?\}", "", picture, flags=re.S), encoding="utf-8")
 
     def close(self) -> None:
         if self.live:
