@@ -141,6 +141,26 @@ def test_a_restart_of_the_engine_is_survived(docker_robot, dockerd):
     assert [r.id for r in robot.requests()] == ["again"]
 
 
+def test_rorg_ends_though_a_start_hangs(docker_robot, dockerd):
+    if not hasattr(dockerd, "folder"):
+        pytest.skip("the engine is not ours to give a runtime that hangs")
+    robot, hold = docker_robot, dockerd.folder / "hold"
+    write_tree(robot.tree, {"stuck": {"always_on": True, "container": {"runtime": "hang"}}})
+    daemon = Daemon(robot)
+    hold.touch()
+    try:
+        daemon.start()
+        wait_for(lambda: daemon.status().get("in_flight") == {"stuck": "start"}, 30)
+        daemon.process.terminate()
+        assert daemon.process.wait(20) == 0
+    finally:
+        hold.unlink()
+    daemon.start()
+    wait_for(lambda: robot.active() == {"stuck"}, 30)
+    assert len(robot.containers()) == 1
+    daemon.kill()
+
+
 def test_a_process_that_got_a_reused_pid_is_never_touched(tmp_path):
     """A record that names the pid of somebody else's process, as after a reboot or a wrap of the numbers."""
     import json

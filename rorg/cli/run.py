@@ -7,7 +7,9 @@ from rorg.cli.options import Directory, EngineName, StateDirectory
 
 def command(directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Run the loop: keep the containers as the manifests and the requests file say, until stopped."""
+    import os
     import signal
+    import sys
     import time
 
     from rorg.cli.context import Context
@@ -27,3 +29,7 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
          "containers keep running when it stops")
     loop.run()
     context.state.release()
+    if loop.hung:
+        note(f"{len(loop.hung)} engine call(s) had not ended; the next rorg sees what came of them")
+        sys.stderr.flush()
+        os._exit(0)  # the interpreter would wait for their threads

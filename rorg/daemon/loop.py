@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.lanes import Lanes
@@ -24,6 +24,8 @@ from rorg.store.state_dir import StateDir
 
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
+PATIENCE = 10.0
+"""Seconds that the end of the loop waits for calls under way."""
 
 
 class Loop:
@@ -47,6 +49,9 @@ class Loop:
         self._files, self._asked = True, True
         """Whether the tree, or the requests file, may have changed."""
         self._outcomes: list[tuple[Action, str]] = []
+        self._calls: set[Future] = set()
+        self.hung: set[Future] = set()
+        """Calls that were still under way when the loop had ended."""
         self._lock = threading.Lock()
         self._stopping = False
 
@@ -88,11 +93,12 @@ class Loop:
         self._woken.clear()
 
     def _drain(self) -> None:
-        """Stops the threads. Calls under way are waited for, so that nothing is half done without being known."""
+        """Stops the threads. Calls under way are waited for, but not for ever: what they do is observed next time."""
         self.bell.stop()
         self.watcher.stop()
         self.prober.stop()
-        self.workers.shutdown(wait=True, cancel_futures=True)
+        _, self.hung = wait(tuple(self._calls), timeout=PATIENCE)
+        self.workers.shutdown(wait=False, cancel_futures=True)
         self.observer.stop()
         self.reporter.flush()
 
@@ -112,7 +118,9 @@ class Loop:
         self.memory = decision.memory
         self._settle(decision)
         for action in decision.begin:
-            self.workers.submit(self._work, action)
+            call = self.workers.submit(self._work, action)
+            self._calls.add(call)
+            call.add_done_callback(self._calls.discard)
         services = self.tree.desired.catalog.services
         self.prober.watch({n: (i, r) for n, i in decision.to_probe.items() if (r := services[n].ready)})
         self.reporter.report(decision, self.tree, self.requests)

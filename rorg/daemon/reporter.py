@@ -141,4 +141,9 @@ class Reporter:
         self._next, self._last = None, self.clock()
         if text != self._published:
             self._published = text
-            write_atomic(self.state.status, text, durable=False)
+            try:
+                write_atomic(self.state.status, text, durable=False)
+            except OSError as error:
+                # A full disk must not stop the robot; the next change is tried again.
+                self._published = ""
+                self.say(f"cannot publish the status: {error}")
