@@ -12,7 +12,7 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
-from rorg.core.status import statuses
+from rorg.daemon.reporter import snapshot
 from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid, NotReady, Unreachable
@@ -99,17 +99,10 @@ class Context:
         live = self.live()
         if live:
             return live
-        decision = self.decision(self.catalog())
-        catalog = decision.situation.desired.catalog
-        return {
-            "pid": None, "engine_name": self.engine_name, "plan": decision.plan.as_json(), "in_flight": {},
-            "tree": {"root": str(self.root), "fingerprint": catalog.fingerprint, "errors": []},
-            "engine": {"complete": True, "error": ""}, "restarts": dict(self.asked().restarts),
-            "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
-                          "incarnation": r.incarnation, "standing": r.standing}
-                         for r in (*catalog.requests, *decision.settled.requests)],
-            "services": {n: s.as_json() for n, s in statuses(decision.situation, decision.plan).items()},
-        }
+        catalog = self.catalog()
+        return snapshot(self.decision(catalog), {
+            "pid": None, "engine_name": self.engine_name,
+            "tree": {"root": str(self.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []}})
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""

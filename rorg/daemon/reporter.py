@@ -106,22 +106,10 @@ class Reporter:
                    else f"{name} is not stalled any more", service=name)
 
     def _snapshot(self, decision: Decision, tree: Tree, requests: RequestsFile) -> dict[str, Any]:
-        observed = decision.situation.observed
-        found = statuses(decision.situation, decision.plan)
-        return {
-            **self.about,
-            "tree": {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
-                     "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]},
-            "engine": {"complete": observed.complete, "error": observed.error},
-            "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
-                          "incarnation": r.incarnation, "standing": r.standing}
-                         for r in (*tree.desired.catalog.requests, *decision.settled.requests)],
-            "requests_errors": [str(d) for d in requests.diagnostics],
-            "restarts": dict(requests.asked.restarts),
-            "plan": decision.plan.as_json(),
-            "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
-            "services": {name: status.as_json() for name, status in found.items()},
-        }
+        about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
+                      "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
+        return snapshot(decision, {**self.about, "tree": about_tree,
+                                   "requests_errors": [str(d) for d in requests.diagnostics]})
 
     # -- publishing --------------------------------------------------------------------------------------------
 
@@ -147,3 +135,19 @@ class Reporter:
                 # A full disk must not stop the robot; the next change is tried again.
                 self._published = ""
                 self.say(f"cannot publish the status: {error}")
+
+
+def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
+    """How everything is, as JSON: what the loop publishes, and what commands compute where no loop runs."""
+    situation = decision.situation
+    requests = (*situation.desired.catalog.requests, *decision.settled.requests)
+    return {
+        **about,
+        "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
+        "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
+                      "incarnation": r.incarnation, "standing": r.standing} for r in requests],
+        "restarts": dict(situation.restarts),
+        "plan": decision.plan.as_json(),
+        "in_flight": {n: f.action.verb for n, f in situation.memory.in_flight.items()},
+        "services": {name: status.as_json() for name, status in statuses(situation, decision.plan).items()},
+    }
