@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test bench schemas docs lint clean
 
-# ensurepip is not part of every Debian; virtualenv's zipapp is not needed where pip can be bootstrapped by a package.
+# Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
 	@echo "setting up $(VENV)"
-	@$(PYTHON) -m venv $(VENV) 2>/dev/null || sh .ci/venv $(PYTHON) $(VENV)
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || sh .ci/venv $(PYTHON) $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
