@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +22,9 @@ class Observer:
         self.engine, self.wake, self.resync = engine, wake, resync
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
+        self._clock = itertools.count(1)
+        self._began: dict[str, int] = {}
+        """When, by that clock, the look at each container began that the cache shows: answers may overtake."""
         self._snapshot = Observed(complete=False)
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -42,11 +46,15 @@ class Observer:
 
     def refresh(self, container: str) -> None:
         """Asks for one container now, so that the next pass sees what an action did."""
+        began = next(self._clock)
         try:
             found = self.engine.inspect(container)
         except RorgError:
             return
         with self._lock:
+            if self._began.get(container, 0) > began:
+                return  # another look, begun after this one, has already told
+            self._began[container] = began
             old = self._containers.get(container)
             if found is None:
                 self._containers.pop(container, None)
@@ -56,10 +64,17 @@ class Observer:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
     def sync(self) -> None:
-        """One full list. What changed while it was made is not lost: the event comes after it."""
+        """One full list. A look at one container that began after it knows better."""
+        began = next(self._clock)
         found = {c.id: c for c in self.engine.list()}
         self.lists += 1
         with self._lock:
+            for container in [c for c, at in self._began.items() if at > began]:
+                found.pop(container, None)
+                if container in self._containers:
+                    found[container] = self._containers[container]
+            self._began = {c: max(began, self._began.get(c, 0)) for c in {*found, *self._began}
+                           if c in found or self._began[c] > began}
             changed = found != self._containers or not self._snapshot.complete
             self._containers = found
             if changed:
