@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure, conflicting
+from rorg.manifest.references import closure
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,23 +65,6 @@ def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator
     for need in catalog.services[name].needs:
         if need in catalog.services:
             yield need, Cause("needed", name)
-
-
-def arbitrate(catalog: Catalog, requests: Collection[Request]) -> tuple[Wanted, Mapping[str, str]]:
-    """The wanted set without conflicts, and who gave way, with the reason. Conflicts are refused when a request or a
-    manifest arrives; what is left are requests that slept meanwhile, and conflicts declared later. The higher
-    priority goes first, then the name; what needs the one that gives way gives way too."""
-    gave_way: dict[str, str] = {}
-    while True:
-        found = wanted(catalog, requests, gave_way)
-        pairs = conflicting(catalog.services, found)
-        if not pairs:
-            return found, gave_way
-        first, second = sorted(pairs[0], key=lambda n: (-catalog.services[n].priority, n))
-        gave_way[second] = f"conflicts with {first}, which goes first"
-        for name in found:
-            if name != second and second in closure(catalog.services, [name]):
-                gave_way[name] = f"{second} {gave_way[second]}"
 
 
 def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:

@@ -22,17 +22,32 @@ class Idle:
     """pause, stop or remove."""
     linger: float = 0.0
     """Seconds a service stays active after nobody wants it."""
+    min_active: float = 0.0
+    """Seconds it stays active after it was started or resumed."""
+    escalate: tuple[float, str] | None = None
+    """(seconds after it was ceased, stop or remove)."""
+    reclaim: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Ready:
-    probe: str
-    """delay, tcp or http."""
-    target: float | str
+class Probe:
+    """A question to a service: `ready`, `live` or `interlock`."""
+
+    kind: str
+    """delay, tcp, http, file, exec, log, engine, ros_node, ros_topic or ros_service."""
+    target: float | str | tuple[str, ...]
     timeout: float = 30.0
-    """Seconds after which the service counts as late."""
+    """Seconds after which a service counts as late."""
     interval: float = 0.25
     """Seconds between two probes."""
+    failures: int = 0
+    """So many failures in a row count; 0 for a readiness that is not probed again."""
+    master: str = ""
+    """URI of the ROS 1 master, for ros_*."""
+
+    def __str__(self) -> str:
+        target = " ".join(self.target) if isinstance(self.target, tuple) else self.target
+        return f"{self.kind} {target}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +57,17 @@ class Service:
     always_on: bool = False
     needs: tuple[str, ...] = ()
     """Names of services; groups are already replaced by their members."""
+    follows: tuple[str, ...] = ()
+    """Those of `needs` whose restart restarts this service."""
     conflicts: tuple[str, ...] = ()
+    exclusive: Mapping[str, int] = field(default_factory=dict)
+    """Resource -> units."""
     idle: Idle = Idle()
-    ready: Ready | None = None
+    ready: Probe | None = None
+    live: Probe | None = None
+    interlock: Probe | None = None
+    """What must allow it before a container of this service is touched; None where nothing must."""
+    protected: bool = False
     restart: str = "always"
     """always, on-failure or never."""
     priority: int = 50
@@ -97,6 +120,12 @@ class Request:
     """The run of the requester that sent it; None for meta-services, standing requests, and not yet bound ones."""
     standing: bool = False
     """Declared in a manifest, so it holds for every incarnation of its requester."""
+    priority: int | None = None
+    """Under pressure and for exclusive resources; None for that of the services themselves."""
+    ttl: float | None = None
+    """Lease: seconds until it is dropped unless it is renewed; None for no end."""
+    renewed: str = ""
+    """Changes with every renewal, for a request that is renewed by way of the file."""
     where: Where = Where("")
 
     @property
@@ -105,9 +134,49 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
+class Hold:
+    """A person's word that a service must not be active, until a time (seconds since the epoch)."""
+
+    until: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Of the whole machine; None for all that it has."""
+
+    cpu: float | None = None
+    """Cores."""
+    memory: int | None = None
+    """Bytes."""
+    over: str = "admit"
+    """admit, queue or refuse a request that would not fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """When measures against overload begin and end; `high` and `low` are fractions of the budget, `*_some` percent
+    of time (PSI, avg10), `step` and `calm` seconds."""
+
+    high: float = 1.0
+    low: float = 0.85
+    cpu_some: float | None = None
+    memory_some: float | None = 20.0
+    step: float = 1.0
+    calm: float = 5.0
+    admit: int = 60
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     resync: float = 60.0
     bulk_workers: int = 2
+    budget: Budget | None = None
+    pressure: Thresholds | None = None
+    """None: load is not looked at."""
+    resources: Mapping[str, int] = field(default_factory=dict)
+    """Exclusive resource -> how many units there are; 1 where it is not named."""
+    purge_ros: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.catalog import DEVELOPER, Catalog, Group, Image, Policy, Request, Service
+from rorg.manifest.catalog import DEVELOPER, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
@@ -98,14 +98,13 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     profiles = {**built_in_profiles(), **by_kind.get("Profile", {})}
     merged, diagnostics = merge_profiles(profiles)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
-    default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
     for name, source in by_kind.get("Service", {}).items():
         wanted = source.spec.profile or COMMON  # type: ignore[attr-defined]
         if wanted not in profiles and wanted not in broken:
             diagnostics.append(Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'",
                                           nearest(wanted, profiles)))
-        services[name], found = render(source, merged.get(wanted, merged[COMMON]), default_idle)
+        services[name], found = render(source, merged.get(wanted, merged[COMMON]), policy)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
@@ -118,8 +117,7 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}
-    catalog = Catalog(services, groups, images, requests,
-                      Policy(policy.resync, policy.bulk_workers) if policy else Policy())
+    catalog = Catalog(services, groups, images, requests, _policy(policy) if policy else Policy())
     if not diagnostics:
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += _image_problems(images, by_kind.get("Image", {}))
@@ -133,7 +131,7 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
     resolved: dict[str, tuple[str, ...]] = {}
     for field in ("needs", "conflicts"):
         names: list[str] = []
-        written = list(getattr(source.spec, field))
+        written = [getattr(n, "service", n) for n in getattr(source.spec, field)]
         for name in getattr(service, field):
             where = source.where("spec", field, written.index(name)) if name in written else source.where(
                 "spec", "profile")
@@ -145,7 +143,14 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
-    return replace(service, **resolved), diagnostics
+    follows = {m for n in service.follows for m in (groups[n].services if n in groups else [n])} - {service.name}
+    return replace(service, **resolved, follows=tuple(sorted(follows))), diagnostics
+
+
+def _policy(spec: Any) -> Policy:
+    budget, pressure = spec.budget, spec.pressure
+    return Policy(spec.resync, spec.bulk_workers, Budget(**budget.model_dump()) if budget else None,
+                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros)
 
 
 def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
@@ -176,7 +181,7 @@ def _requests(sources: Mapping[str, Source], known: set[str], requesters: set[st
                 diagnostics.append(Diagnostic(source.where("spec", "services", index), f"unknown service '{service}'",
                                               nearest(service, known)))
         found.append(Request(name, spec.requester, tuple(spec.services), spec.reason or "", standing=True,
-                             where=source.where("metadata", "name")))
+                             priority=spec.priority, where=source.where("metadata", "name")))
     return tuple(found), diagnostics
 
 

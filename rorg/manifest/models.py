@@ -4,59 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.container import ContainerOptions, Device, Pairs, Strict, Texts, Words, recreate, unchanging
+from rorg.manifest.policy import Idle, PolicySpec, Units
+from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Duration, Memory, Name
 
 API_VERSION = "rorg/v1"
+Priority = Annotated[int, Field(ge=0, le=100)]
 
 
 class Metadata(Strict):
     name: Name
     description: str | None = None
     labels: Pairs = Field(default_factory=dict)
-
-
-class Idle(Strict):
-    """What becomes of a service that nobody wants any more."""
-
-    action: Literal["pause", "stop", "remove"] | None = unchanging(description="Default: stop.")
-    linger: Duration | None = unchanging(description="How long it stays active after that. Default: 0.")
-
-
-def _port(value: object) -> str:
-    port = str(value).rpartition(":")[2]
-    if isinstance(value, bool) or not port.isdigit() or not 0 < int(port) < 65536:
-        raise ValueError("must be PORT or HOST:PORT, with a port from 1 to 65535")
-    return str(value)
-
-
-def _url(value: str) -> str:
-    if not value.startswith("http://"):
-        raise ValueError("must be a URL that begins with http://")
-    return value
-
-
-Port = Annotated[str, BeforeValidator(_port), WithJsonSchema({"type": ["integer", "string"]})]
-Url = Annotated[str, AfterValidator(_url)]
-
-
-class Ready(Strict):
-    """When a running service counts as ready; exactly one of the probes. Without one, running is ready."""
-
-    delay: Duration | None = unchanging(description="Ready this long after it began to run.")
-    tcp: Port | None = unchanging(description="Ready when PORT, or HOST:PORT, accepts a connection.")
-    http: Url | None = unchanging(description="Ready when a GET of this http:// URL answers 2xx or 3xx.")
-    timeout: Duration = unchanging(30.0, description="After this, the service counts as late. Default: 30s.")
-    interval: Duration = unchanging(0.25, description="Time between two probes. Default: 250ms.")
-
-    @model_validator(mode="after")
-    def _one(self) -> Ready:
-        probes = [name for name in ("delay", "tcp", "http") if getattr(self, name) is not None]
-        if len(probes) != 1:
-            raise ValueError("exactly one of delay, tcp, http must be given")
-        return self
 
 
 class Resources(Strict):
@@ -78,8 +40,23 @@ class Driver(Strict):
     )
 
 
+class Need(Strict):
+    """A service that must be active, and ready, before this one."""
+
+    service: Name
+    restart: bool = unchanging(False, description="Restart this service too, whenever that one was restarted or "
+                                                  "replaced. Default: no.")
+
+
+def _need(value: object) -> object:
+    return {"service": value} if isinstance(value, str) else value
+
+
+Needs = list[Annotated[Need, BeforeValidator(_need)]]
+
+
 def _container_only(spec: ServiceSpec) -> list[str]:
-    return [n for n in ("image", "command", "profile", "idle", "ready", "driver", "mounts", "container", "restart")
+    return [n for n in ("image", "command", "profile", "idle", "ready", "live", "interlock", "driver", "mounts", "container", "restart")
             if getattr(spec, n) is not None]
 
 
@@ -90,16 +67,24 @@ class ServiceSpec(Strict):
     )
     command: Words | None = recreate()
     profile: Name | None = unchanging(description="A Profile: built in (ros1, ros2) or of this tree.")
-    needs: list[Name] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"},
-                              description="Services that must be active, and ready, before this one.")
+    needs: Needs = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"},
+                         description="Services that must be active, and ready, before this one: NAME, or "
+                                     "{service: NAME, restart: true}.")
     always_on: bool = unchanging(False)
     conflicts: list[Name] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"})
     idle: Idle | None = unchanging()
     ready: Ready | None = unchanging()
+    live: Live | None = unchanging()
+    protected: bool | None = unchanging(
+        description="Never ceased because the machine is under pressure. Default: true for drivers, else false.")
+    interlock: Interlock | None = unchanging()
+    exclusive: Units = Field(default_factory=dict, json_schema_extra={"x-rorg-change": "none"},
+                             description="Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says "
+                                         "how many there are; 1 where it does not.")
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )
-    priority: Annotated[int, Field(ge=0, le=100)] = unchanging(50)
+    priority: Priority = unchanging(50, description="Under pressure the lowest give way first. Default: 50.")
     resources: Resources = Field(default_factory=Resources, json_schema_extra={"x-rorg-change": "none"})
     driver: Driver | None = recreate()
     mounts: list[str] | None = recreate(
@@ -145,9 +130,10 @@ class ProfileSpec(Strict):
     """What several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
     extends: list[Name] = Field(default_factory=list)
-    needs: list[Name] = Field(default_factory=list)
+    needs: Needs = Field(default_factory=list)
     idle: Idle | None = None
     ready: Ready | None = None
+    live: Live | None = None
     restart: Literal["always", "on-failure", "never"] | None = None
     without_hardware: bool = Field(
         default=False,
@@ -156,22 +142,13 @@ class ProfileSpec(Strict):
     container: ContainerOptions | None = None
 
 
-class PolicySpec(Strict):
-    """Settings of the loop, for the whole machine."""
-
-    idle: Idle | None = Field(default=None, description="For services that do not say.")
-    resync: Duration = Field(default=60.0, description="Time between two full lists of the engine. Default: 60s.")
-    bulk_workers: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=2, description="Engine calls at once for work that no request waits for. Default: 2."
-    )
-
-
 class RequestSpec(Strict):
     """A standing request: it holds whenever its requester is active."""
 
     requester: Name = "developer"
     services: Annotated[list[Name], Field(min_length=1)]
     reason: str | None = None
+    priority: Priority | None = Field(default=None, description="Default: that of the services it names.")
 
 
 class Manifest(Strict):
@@ -194,27 +171,8 @@ SPECS: dict[str, type[Strict]] = {
 FOLDERS = {"services": "Service", "groups": "Group", "images": "Image", "profiles": "Profile", "policies": "Policy",
            "requests": "Request"}
 
-_SERVICE = {
-    ("Service", "live"): "liveness probes",
-    ("Service", "may_request"): "rights of services",
-    ("Service", "exclusive"): "exclusive resources",
-    ("Service", "ready", "exec"): "readiness by exec",
-    ("Service", "ready", "file"): "readiness by file",
-    ("Service", "ready", "log"): "readiness by log",
-    ("Service", "ready", "engine"): "readiness by the engine's health check",
-    ("Service", "ready", "ros_node"): "readiness by ros_node",
-    ("Service", "ready", "ros_topic"): "readiness by ros_topic",
-    ("Service", "ready", "ros_service"): "readiness by ros_service",
-    ("Service", "ready", "failures"): "a number of failures",
-    ("Service", "idle", "min_active"): "a least active time",
-    ("Service", "idle", "escalate"): "escalation of idling",
-    ("Service", "driver", "hotplug"): "hot-plugging",
-}
 NOT_YET = {
-    **_SERVICE,
-    **{("Profile", *path[1:]): what for path, what in _SERVICE.items() if path[1] in ("ready", "idle")},
-    ("Request", "ttl"): "leases",
-    ("Policy", "budget"): "budgets",
-    ("Policy", "pressure"): "pressure",
+    ("Service", "may_request"): "rights of services",
+    ("Service", "driver", "hotplug"): "hot-plugging",
 }
 """Fields that are planned: refused by name rather than accepted and ignored."""

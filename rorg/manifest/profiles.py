@@ -32,9 +32,10 @@ def built_in_profiles() -> dict[str, Source]:
 class Merged:
     """A profile with all that it extends, merged: the base first, the more special over it."""
 
-    needs: tuple[str, ...] = ()
+    needs: tuple[Any, ...] = ()
     idle: Mapping[str, Any] = field(default_factory=dict)
     ready: Any = None
+    live: Any = None
     restart: str | None = None
     without_hardware: bool = False
     container: Mapping[str, Any] = field(default_factory=dict)
@@ -95,6 +96,7 @@ def _own(spec: Any) -> Merged:
         needs=tuple(spec.needs),
         idle=spec.idle.model_dump(exclude_none=True) if spec.idle else {},
         ready=spec.ready,
+        live=spec.live,
         restart=spec.restart,
         without_hardware=spec.without_hardware,
         container=declared(spec.container),
@@ -106,6 +108,7 @@ def _over(base: Merged, top: Merged) -> Merged:
         needs=tuple(dict.fromkeys(base.needs + top.needs)),
         idle={**base.idle, **top.idle},
         ready=top.ready or base.ready,
+        live=top.live or base.live,
         restart=top.restart or base.restart,
         without_hardware=base.without_hardware or top.without_hardware,
         container=merge_options(base.container, top.container),

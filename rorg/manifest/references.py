@@ -59,7 +59,7 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     if not cycle:
         return []
     source = sources[cycle[0]]
-    written = list(source.spec.needs)  # type: ignore[attr-defined]
+    written = [n.service for n in source.spec.needs]  # type: ignore[attr-defined]
     where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
     return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.manifest.catalog import Idle, Ready, Service
+from rorg.manifest.catalog import Idle, Probe, Service
 from rorg.manifest.diagnostics import Diagnostic
 from rorg.manifest.documents import Source
+from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import Merged, declared, merge_options
 
 REALTIME = {
@@ -17,30 +18,47 @@ REALTIME = {
     "ulimits": {"rtprio": {"soft": 99, "hard": 99}, "memlock": {"soft": -1, "hard": -1}},
 }
 """What a control loop needs to run at a real-time priority with its memory locked."""
+ROS_MASTER = "http://localhost:11311"
+"""Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
 
 
-def render(source: Source, profile: Merged, default_idle: Mapping[str, Any]) -> tuple[Service, list[Diagnostic]]:
-    """The service of a manifest. `profile` already stands on `common`; `default_idle` is the Policy's."""
+INTERVALS = {"ready": 0.25, "live": 10.0, "interlock": 0.25}
+"""Seconds between two probes, where the manifest does not say. An exec costs the engine 50 ms, so it waits longer."""
+EXEC_INTERVAL = 1.0
+
+
+def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[Diagnostic]]:
+    """The service of a manifest. `profile` already stands on `common`; `policy` is the Policy's spec, or None."""
     spec: Any = source.spec
     diagnostics: list[Diagnostic] = []
     meta = spec.type == "meta"
+    default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     idle = {**default_idle, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
-    ready = None if meta else spec.ready or profile.ready
-    needs = list(spec.needs) + [n for n in profile.needs if n != source.name and not meta]
+    needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
+    container = None if meta else _container(source, profile, diagnostics)
+    driver = spec.driver is not None
+    protected = driver if spec.protected is None else spec.protected
+    interlock = spec.interlock or (policy.interlock if policy and (driver or protected) else None)
+    master = (container or {}).get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
     service = Service(
         name=source.name,
         meta=meta,
         always_on=spec.always_on,
-        needs=tuple(dict.fromkeys(needs)),
+        needs=tuple(dict.fromkeys(n.service for n in needs)),
+        follows=tuple(sorted({n.service for n in needs if n.restart})),
         conflicts=tuple(spec.conflicts),
-        idle=Idle(**idle),
-        ready=_ready(ready) if ready else None,
+        exclusive=dict(spec.exclusive),
+        idle=_idle(idle),
+        ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
+        live=None if meta else probe(spec.live or profile.live, "live", master),
+        interlock=None if meta else probe(interlock, "interlock", master),
+        protected=protected,
         restart=spec.restart or profile.restart or "always",
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        driver=spec.driver is not None,
-        spec=None if meta else _container(source, profile, diagnostics),
+        driver=driver,
+        spec=container,
         description=source.description,
         labels=source.labels,
         where=source.where("metadata", "name"),
@@ -48,13 +66,25 @@ def render(source: Source, profile: Merged, default_idle: Mapping[str, Any]) -> 
     return service, diagnostics
 
 
-def _ready(model: Any) -> Ready:
-    probe = next(name for name in ("delay", "tcp", "http") if getattr(model, name) is not None)
-    target = getattr(model, probe)
-    if probe == "tcp":
+def _idle(declared: Mapping[str, Any]) -> Idle:
+    escalate = declared.get("escalate")
+    return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+
+
+def probe(model: Any, role: str, master: str = "") -> Probe | None:
+    """A probe as the loop asks it; `role` is ready, live or interlock."""
+    if model is None:
+        return None
+    kind = next(name for name in FORMS if getattr(model, name, None) is not None)
+    target = getattr(model, kind)
+    if kind == "tcp":
         host, _, port = str(target).rpartition(":")
         target = f"{host or '127.0.0.1'}:{port}"
-    return Ready(probe, target, model.timeout, model.interval)
+    interval = model.interval
+    if interval is None:
+        interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]
+    return Probe(kind, tuple(target) if isinstance(target, list) else target, getattr(model, "timeout", 30.0), interval,
+                 getattr(model, "failures", None) or 0, master if kind.startswith("ros_") else "")
 
 
 def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> dict[str, Any]:

@@ -1,0 +1,97 @@
+"""What a manifest can ask of a service to know how it is: the probes of `ready`, `live` and `interlock`."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
+
+from rorg.manifest.container import Strict, Words, unchanging
+from rorg.manifest.scalars import Duration
+
+
+def _port(value: object) -> str:
+    port = str(value).rpartition(":")[2]
+    if isinstance(value, bool) or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ValueError("must be PORT or HOST:PORT, with a port from 1 to 65535")
+    return str(value)
+
+
+def _url(value: str) -> str:
+    if not value.startswith("http://"):
+        raise ValueError("must be a URL that begins with http://")
+    return value
+
+
+def _absolute(value: str) -> str:
+    if not value.startswith("/"):
+        raise ValueError("must begin with /")
+    return value
+
+
+def _pattern(value: str) -> str:
+    try:
+        re.compile(value)
+    except re.error as error:
+        raise ValueError(f"not a regular expression: {error}") from error
+    return value
+
+
+Port = Annotated[str, BeforeValidator(_port), WithJsonSchema({"type": ["integer", "string"]})]
+Url = Annotated[str, AfterValidator(_url)]
+Absolute = Annotated[str, AfterValidator(_absolute)]
+Pattern = Annotated[str, AfterValidator(_pattern)]
+Failures = Annotated[int, Field(ge=1, le=1000)]
+
+
+class Probe(Strict):
+    """Exactly one of the forms, and how often it is tried."""
+
+    tcp: Port | None = unchanging(description="PORT, or HOST:PORT, accepts a connection.")
+    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx.")
+    file: Absolute | None = unchanging(description="This file was written since the service started.")
+    interval: Duration | None = unchanging(description="Time between two probes.")
+
+    @model_validator(mode="after")
+    def _one(self) -> Probe:
+        forms = [n for n in FORMS if n in type(self).model_fields]
+        if sum(getattr(self, name) is not None for name in forms) != 1:
+            raise ValueError(f"exactly one of {', '.join(forms)} must be given")
+        return self
+
+
+class ServiceProbe(Probe):
+    """Forms that look into a service's container or at its place in the ROS graph."""
+
+    exec: Words | None = unchanging(description="This command, run inside the container, exits 0. Costs about 50 ms "
+                                                "each time; the others cost 1 or 2.")
+    log: Pattern | None = unchanging(description="A line of the output matches this regular expression.")
+    engine: Literal["healthy"] | None = unchanging(description="The engine's own health check says healthy.")
+    ros_node: Absolute | None = unchanging(description="This ROS 1 node is registered, and answers.")
+    ros_topic: Absolute | None = unchanging(description="This ROS 1 topic has a publisher.")
+    ros_service: Absolute | None = unchanging(description="This ROS 1 service is there, and accepts a connection.")
+
+
+class Ready(ServiceProbe):
+    """When a running service counts as ready. Without it, running is ready."""
+
+    delay: Duration | None = unchanging(description="Ready this long after it began to run.")
+    timeout: Duration = unchanging(30.0, description="After this, the service counts as late. Default: 30s.")
+    failures: Failures | None = unchanging(
+        description="Go on probing a ready service, once a second at the most; so many failures in a row, and it is "
+                    "not ready any more. Default: it stays ready until it is resumed or restarted.")
+
+
+class Live(ServiceProbe):
+    """Restarts a service that runs, was ready, and does not answer any more. `file`: it must be touched at least
+    every `interval`."""
+
+    failures: Failures = unchanging(3, description="Failures in a row before the restart. Default: 3.")
+
+
+class Interlock(Probe):
+    """What must allow it before a container of this service is touched. `file`: it is there, on this machine."""
+
+
+FORMS = ("delay", "tcp", "http", "exec", "file", "log", "engine", "ros_node", "ros_topic", "ros_service")
