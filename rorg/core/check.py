@@ -36,6 +36,8 @@ def check(plan: Plan, situation: Situation) -> list[str]:
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
         found += _activation(action, situation)
+        if situation.interlocks.get(action.service) and action.verb not in ("create", "rename"):
+            found.append(f"{action} against its interlock")
     if plan.actions and not situation.observed.complete:
         found.append("actions on an incomplete observation")
     return found
@@ -55,8 +57,7 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
     if name in situation.wanted and action.verb in ("pause", "remove", "stop") and not (
-            action.part_of or action.reason in ("restart asked for", "a second container of this service",
-                                                "the engine calls it dead")):
+            action.part_of or action.reason in ("a second container of this service", "the engine calls it dead")):
         return [f"{action}, which is wanted"]
     return []
 

@@ -3,35 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from rorg.core.arbitrate import Verdict, arbitrate
 from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
 from rorg.core.lanes import Lanes, relief, select
-from rorg.core.memory import Memory, Probe, advance, begin
-from rorg.core.observed import Observed
+from rorg.core.memory import Findings, Memory, advance, begin
+from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
+from rorg.core.pressure import Load
+from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
-from rorg.core.wanted import arbitrate, urgent
-from rorg.manifest.catalog import Request
+from rorg.core.wanted import urgent
+from rorg.manifest.catalog import Hold, Probe, Request
+from rorg.manifest.scalars import format_seconds
+
+FRESH = 1.0
+"""Seconds for which the answer of an interlock counts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What a pass reads. `requests` are those of the requests file; standing ones come with the catalog."""
+    """What a pass reads. `requests`, `restarts`, `holds` and `suspended` are those of the requests file; standing
+    requests come with the catalog."""
 
     desired: Desired
     requests: tuple[Request, ...]
     restarts: Mapping[str, str]
     observed: Observed
-    probes: Mapping[str, Probe]
+    findings: Findings
     memory: Memory
     now: float
     owner: str
     removals: bool = True
     booted_at: str = ""
     lanes: Lanes = Lanes()
+    holds: Mapping[str, Hold] = field(default_factory=dict)
+    suspended: Hold | None = None
+    wall: float = 0.0
+    """Seconds since the epoch, for what people said `until`."""
+    load: Load | None = None
+    renewals: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    """How often each request was renewed since rorg runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Something to probe, as long as it is told to. Two equal ones ask the same."""
+
+    probe: Probe
+    incarnation: str
+    every: float
+    container: Container | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,46 +70,92 @@ class Decision:
     violations: tuple[str, ...] = ()
     deadline: float | None = None
     """When to look again though nothing wakes the loop; None for never."""
-    to_probe: Mapping[str, str] = field(default_factory=dict)
-    """Services to probe for readiness, with the incarnation to probe."""
+    to_probe: Mapping[tuple[str, str], Target] = field(default_factory=dict)
+    """By (service, role)."""
+    holds: Mapping[str, str] = field(default_factory=dict)
+    """Services that a person holds now, each with the reason."""
 
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
     desired, now = inputs.desired, inputs.now
-    settled = settle(desired.catalog, inputs.requests, inputs.observed)
-    found, gave_way = arbitrate(desired.catalog, (*desired.catalog.requests, *settled.requests))
-    memory = advance(inputs.memory, desired.catalog, found, inputs.observed, inputs.probes, now, inputs.booted_at)
-    situation = Situation(desired, found, urgent(desired.catalog, found), inputs.observed, memory, now, inputs.owner,
-                          inputs.restarts, inputs.removals, gave_way)
+    settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
+    requests = (*desired.catalog.requests, *settled.requests)
+    holds = {n: _until("held", h, inputs.wall) for n, h in inputs.holds.items() if h.until > inputs.wall}
+    shed = {s.service: s.reason for s in inputs.memory.pressure.shed}
+    verdict = arbitrate(desired.catalog, requests, {**shed, **holds})
+    memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
+                     inputs.findings, now, inputs.booted_at)
+    memory, relieved = relieve(memory, desired, verdict, requests, inputs.observed, inputs.load)
+    if memory.pressure.shed != inputs.memory.pressure.shed:
+        verdict = arbitrate(desired.catalog, requests, {
+            **{s.service: s.reason for s in memory.pressure.shed}, **holds})
+    situation = Situation(
+        desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
+        inputs.restarts, inputs.removals, verdict.gave_way, verdict.ranks, _interlocks(inputs), relieved.lowered,
+        relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed,
+        _until("suspended", inputs.suspended, inputs.wall)
+        if inputs.suspended and inputs.suspended.until > inputs.wall else "")
     plan = make_plan(situation)
     violations = tuple(check(plan, situation))
-    chosen = () if violations else tuple(select(plan, memory.in_flight, inputs.lanes, now))
+    held_back = violations or situation.suspended
+    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, now))
     for action in chosen:
         memory = begin(memory, action, inputs.observed, now)
-    return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan),
-                    to_probe(situation))
+    return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
+                    to_probe(situation, plan), holds)
 
 
-def _deadline(situation: Situation, plan: Plan) -> float | None:
-    times = [w.until for w in plan.waitings if w.until is not None and w.until > situation.now]
-    memory = situation.memory
+def _until(word: str, hold: Hold, wall: float) -> str:
+    return f"{word} for {format_seconds(hold.until - wall)}" + (f": {hold.reason}" if hold.reason else "")
+
+
+def _interlocks(inputs: Inputs) -> dict[str, str]:
+    """What each interlock said just now: empty where it allows."""
+    found = {}
+    for name, service in inputs.desired.catalog.services.items():
+        if service.interlock:
+            said = inputs.findings.get((name, "interlock"))
+            fresh = said is not None and inputs.now - said.at <= FRESH
+            found[name] = "" if fresh and said.ok else (said.message if fresh else f"{service.interlock} is being asked")
+    return found
+
+
+def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
+    now, memory = situation.now, situation.memory
+    times = [w.until for w in plan.waitings if w.until is not None] + [plan.alarm or 0.0]
     for name, step in memory.progress.items():
         service = situation.desired.catalog.services.get(name)
         if service and service.ready and step.running_since is not None and not step.ready:
             times.append(step.running_since + (
-                float(service.ready.target) if service.ready.probe == "delay" else service.ready.timeout))
-    freed = relief(memory.in_flight, situation.now)
+                float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout))
+    times += [lease.until for lease in memory.leases.values()]
+    ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
+    times += [now + (end - inputs.wall) for end in ends]
+    freed = relief(memory.in_flight, now)
     if freed is not None:
         times.append(freed)
-    return min((t for t in times if t > situation.now), default=None)
+    return min((t for t in times if t > now), default=None)
 
 
-def to_probe(situation: Situation) -> dict[str, str]:
-    """Wanted services that run and are not known to be ready; those whose probe is the clock need none."""
-    found = {}
+def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
+    """Readiness of wanted services that run, until they are ready (or always, where it can be lost); life of those
+    that are; interlocks of services that the plan wants to touch. A probe that is the clock needs nobody to ask."""
+    found: dict[tuple[str, str], Target] = {}
+    containers = situation.observed.by_service()
+    services = situation.desired.catalog.services
     for name in situation.wanted:
-        ready, step = situation.desired.catalog.services[name].ready, situation.memory.of(name)
-        if ready and ready.probe != "delay" and step.running_since is not None and not step.ready:
-            found[name] = step.incarnation
+        service, step = services[name], situation.memory.of(name)
+        if step.running_since is None:
+            continue
+        current = next(iter(containers.get(name, [])), None)
+        if service.ready and service.ready.kind != "delay" and (not step.ready or service.ready.failures):
+            every = max(service.ready.interval, 1.0) if step.ready else service.ready.interval
+            found[name, "ready"] = Target(service.ready, step.incarnation, every, current)
+        if service.live and step.ready:
+            found[name, "live"] = Target(service.live, step.incarnation, service.live.interval, current)
+    for name in {a.service for a in plan.actions} | {w.service for w in plan.waitings}:
+        interlock = services[name].interlock if name in services else None
+        if interlock:
+            found[name, "interlock"] = Target(interlock, "", interlock.interval)
     return found

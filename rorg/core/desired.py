@@ -24,6 +24,8 @@ class Desired:
     dependants: Mapping[str, tuple[str, ...]]
     conflicts: Mapping[str, tuple[str, ...]]
     """In both directions, whichever side declared them."""
+    sharers: Mapping[str, tuple[str, ...]]
+    """Exclusive resource -> the services that use it."""
 
 
 def desire(catalog: Catalog) -> Desired:
@@ -32,9 +34,12 @@ def desire(catalog: Catalog) -> Desired:
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     dependants: dict[str, list[str]] = {name: [] for name in services}
     conflicts: dict[str, set[str]] = {name: set() for name in services}
+    sharers: dict[str, list[str]] = {}
     for name, service in services.items():
         for need in graph[name]:
             dependants[need].append(name)
+        for resource in service.exclusive:
+            sharers.setdefault(resource, []).append(name)
         for other in service.conflicts:
             if other in services and other != name:
                 conflicts[name].add(other)
@@ -45,6 +50,7 @@ def desire(catalog: Catalog) -> Desired:
         tuple(TopologicalSorter(graph).static_order()),
         {name: tuple(sorted(found)) for name, found in dependants.items()},
         {name: tuple(sorted(found)) for name, found in conflicts.items()},
+        {resource: tuple(sorted(found)) for resource, found in sharers.items()},
     )
 
 
@@ -64,4 +70,20 @@ class Situation:
     removals: bool = True
     """False while manifests do not load: then nothing that they do not name is removed."""
     gave_way: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted but for a conflict, each with the reason."""
+    """Services that would be wanted but for something, each with the reason."""
+    ranks: Mapping[str, int] = field(default_factory=dict)
+    """How much each wanted service matters (see arbitrate)."""
+    interlocks: Mapping[str, str] = field(default_factory=dict)
+    """Services with an interlock: empty text where it allows touching them now, else why not."""
+    lowered: frozenset[str] = frozenset()
+    """Services that are to leave the CPU to others."""
+    hurry: bool = False
+    """Nothing lingers."""
+    stop_paused: bool = False
+    """What is paused and not wanted is stopped."""
+    shed: frozenset[str] = frozenset()
+    """Services that must free what they use: pausing them is not enough."""
+    closed: str = ""
+    """Why nothing below `admit` is started now; empty when everything may be."""
+    suspended: str = ""
+    """Why nothing is done at all now."""

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeGuard
 
 from rorg.core.backoff import STABLE, STALLED_AFTER, delay
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
+from rorg.core.pressure import NONE as CALM
+from rorg.core.pressure import Pressure
 from rorg.core.wanted import Wanted
 from rorg.manifest.catalog import Catalog, Service
 
 
 @dataclass(frozen=True, slots=True)
-class Probe:
-    """The last readiness probe of a service. `at` is the loop's clock in seconds when the probe began."""
+class Finding:
+    """What the last probe of a service found. `at` is the loop's clock in seconds when the probe began."""
 
     incarnation: str
     ok: bool
     at: float
     message: str = ""
+    failures: int = 0
+    """Failures in a row."""
+
+
+Findings = Mapping[tuple[str, str], Finding]
+"""By (service, role); the role is ready, live or interlock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +36,8 @@ class Progress:
     """Of one service. Times are of the loop's monotonic clock, in seconds."""
 
     unwanted_since: float | None = None
+    ceased_since: float | None = None
+    """Since when it is unwanted and does not run."""
     incarnation: str = ""
     running_since: float | None = None
     """Since when its incarnation runs, as far as seen; a resume begins it anew."""
@@ -39,6 +50,10 @@ class Progress:
     """The incarnation whose exit was counted last."""
     stopped: str = ""
     """The incarnation that we stopped ourselves: its exit is no failure."""
+    hung: str = ""
+    """The incarnation that did not answer its `live` probe any more."""
+    crashes: int = 0
+    """Unexpected ends since rorg runs, hung incarnations included."""
     retry_verb: str = ""
     retry_at: float = 0.0
     attempt: tuple = ()
@@ -63,9 +78,20 @@ class InFlight:
 
 
 @dataclass(frozen=True, slots=True)
+class Lease:
+    """When a request runs out, by the loop's clock. `stamp` changes with every renewal."""
+
+    stamp: str
+    until: float
+
+
+@dataclass(frozen=True, slots=True)
 class Memory:
     progress: Mapping[str, Progress] = field(default_factory=dict)
     in_flight: Mapping[str, InFlight] = field(default_factory=dict)
+    leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
+    """By (requester, id)."""
+    pressure: Pressure = CALM
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)
@@ -74,9 +100,9 @@ class Memory:
 NONE = Progress()
 
 
-def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed, probes: Mapping[str, Probe],
+def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed, findings: Findings,
             now: float, booted_at: str = "") -> Memory:
-    """Takes note of what is wanted and observed now: lingering, runs, exits, readiness."""
+    """Takes note of what is wanted and observed now: lingering, runs, exits, readiness, life."""
     if not observed.complete:
         return memory
     by_service = observed.by_service()
@@ -87,10 +113,13 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         containers = by_service.get(name, [])
         current = containers[0] if containers else None
         step = _fresh(_wanted(memory.of(name), name in found, now), current)
-        step = _run(step, current, now)
+        step = _ceased(_run(step, current, now), current, now)
         if name in found and name not in memory.in_flight:
-            step = _exit(step, service, current, now, booted_at)
-        progress[name] = _ready(step, service, current, probes.get(name), now)
+            step = _exit(step, current, now, booted_at)
+        step = _ready(step, service, findings.get((name, "ready")), now)
+        if name in found and name not in memory.in_flight:
+            step = _live(step, service, findings.get((name, "live")), now)
+        progress[name] = step
     return replace(memory, progress=progress)
 
 
@@ -123,7 +152,13 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
     return step
 
 
-def _exit(step: Progress, service: Service, current: Container | None, now: float, booted_at: str) -> Progress:
+def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
+    if step.unwanted_since is None or current is None or current.active:
+        return replace(step, ceased_since=None) if step.ceased_since is not None else step
+    return replace(step, ceased_since=now) if step.ceased_since is None else step
+
+
+def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
     if current is None or current.state != "exited" or not current.started_at or current.started_at < booted_at:
         return step
     run = current.incarnation
@@ -131,24 +166,44 @@ def _exit(step: Progress, service: Service, current: Container | None, now: floa
         return step
     exits = step.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
-    return replace(step, exits=exits, exited=run, retry_verb="start", retry_at=now + delay(exits),
-                   error=f"ended with {why}", attempts=0, attempt=())
+    return replace(step, exits=exits, crashes=step.crashes + 1, exited=run, retry_verb="start",
+                   retry_at=now + delay(exits), error=f"ended with {why}", attempts=0, attempt=())
 
 
-def _ready(step: Progress, service: Service, current: Container | None, probe: Probe | None, now: float) -> Progress:
-    if step.running_since is None or step.ready or current is None:
+def _ready(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
+    if step.running_since is None:
         return step
     if service.ready is None:
-        return replace(step, ready=True)
-    if service.ready.probe == "delay":
+        return replace(step, ready=True) if not step.ready else step
+    if service.ready.kind == "delay":
         # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
-        return replace(step, ready=True) if now >= step.running_since + float(service.ready.target) else step
-    if probe and probe.incarnation == step.incarnation and probe.at >= step.running_since:
-        if probe.ok:
-            return replace(step, ready=True, probe="")
-        if probe.message != step.probe:
-            return replace(step, probe=probe.message)
-    return step
+        return replace(step, ready=True) if not step.ready and now >= step.running_since + float(
+            service.ready.target) else step
+    if not _fits(found, step):
+        return step
+    if step.ready:
+        lost = service.ready.failures and found.failures >= service.ready.failures
+        return replace(step, ready=False, probe=found.message) if lost else step
+    if found.ok:
+        return replace(step, ready=True, probe="")
+    return replace(step, probe=found.message) if found.message != step.probe else step
+
+
+def _live(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
+    """A service that was ready and does not answer any more counts as ended; the planner stops what is left of it."""
+    if service.live is None or step.hung == step.incarnation or not _fits(found, step):
+        return step
+    if found.failures < service.live.failures:
+        return step
+    exits = step.exits + 1
+    return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1, retry_verb="start",
+                   retry_at=now + delay(exits), error=f"did not answer ({found.message})", attempts=0, attempt=())
+
+
+def _fits(found: Finding | None, step: Progress) -> TypeGuard[Finding]:
+    """It is about this run: not of another incarnation, nor from before a resume."""
+    return (found is not None and step.running_since is not None and found.incarnation == step.incarnation
+            and found.at >= step.running_since)
 
 
 def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Memory:
@@ -158,8 +213,8 @@ def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Mem
     signature = (action.verb, action.container, action.args.get("digest", ""), state)
     attempts = step.attempts + 1 if signature == step.attempt else 1
     step = replace(step, attempt=signature, attempts=attempts)
-    return Memory({**memory.progress, action.service: step},
-                  {**memory.in_flight, action.service: InFlight(action, now)})
+    return replace(memory, progress={**memory.progress, action.service: step},
+                   in_flight={**memory.in_flight, action.service: InFlight(action, now)})
 
 
 def finish(memory: Memory, action: Action, error: str, incarnation: str, now: float) -> Memory:
@@ -172,4 +227,4 @@ def finish(memory: Memory, action: Action, error: str, incarnation: str, now: fl
         step = replace(step, retry_verb="", retry_at=0.0, error="")
     if action.verb == "stop" and not error:
         step = replace(step, stopped=incarnation)
-    return Memory({**memory.progress, action.service: step}, in_flight)
+    return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

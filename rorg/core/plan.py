@@ -42,7 +42,7 @@ class Action:
     """A live request waits for it."""
     priority: int = 50
     part_of: str = ""
-    """"replace" for the actions that replace a container together."""
+    """"replace" or "restart" for the actions that do that together."""
 
     def __str__(self) -> str:
         return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({self.reason})"
@@ -62,6 +62,8 @@ class Waiting:
 class Plan:
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()
+    alarm: float | None = None
+    """Time of the loop's clock at which something will have to be done though nobody waits for it."""
 
     @property
     def empty(self) -> bool:
@@ -73,11 +75,12 @@ class Plan:
         width = max((len(n.service) for n in (*self.actions, *self.waitings)), default=0)
         replaced = ""
         for action in self.actions:
-            if action.part_of and replaced != action.service:
+            part = action.part_of == "replace"
+            if part and replaced != action.service:
                 lines.append(_line("replace", action.service, width, _why(action)))
-            replaced = action.service if action.part_of else ""
-            reason = ", ".join(filter(None, ["" if action.part_of else _why(action), _after(action, self)]))
-            lines.append(("    " if action.part_of else "") + _line(action.verb, action.service, width, reason))
+            replaced = action.service if part else ""
+            reason = ", ".join(filter(None, ["" if part else _why(action), _after(action, self)]))
+            lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
         return "".join(line.rstrip() + "\n" for line in [*lines, self.summary()])
 
@@ -86,8 +89,8 @@ class Plan:
         if self.empty:
             return "No differences."
         names = ("create", "update", "rename", "start", "resume", "pause", "stop", "remove")
-        replaced = len({a.service for a in self.actions if a.part_of})
-        counts = {n: sum(a.verb == n and not a.part_of for a in self.actions) for n in names}
+        replaced = len({a.service for a in self.actions if a.part_of == "replace"})
+        counts = {n: sum(a.verb == n and a.part_of != "replace" for a in self.actions) for n in names}
         parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]
         parts += [f"{len(self.waitings)} waiting"] * bool(self.waitings)
         return "Plan: " + ", ".join(parts) + "."

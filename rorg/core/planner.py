@@ -7,32 +7,11 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
-
+from rorg.core.chains import Chains, Step, away
 from rorg.core.desired import Situation
-from rorg.core.diff import Difference, difference
-from rorg.core.digest import labels
-from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
-
-STOP_GRACE = 5.0
-"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One link of a service's chain, not yet let through."""
-
-    verb: str
-    container: Container | None
-    reason: str
-    fields: tuple[str, ...] = ()
-    args: Mapping[str, Any] = field(default_factory=dict)
-    part_of: str = ""
 
 
 def make_plan(situation: Situation) -> Plan:
@@ -54,6 +33,7 @@ class _Planner:
         """Index of the last action of a service's chain."""
         self.blocked: dict[str, str] = {}
         """Why a service's chain stops short, for those who wait for it."""
+        self.chains = Chains(situation, self.containers, self.last)
 
     def plan(self) -> Plan:
         for name in sorted(set(self.containers) - {n for n, s in self.services.items() if not s.meta}):
@@ -65,9 +45,9 @@ class _Planner:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
         self.waitings += [Waiting(name, reason) for name, reason in self.s.gave_way.items()]
-        return Plan(tuple(self.actions), tuple(self.waitings))
-
-    # -- chains ------------------------------------------------------------------------------------------------
+        if self.s.suspended:
+            self.waitings.append(Waiting("rorg", self.s.suspended))
+        return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
 
     def undeclared(self, name: str) -> None:
         """A service of ours that no manifest declares any more."""
@@ -76,100 +56,8 @@ class _Planner:
         if not self.s.removals:
             self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))
             return
-        steps = [s for c in self.containers[name] for s in _away(c, "no manifest declares it")]
+        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it")]
         self.emit(Service(name), steps)
-
-    def chain(self, service: Service) -> list[Step]:
-        """All steps of a service, from what is observed to what is desired."""
-        name, spec = service.name, service.spec or {}
-        is_wanted = name in self.s.wanted
-        keep = is_wanted or service.idle.action != "remove"
-        pairs = [(c, difference(c, spec, self.desired.digests[name])) for c in self.containers.get(name, [])]
-        current = next(((c, d) for c, d in pairs if not d.recreate), None) if keep else None
-        stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        steps: list[Step] = []
-        new_name = ""
-        if keep and current is None:
-            new_name = self.free_name(service, [c for c, _ in stale])
-            steps.append(self.create(service, new_name, stale))
-        steps += self.clear(service, stale, keep)
-        if current:
-            steps += self.adjust(service, *current)
-        elif keep and new_name != service.container_name:
-            steps.append(Step("rename", None, "it takes its name", args={"name": service.container_name}))
-        if is_wanted:
-            steps += self.wake(service, current[0] if current else None, steps)
-        elif current:
-            steps += self.cease(service, current[0])
-        if any(diff.recreate for _, diff in stale) and keep:
-            steps = [replace(s, part_of="replace") for s in steps]
-        return steps
-
-    def free_name(self, service: Service, stale: list[Container]) -> str:
-        """The service's name, or one made of the digest while an older container of the service still has it."""
-        if any(c.name == service.container_name for c in stale):
-            return f"{service.container_name}.{self.desired.digests[service.name].partition(':')[2][:8]}"
-        return service.container_name
-
-    def create(self, service: Service, name: str, stale: list[tuple[Container, Difference]]) -> Step:
-        spec = service.spec or {}
-        fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
-        return Step("create", None, "changed" if stale else "no container", fields, {
-            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec),
-            "digest": self.desired.digests[service.name],
-        })
-
-    def clear(self, service: Service, stale: list[tuple[Container, Difference]], keep: bool) -> list[Step]:
-        """The way out for containers that are not (or no longer) the service's one."""
-        steps: list[Step] = []
-        for container, diff in stale:
-            reason = "changed" if diff.recreate else "a second container of this service"
-            steps += _away(container, reason if keep else "not wanted", service)
-        return steps
-
-    def adjust(self, service: Service, container: Container, diff: Difference) -> list[Step]:
-        """Name and live options of the container that stays."""
-        steps = []
-        if diff.live:
-            steps.append(Step("update", container, "changed", tuple(sorted(diff.live)), {"options": diff.live}))
-        if container.name != service.container_name:
-            steps.append(Step("rename", container, f"it is called {container.name}",
-                              args={"name": service.container_name}))
-        asked = self.s.restarts.get(service.name, "")
-        if container.alive and container.started_at < asked and service.name in self.s.wanted:
-            steps.append(_stop(container, "restart asked for", service))
-        return steps
-
-    def wake(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
-        why = str(self.s.wanted[service.name][0])
-        if container is None or any(s.verb == "stop" and s.container is container for s in steps):
-            return [Step("start", container, why)]
-        if container.state == "paused":
-            return [Step("resume", container, why)]
-        if container.state in ("running", "restarting", "removing"):
-            return []
-        if container.state == "dead":
-            return [Step("remove", container, "the engine calls it dead")]
-        step = self.s.memory.of(service.name)
-        if step.over(service, container):
-            return []
-        if container.state == "exited" and step.exited == container.incarnation:
-            why += f"; {step.error}"
-        return [Step("start", container, why)]
-
-    def completed(self, need: str) -> bool:
-        """It did what it was for, and ended well."""
-        current = next(iter(self.containers.get(need, [])), None)
-        return current is not None and current.exit_code == 0 and self.s.memory.of(need).over(
-            self.services[need], current)
-
-    def cease(self, service: Service, container: Container) -> list[Step]:
-        """A service that nobody wants: as its idle policy says. (Removal is chain()'s: nothing is kept then.)"""
-        if container.active and service.idle.action == "pause":
-            return [Step("pause", container, "not wanted")]
-        if container.alive and service.idle.action == "stop":
-            return [_stop(container, "not wanted", service)]
-        return []
 
     # -- what may happen now -----------------------------------------------------------------------------------
 
@@ -181,7 +69,7 @@ class _Planner:
         if flight:
             self.blocked[name] = f"{flight.action.verb} under way for {format_seconds(self.s.now - flight.since)}"
             return
-        self.emit(service, self.chain(service))
+        self.emit(service, self.chains.of(service))
 
     def emit(self, service: Service, steps: list[Step]) -> None:
         """Appends a chain's steps up to the first one that must wait."""
@@ -218,6 +106,12 @@ class _Planner:
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {memory.error or 'no effect'}; again in {wait}",
                                memory.retry_at)
+        locked = self.s.interlocks.get(service.name, "") if step.verb not in ("create", "rename") else ""
+        if locked:
+            return (), Waiting(service.name, f"interlock: {locked}")
+        begins = step.verb in ("start", "resume") or step.part_of
+        if self.s.closed and begins and self.s.ranks.get(service.name, 0) < self.desired.catalog.policy.pressure.admit:
+            return (), Waiting(service.name, self.s.closed)
         if step.verb in ("start", "resume"):
             return self.gate_start(service)
         if step.verb in ("pause", "stop", "remove") and service.name not in self.s.wanted:
@@ -237,7 +131,28 @@ class _Planner:
                 if other not in self.last:
                     return (), Waiting(service.name, f"conflicts with {other}, which is active")
                 after.append(self.last[other])
+        for resource in service.exclusive:
+            holders = self.holders(service, resource)
+            if holders and all(h in self.last for h in holders):
+                after += [self.last[h] for h in holders]
+            elif holders:
+                return (), Waiting(service.name, f"waits for {resource}, which {', '.join(holders)} still uses")
         return tuple(after), None
+
+    def holders(self, service: Service, resource: str) -> list[str]:
+        """Who must let go of an exclusive resource before this service can begin; a paused one still holds it."""
+        users = [o for o in self.desired.sharers[resource] if o != service.name and any(
+            c.alive for c in self.containers.get(o, []))]
+        used = service.exclusive[resource] + sum(self.services[o].exclusive[resource] for o in users)
+        if used <= self.desired.catalog.policy.resources.get(resource, 1):
+            return []
+        return [o for o in users if o not in self.s.wanted] or users
+
+    def completed(self, need: str) -> bool:
+        """It did what it was for, and ended well."""
+        current = next(iter(self.containers.get(need, [])), None)
+        return current is not None and current.exit_code == 0 and self.s.memory.of(need).over(
+            self.services[need], current)
 
     def unready(self, need: str) -> str:
         """Why a needed service is not ready and nothing in this plan will make it so; empty otherwise."""
@@ -252,7 +167,7 @@ class _Planner:
             return ""
         if step.running_since is None:
             return f"is not running ({step.error or 'ended'})"
-        seconds = None if ready is None else float(ready.target) if ready.probe == "delay" else ready.timeout
+        seconds = None if ready is None else float(ready.target) if ready.kind == "delay" else ready.timeout
         limit = "" if seconds is None else f" of {format_seconds(seconds)}"
         detail = f": {step.probe}" if step.probe else ""
         return f"is not ready ({format_seconds(self.s.now - step.running_since)}{limit}){detail}"
@@ -260,7 +175,7 @@ class _Planner:
     def deadline(self, need: str) -> float | None:
         """When a needed service becomes ready by the clock alone."""
         step, ready = self.s.memory.of(need), self.services[need].ready if need in self.services else None
-        if ready and ready.probe == "delay" and step.running_since is not None:
+        if ready and ready.kind == "delay" and step.running_since is not None:
             return step.running_since + float(ready.target)
         return None
 
@@ -276,22 +191,12 @@ class _Planner:
                 after.append(self.last[dependant])
         since = self.s.memory.of(service.name).unwanted_since
         rivals = [o for o in self.desired.conflicts.get(service.name, ()) if o in self.s.wanted]
-        until = (self.s.now if since is None else since) + (0.0 if rivals else service.idle.linger)
-        if until > self.s.now:
+        until = (self.s.now if since is None else since) + service.idle.linger
+        began = self.s.memory.of(service.name).running_since
+        if began is not None:
+            until = max(until, began + service.idle.min_active)
+        at_once = rivals or self.s.hurry or service.name in self.s.gave_way or self.chains.contested(service)
+        if until > self.s.now and not at_once:
             return (), Waiting(service.name, f"not wanted; lingers for {format_seconds(until - self.s.now)}", until)
         return tuple(after), None
 
-
-def _away(container: Container, reason: str, service: Service | None = None) -> list[Step]:
-    """Stop if it is alive, then remove."""
-    steps = [_stop(container, reason, service)] if container.alive else []
-    return [*steps, Step("remove", container, reason)]
-
-
-def _stop(container: Container, reason: str, service: Service | None) -> Step:
-    spec = (service.spec if service else None) or {}
-    return Step("stop", container, reason, args={
-        "signal": spec.get("stop_signal", "SIGTERM"),
-        "grace": spec.get("stop_grace_period", STOP_GRACE),
-        "incarnation": container.incarnation,
-    })

@@ -159,7 +159,7 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
     for shed in reversed(state.shed):
         wait = max(limits.calm, state.restored.get(shed.service, (0.0, 0.0))[1])
         if load.at - since < wait:
-            return state
+            continue
         if load.cpu + shed.cpu <= limits.high * cores and load.memory + shed.memory <= limits.high * memory:
             left = tuple(s for s in state.shed if s is not shed)
             return replace(state, shed=left, changed_at=load.at, calm_since=load.at,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
+from rorg.core.arbitrate import expected, over_budget
+from rorg.core.memory import Lease
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
 from rorg.manifest.catalog import Catalog, Request
 from rorg.manifest.diagnostics import nearest
 from rorg.manifest.references import conflicting
+from rorg.manifest.scalars import format_seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +24,41 @@ class Settled:
     """Requests whose incarnation is over, each with the reason."""
     bound: tuple[Request, ...] = ()
     """Requests that were written without an incarnation, now with the one that runs."""
+    leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
 
 
-def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed) -> Settled:
-    """Drops requests of dead incarnations and binds those that name none. Paused requesters keep theirs. Nothing is
-    concluded while observation is incomplete."""
+def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed,
+           leases: Mapping[tuple[str, str], Lease] | None = None, renewals: Mapping[tuple[str, str], int] | None = None,
+           now: float = 0.0) -> Settled:
+    """Drops requests of dead incarnations and those whose lease ran out, and binds those that name no incarnation.
+    Paused requesters keep theirs, and no lease runs out meanwhile: they cannot renew it. Nothing is concluded while
+    observation is incomplete.
+
+    A lease begins when the loop first sees it or its renewal, so a restart of rorg gives every request its full time
+    again; therefore renewals (counted in `renewals`) need not be written down.
+    """
+    settled = _by_incarnation(catalog, requests, observed)
+    by_service = observed.by_service()
+    held: dict[tuple[str, str], Lease] = {}
+    kept, expired = [], []
+    for request in settled.requests:
+        if request.ttl is None or request.standing:
+            kept.append(request)
+            continue
+        stamp = f"{request.renewed}/{(renewals or {}).get(request.key, 0)}/{request.ttl}/{request.incarnation}"
+        lease = (leases or {}).get(request.key)
+        asleep = any(c.state == "paused" for c in by_service.get(request.requester, [])[:1])
+        if lease is None or lease.stamp != stamp or asleep or not observed.complete:
+            lease = Lease(stamp, now + request.ttl)
+        if lease.until <= now:
+            expired.append((request, f"its lease of {format_seconds(request.ttl)} ran out"))
+            continue
+        held[request.key] = lease
+        kept.append(request)
+    return Settled(tuple(kept), (*settled.dropped, *expired), settled.bound, held)
+
+
+def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Observed) -> Settled:
     kept: list[Request] = []
     dropped: list[tuple[Request, str]] = []
     bound: list[Request] = []
@@ -79,4 +112,9 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     for a, b in conflicting(catalog.services, names):
         if (a, b) not in before:
             found.append((f"'{a}' and '{b}' conflict and would both be wanted", "`rorg why` for who wants which"))
+    budget = catalog.policy.budget
+    if budget and budget.over == "refuse":
+        why = over_budget(catalog, names)
+        if why and expected(catalog, names) != expected(catalog, wanted(catalog, [*catalog.requests, *kept])):
+            found.append((f"it does not fit: {why}", "to release something, or a larger budget in the Policy"))
     return found

@@ -162,7 +162,7 @@ class Thresholds:
     low: float = 0.85
     cpu_some: float | None = None
     memory_some: float | None = 20.0
-    step: float = 1.0
+    step: float = 0.5
     calm: float = 5.0
     admit: int = 60
 

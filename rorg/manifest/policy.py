@@ -59,7 +59,7 @@ class Pressure(Strict):
     cpu_some: Percent | None = Field(default=None, description="PSI: percent of time in which some program waited for "
                                      "the CPU, above which it is under pressure. Default: not looked at.")
     memory_some: Percent | None = Field(default=20.0, description="The same for memory. Default: 20.")
-    step: Duration = Field(default=1.0, description="Time between two samples, and between two measures.")
+    step: Duration = Field(default=0.5, description="Time between two samples, and between two measures.")
     calm: Duration = Field(default=5.0, description="How long it must be below `low` before a measure is undone.")
     admit: Annotated[int, Field(ge=0, le=100)] = Field(
         default=60, description="Priority below which nothing new is started while under pressure.")
