@@ -15,17 +15,18 @@ import yaml
 from rorg.core.decide import Inputs, decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
-from rorg.core.memory import InFlight, Memory, Progress
+from rorg.core.memory import Finding, InFlight, Memory, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
-from rorg.manifest.catalog import Request
+from rorg.core.pressure import Load, Pressure, Shed
+from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.container import LIVE
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
 KEYS = {"about", "services", "groups", "requests", "observed", "complete", "memory", "in_flight", "now", "removals",
-        "restarts", "plan", "dropped"}
+        "restarts", "plan", "dropped", "policy", "holds", "suspended", "interlocks", "pressure"}
 STARTED = "2026-01-01T00:00:00Z"
 
 
@@ -41,9 +42,10 @@ def catalog_of(case: dict, root: Path):
     kinds = {
         "Service": {n: {"image": "img", **(s or {})} for n, s in case["services"].items()},
         "Group": {n: {"services": members} for n, members in case.get("groups", {}).items()},
+        "Policy": {"policy": case["policy"]} if "policy" in case else {},
     }
     for kind, specs in kinds.items():
-        folder = root / f"{kind.lower()}s"
+        folder = root / {"Policy": "policies"}.get(kind, f"{kind.lower()}s")
         folder.mkdir()
         for name, spec in specs.items():
             if spec.get("type") == "meta":
@@ -70,7 +72,8 @@ def container_of(entry: dict, catalog) -> Container:
     started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
     return Container(id=name, name=name, service=service, state=entry["state"], started_at=started,
                      exit_code=entry.get("exit_code"), digest=entry.get("digest", digest(spec)),
-                     declared=canonical(declared_fields(spec)), live={**live, **entry.get("live", {})})
+                     declared=canonical(declared_fields(spec)), live={**live, **entry.get("live", {})},
+                     oom_killed=entry.get("oom_killed", False))
 
 
 def memory_of(case: dict, containers: list[Container]) -> Memory:
@@ -80,7 +83,9 @@ def memory_of(case: dict, containers: list[Container]) -> Memory:
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in
                case.get("in_flight", {}).items()}
-    return Memory(progress, flights)
+    pressure = dict(case.get("pressure", {}))
+    shed = tuple(Shed(name, 0.0, 0, why) for name, why in pressure.pop("shed", {}).items())
+    return Memory(progress, flights, pressure=Pressure(**pressure, shed=shed))
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda p: p.stem)
@@ -89,11 +94,19 @@ def test_plan(path, tmp_path):
     catalog = catalog_of(case, tmp_path)
     containers = [container_of(entry, catalog) for entry in case.get("observed", [])]
     requests = tuple(Request(r["id"], r.get("requester", "developer"), tuple(r["services"]),
-                             incarnation=r.get("incarnation")) for r in case.get("requests", []))
+                             incarnation=r.get("incarnation"), priority=r.get("priority"))
+                     for r in case.get("requests", []))
+    now = float(case["now"])
+    holds = {n: Hold(now + h["for"], h.get("reason", "")) for n, h in case.get("holds", {}).items()}
+    suspended = Hold(now + case["suspended"]["for"], case["suspended"]["reason"]) if "suspended" in case else None
+    findings = {(n, "interlock"): Finding("", said == "allows", now, said)
+                for n, said in case.get("interlocks", {}).items()}
+    quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
     decision = decide(Inputs(
         desired=desire(catalog), requests=requests, restarts=case.get("restarts", {}),
-        observed=Observed(tuple(containers), complete=case.get("complete", True)), probes={},
-        memory=memory_of(case, containers), now=float(case["now"]), owner="robot", removals=case.get("removals", True)))
+        observed=Observed(tuple(containers), complete=case.get("complete", True)), findings=findings,
+        memory=memory_of(case, containers), now=now, owner="robot", removals=case.get("removals", True), holds=holds,
+        suspended=suspended, wall=now, load=quiet))
     assert decision.plan.text() == case["plan"]
     assert decision.violations == ()
     assert [f"{r.id}: {why}" for r, why in decision.settled.dropped] == case.get("dropped", [])

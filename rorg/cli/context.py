@@ -8,15 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
-from rorg.core.memory import Memory, Progress
+from rorg.core.memory import Finding, Memory, Progress
 from rorg.core.observed import Observed
-from rorg.daemon.reporter import snapshot
+from rorg.daemon.snapshot import snapshot
 from rorg.daemon.wiring import ENGINES, make_engine
+from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid, NotReady, Unreachable
-from rorg.host.probe import probe_once
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
 from rorg.store.requests_file import Asked, RequestsFile
@@ -80,17 +80,23 @@ class Context:
         owner = last.get("instance") or self.state.instance(lambda: "")
 
         def look(memory: Memory) -> Decision:
-            return decide(Inputs(desired, asked.requests, asked.restarts, observed, {}, memory, 0.0, owner))
+            # An interlock is asked when something is done; a plan that is only shown does not wait for it.
+            allowed = {(n, "interlock"): Finding("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
+            return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
+                                 holds=asked.holds, suspended=asked.suspended, wall=time.time()))
 
         return look(self._ready(look(Memory()), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""
         progress = dict(first.situation.memory.progress)
+        containers = first.situation.observed.by_service()
+        ask = Asker(self.engine(), lambda name: next(iter(containers.get(name, [])), None))
         for name, step in progress.items():
             service = desired.catalog.services.get(name)
             ready = service.ready if service else None
-            if step.running_since is not None and (ready is None or ready.probe == "delay" or not probe_once(ready)):
+            if step.running_since is not None and (ready is None or ready.kind == "delay" or not ask(
+                    (name, "ready"), Target(ready, step.incarnation, 0.0))):
                 progress[name] = Progress(incarnation=step.incarnation, running_since=0.0, ready=True)
         return Memory(progress)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.arbitrate import Verdict, arbitrate
+from rorg.core.arbitrate import arbitrate
 from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
 from rorg.core.lanes import Lanes, relief, select
@@ -117,7 +117,8 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
         if service.interlock:
             said = inputs.findings.get((name, "interlock"))
             fresh = said is not None and inputs.now - said.at <= FRESH
-            found[name] = "" if fresh and said.ok else (said.message if fresh else f"{service.interlock} is being asked")
+            answer = said.message if fresh else f"{service.interlock} is being asked"
+            found[name] = "" if fresh and said.ok else answer
     return found
 
 

@@ -33,6 +33,8 @@ class Container:
     live: Mapping[str, Any] = field(default_factory=dict)
     """Options that the engine can change in place, as they are now."""
     pid: int = 0
+    health: str = ""
+    """What the engine's own health check says: starting, healthy, unhealthy; empty without one."""
 
     @property
     def incarnation(self) -> str:

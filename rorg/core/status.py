@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rorg.core.backoff import STALLED_AFTER
 from rorg.core.desired import Situation
+from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Plan
 from rorg.core.wanted import chain
@@ -39,34 +42,45 @@ class Status:
     started_at: str = ""
     exits: int = 0
     pid: int = 0
+    crashes: int = 0
+    """Unexpected ends since rorg runs."""
+    rank: int = 0
+    """How much it matters now: its priority, or that of what wants it."""
+    held: str = ""
+    """Why a person keeps it from being active."""
+    lowered: bool = False
+    """It leaves the CPU to others, because of pressure."""
 
     def as_json(self) -> dict[str, Any]:
         return {
             "service": self.service, "state": self.state, "sync": self.sync, "health": self.health,
             "wanted": self.wanted, "why": self.why, "container": self.container, "incarnation": self.incarnation,
             "started_at": self.started_at, "exits": self.exits, "pid": self.pid,
+            "crashes": self.crashes, "rank": self.rank, "held": self.held, "lowered": self.lowered,
             "conditions": [{"type": c.type, "status": c.status, "reason": c.reason, "message": c.message}
                            for c in self.conditions],
         }
 
 
-def statuses(situation: Situation, plan: Plan) -> dict[str, Status]:
-    """Of every declared service, by name."""
+def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None) -> dict[str, Status]:
+    """Of every declared service, by name. `holds` are those of the decision."""
     containers = situation.observed.by_service()
     pending = {a.service: a.verb for a in reversed(plan.actions)}
     waiting = {w.service: w.reason for w in plan.waitings}
     pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
     return {
         name: _status(situation, service, (containers.get(name) or [None])[0], pending.get(name, ""),
-                      waiting.get(name, ""))
+                      waiting.get(name, ""), (holds or {}).get(name, ""))
         for name, service in sorted(situation.desired.catalog.services.items())
     }
 
 
-def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str) -> Status:
+def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str,
+            held: str) -> Status:
     name = service.name
     causes = situation.wanted.get(name, ())
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
+    why = why or held or situation.gave_way.get(name, "")
     if service.meta:
         return Status(name, "meta", "Synced", "Healthy", True, why)
     step = situation.memory.of(name)
@@ -78,12 +92,19 @@ def _status(situation: Situation, service: Service, current: Container | None, p
         Condition("Requested", str(bool(causes)), "Wanted" if causes else "NotWanted",
                   " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name)))),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
-        Condition("Stalled", str(step.stalled), "RepeatedFailure" if step.stalled else "Fine", step.error),
+        Condition("Stalled", str(step.stalled), _stalled(step), step.error),
     )
     health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(name, current.state if current else "none", sync, health, bool(causes), why, conditions,
                   current.id if current else "", current.incarnation if current and current.alive else "",
-                  current.started_at if current else "", step.exits, current.pid if current else 0)
+                  current.started_at if current else "", step.exits, current.pid if current else 0,
+                  step.crashes, situation.ranks.get(name, service.priority), held, name in situation.lowered)
+
+
+def _stalled(step: Progress) -> str:
+    if not step.stalled:
+        return "Fine"
+    return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
 def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
@@ -91,7 +112,7 @@ def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, sta
         return "Idle"
     if ready:
         return "Completed" if reason == "Completed" else "Healthy"
-    return "Degraded" if stalled or reason in ("Late", "Failed") else "Progressing"
+    return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory") else "Progressing"
 
 
 def _readiness(situation: Situation, service: Service, current: Container | None, waiting: str
@@ -104,7 +125,7 @@ def _readiness(situation: Situation, service: Service, current: Container | None
     if current.state == "exited" and step.exited == current.incarnation and not waiting:
         if current.exit_code == 0 and step.over(service, current):
             return True, "Completed", "it ended with exit code 0"
-        return False, "Failed", step.error
+        return False, "OutOfMemory" if current.oom_killed else "Failed", step.error
     if current.state == "running" and step.running_since is not None:
         ran = situation.now - step.running_since
         late = service.ready is not None and ran > service.ready.timeout

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.lanes import Lanes
 from rorg.core.memory import Memory, finish
+from rorg.core.observed import Container
 from rorg.core.plan import Action
+from rorg.core.pressure import Load, pressed
 from rorg.daemon.reporter import Reporter
+from rorg.daemon.ros import RosPurger
 from rorg.daemon.tree import Tree
 from rorg.engines.execute import perform
 from rorg.engines.observe import Observer
+from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.host.load import Meter, Sampler
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
+from rorg.manifest.catalog import Thresholds
 from rorg.store.bell import Bell
 from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir
@@ -37,7 +45,11 @@ class Loop:
         self.clock, self.booted_at = clock, booted_at
         self.requests = RequestsFile(state.requests)
         self.observer = Observer(engine, self.wake, lambda: self.tree.desired.catalog.policy.resync)
-        self.prober = Prober(clock, self.wake)
+        self.prober = Prober(clock, self.wake, Asker(engine, self._container))
+        self.sampler = Sampler(Meter(clock), lambda: limits.step if (limits := self._limits()) else None,
+                               self._load_matters, self._use, self.wake)
+        self.ros = RosPurger(lambda node: self.reporter.event(
+            "ros-purged", f"the stale registration of the ROS node {node} was taken out of the master", node=node))
         names = {state.requests.name}
         self.watcher = Watcher([tree.root, state.path], self._files_changed,
                                lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
@@ -73,6 +85,8 @@ class Loop:
     def run(self, until: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Passes until stop() is called, or `until` says of a pass that this was all."""
         self.prober.start()
+        self.sampler.start()
+        self.ros.start()
         self.watcher.start()
         self.bell.start()
         self.observer.start()
@@ -97,6 +111,8 @@ class Loop:
         self.bell.stop()
         self.watcher.stop()
         self.prober.stop()
+        self.sampler.stop()
+        self.ros.stop()
         _, self.hung = wait(tuple(self._calls), timeout=PATIENCE)
         self.workers.shutdown(wait=False, cancel_futures=True)
         self.observer.stop()
@@ -109,11 +125,13 @@ class Loop:
         self.passes += 1
         self._read_files()
         self._take_outcomes()
+        asked = self.requests.asked
         decision = decide(Inputs(
-            desired=self.tree.desired, requests=self.requests.asked.requests, restarts=self.requests.asked.restarts,
-            observed=self.observer.snapshot(), probes=self.prober.results(), memory=self.memory, now=self.clock(),
+            desired=self.tree.desired, requests=asked.requests, restarts=asked.restarts,
+            observed=self.observer.snapshot(), findings=self.prober.results(), memory=self.memory, now=self.clock(),
             owner=self.owner, removals=self.tree.removals, booted_at=self.booted_at,
-            lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers),
+            lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
+            suspended=asked.suspended, wall=time.time(), load=self.sampler.latest,
         ))
         self.memory = decision.memory
         self._settle(decision)
@@ -121,8 +139,8 @@ class Loop:
             call = self.workers.submit(self._work, action)
             self._calls.add(call)
             call.add_done_callback(self._calls.discard)
-        services = self.tree.desired.catalog.services
-        self.prober.watch({n: (i, r) for n, i in decision.to_probe.items() if (r := services[n].ready)})
+        self.prober.watch(decision.to_probe)
+        self.ros.look(decision.situation)
         self.reporter.report(decision, self.tree, self.requests)
         return decision
 
@@ -154,8 +172,8 @@ class Loop:
 
         def edit(asked: Asked) -> Asked:
             kept = [r for r in asked.requests if not (r.key in gone and r.incarnation == gone[r.key])]
-            return Asked(tuple(bound[r.key] if r.key in bound and r.incarnation is None else r for r in kept),
-                         asked.restarts)
+            return replace(asked, requests=tuple(
+                bound[r.key] if r.key in bound and r.incarnation is None else r for r in kept))
 
         try:
             self.requests.change(edit)
@@ -165,6 +183,24 @@ class Loop:
         for request, why in settled.dropped:
             self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
                                 service=request.requester, services=list(request.services))
+
+    # -- what the pass's helpers ask ---------------------------------------------------------------------------
+
+    def _container(self, service: str) -> Container | None:
+        return next(iter(self.observer.snapshot().by_service().get(service, [])), None)
+
+    def _limits(self) -> Thresholds | None:
+        return self.tree.desired.catalog.policy.pressure
+
+    def _load_matters(self, load: Load) -> bool:
+        limits = self._limits()
+        return limits is not None and bool(self.memory.pressure.level or pressed(
+            limits, self.tree.desired.catalog.policy.budget, load))
+
+    def _use(self) -> dict[str, tuple[float, int]]:
+        alive = [c for c in self.observer.snapshot().containers if c.alive]
+        usage = self.engine.usage(alive)
+        return {c.service: (usage[c.id].cpu, usage[c.id].memory) for c in alive if c.id in usage}
 
     # -- workers -----------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rorg.core.decide import Decision
 from rorg.core.plan import Action
-from rorg.core.status import statuses
+from rorg.daemon.snapshot import pressure_json, snapshot
 from rorg.daemon.tree import Tree
 from rorg.manifest.scalars import format_seconds
 from rorg.store.files import write_atomic
@@ -19,6 +19,10 @@ from rorg.store.state_dir import StateDir
 
 PUBLISH_EVERY = 0.05
 """Seconds between two published states at the least."""
+
+
+QUIET_AT_FIRST = ("engine", "pressure")
+"""What is not worth a line when the loop begins."""
 
 
 class Reporter:
@@ -57,13 +61,16 @@ class Reporter:
             self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
         for name, step in decision.memory.progress.items():
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
+        self._when_new("pressure", json.dumps(pressure_json(decision)), self._pressure, decision)
+        self._when_new("holds", tuple(decision.holds), self._holds, decision)
+        self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         self._publish(self._snapshot(decision, tree, requests))
 
     def _when_new(self, key: str, value: Any, tell: Callable[[Any], None], subject: Any) -> None:
         first = key not in self._said
         if first or self._said[key] != value:
             self._said[key] = value
-            if not first or key in ("tree", "requests", "engine") or (value and not key.startswith("engine")):
+            if not first or key in ("tree", "requests", "engine") or (value and key not in QUIET_AT_FIRST):
                 tell(subject)
 
     def _tree(self, tree: Tree) -> None:
@@ -105,6 +112,18 @@ class Reporter:
                    f"{name} is stalled: {step.error}; next try in {again}" if step.stalled
                    else f"{name} is not stalled any more", service=name)
 
+    def _pressure(self, decision: Decision) -> None:
+        told = pressure_json(decision)
+        what = ", ".join([*told["measures"], *(f"{name} ceased" for name in told["shed"])])
+        self.event("pressure", f"pressure: {told['reason']}; in force: {what}" if what else "pressure is over", **told)
+
+    def _holds(self, decision: Decision) -> None:
+        held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
+        self.event("holds", held or "no service is held any more", services=list(decision.holds))
+
+    def _suspended(self, decision: Decision) -> None:
+        self.event("suspended", decision.situation.suspended or "no longer suspended")
+
     def _snapshot(self, decision: Decision, tree: Tree, requests: RequestsFile) -> dict[str, Any]:
         about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
                       "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
@@ -135,19 +154,3 @@ class Reporter:
                 # A full disk must not stop the robot; the next change is tried again.
                 self._published = ""
                 self.say(f"cannot publish the status: {error}")
-
-
-def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
-    """How everything is, as JSON: what the loop publishes, and what commands compute where no loop runs."""
-    situation = decision.situation
-    requests = (*situation.desired.catalog.requests, *decision.settled.requests)
-    return {
-        **about,
-        "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
-        "requests": [{"id": r.id, "requester": r.requester, "services": list(r.services), "reason": r.reason,
-                      "incarnation": r.incarnation, "standing": r.standing} for r in requests],
-        "restarts": dict(situation.restarts),
-        "plan": decision.plan.as_json(),
-        "in_flight": {n: f.action.verb for n, f in situation.memory.in_flight.items()},
-        "services": {name: status.as_json() for name, status in statuses(situation, decision.plan).items()},
-    }

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
+import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 import docker
 import requests
 import urllib3
 from docker.errors import APIError, DockerException
+from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
 from rorg.engines.docker_body import create_body, live_options, update_body
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
 from rorg.host.cgroups import container_usage
+from rorg.host.probe import process_start
 
 NEVER = "0001-01-01T00:00:00Z"
 """What the engine calls the start of a container that never started."""
@@ -200,6 +205,33 @@ class DockerEngine:
             found = self.api().logs(container, stream=True, follow=follow, tail="all" if tail is None else tail)
             yield from found
 
+    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+        """The place is the engine's time of the last line, so that line comes again."""
+        if not place:
+            found = self.inspect(container)
+            place = str(_began(found)) if found else "0"
+        lines = self._call(f"read the logs of {container[:12]}",
+                           lambda api: api.logs(container, timestamps=True, since=float(place))).splitlines()
+        stamps, texts = zip(*(line.partition(b" ")[::2] for line in lines), strict=True) if lines else ((), ())
+        return b"\n".join(texts), str(_seconds(stamps[-1].decode())) if stamps else place
+
+    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+        with docker_errors(f"run {command[0]} in {container[:12]}"):
+            api = self.api()
+            made = api.exec_create(container, list(command))["Id"]
+            stream = api.exec_start(made, socket=True)
+            stream._sock.settimeout(timeout)
+            try:
+                output = b"".join(chunk for _, chunk in frames_iter(stream, tty=False))
+            except TimeoutError:
+                # It would go on for ever, and the next attempt would come on top.
+                with contextlib.suppress(OSError):
+                    os.kill(api.exec_inspect(made)["Pid"], signal.SIGKILL)
+                return 124, f"no end within {timeout:g} s".encode()
+            finally:
+                stream.close()
+            return int(api.exec_inspect(made)["ExitCode"] or 0), output
+
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         found = {}
         for container in containers:
@@ -207,6 +239,20 @@ class DockerEngine:
             if figures:
                 found[container.id] = Usage(*figures)
         return found
+
+
+def _seconds(stamp: str) -> float:
+    """The engine's times have nine digits after the second; Python reads six."""
+    return datetime.fromisoformat(re.sub(r"(\.\d{1,6})\d*Z?$", r"\1+00:00", stamp.rstrip("Z") + "Z")
+                                  .replace("Z", "+00:00")).timestamp()
+
+
+def _began(container: Container) -> float:
+    """When its run of now began. The engine notes its start after the program's first words; the process knows."""
+    try:
+        return process_start(container.pid)
+    except (OSError, IndexError, ValueError):
+        return _seconds(container.started_at)
 
 
 def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
@@ -225,6 +271,7 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
         declared=labels.get(LABEL_DECLARED, ""),
         live=live_options(data.get("HostConfig") or {}),
         pid=state.get("Pid") or 0,
+        health=(state.get("Health") or {}).get("Status", ""),
     )
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
+from rorg.engines.process_log import read_log, read_log_from
 from rorg.engines.process_table import MARK, boot_id, is_same, members, signal_group, stat
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError
@@ -165,16 +166,15 @@ class ProcessEngine:
             raise EngineError(f"start {record['name']}", "it already started", kind="conflict")
         (self._folder(container) / "exit").unlink(missing_ok=True)
         command, environment = self._command(record)
-        spec = record["spec"]
         with (self._folder(container) / "log").open("ab") as log:
+            log_from = log.tell()
             child = subprocess.Popen(
                 ["/bin/sh", "-c", SUPERVISE, "rorg", *command], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=subprocess.STDOUT, env=environment, start_new_session=True,
-                cwd=spec.get("working_dir") if os.path.isdir(spec.get("working_dir") or "") else "/",
-            )
+                stderr=subprocess.STDOUT, env=environment, start_new_session=True, cwd=self._cwd(record))
         self._children[container] = child
         facts = stat(child.pid)
-        self._write({**record, "pid": child.pid, "ticks": facts[2] if facts else 0, "boot": boot_id(),
+        self._write({**record, "pid": child.pid, "log_from": log_from,
+                     "ticks": facts[2] if facts else 0, "boot": boot_id(),
                      "started_at": datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")})
 
     def _command(self, record: Mapping[str, Any]) -> tuple[Sequence[str], Mapping[str, str]]:
@@ -267,16 +267,29 @@ class ProcessEngine:
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         self._record(container)
-        path = self._folder(container) / "log"
-        with path.open("rb") if path.exists() else open(os.devnull, "rb") as file:
-            lines = file.readlines()
-            yield from lines if tail is None else lines[max(0, len(lines) - tail):]
-            while follow and (self._folder(container)).exists():
-                line = file.readline()
-                if line:
-                    yield line
-                else:
-                    time.sleep(0.1)
+        return read_log(self._folder(container) / "log", follow, tail)
+
+    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+        """The place is an offset in its log."""
+        offset = int(place or self._record(container).get("log_from", 0))
+        text = read_log_from(self._folder(container) / "log", offset)
+        return text, str(offset + len(text))
+
+    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+        record = self._record(container)
+        _, environment = self._command(record)
+        try:
+            done = subprocess.run(command, env=environment, cwd=self._cwd(record), timeout=timeout,
+                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        except subprocess.TimeoutExpired:
+            return 124, f"no end within {timeout:g} s".encode()
+        except OSError as error:
+            return 127, str(error).encode()
+        return done.returncode, done.stdout
+
+    def _cwd(self, record: Mapping[str, Any]) -> str:
+        folder = record["spec"].get("working_dir") or ""
+        return folder if os.path.isdir(folder) else "/"
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """One look at the process table for all. CPU of ended children is lost with them, as in ps."""

@@ -69,6 +69,13 @@ class Engine(Protocol):
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         """Output of the container, standard error included; the last `tail` lines, then what comes when following."""
 
+    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+        """Output of the run of now from a place on ("" for its beginning), and the place after it."""
+
+    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+        """Runs a command inside and returns its exit code and output; (124, ...) when it took longer than `timeout`
+        seconds, as timeout(1) says it."""
+
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """By container id; those that do not run are left out."""
 

@@ -1,49 +1,90 @@
-"""Readiness probes, run off the pass by a few workers."""
+"""Probes, run off the pass by a few workers."""
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.memory import Probe
-from rorg.manifest.catalog import Ready
+from rorg.core.decide import Target
+from rorg.core.memory import Finding
+from rorg.host import ros
+from rorg.manifest.catalog import Probe
 
 TIMEOUT = 1.0
 """Seconds for one attempt."""
+WORKERS = 8
+"""Attempts at once. What hangs holds a worker for TIMEOUT."""
+
+Key = tuple[str, str]
+Ask = Callable[[Key, Target], str]
+"""Asks once: empty when the answer is yes, else what was found."""
 
 
-def probe_once(ready: Ready) -> str:
-    """Empty when ready, else what was found."""
+def ask_socket(probe: Probe) -> str:
+    """tcp and http."""
     try:
-        if ready.probe == "tcp":
-            host, _, port = str(ready.target).rpartition(":")
+        if probe.kind == "tcp":
+            host, _, port = str(probe.target).rpartition(":")
             with socket.create_connection((host, int(port)), timeout=TIMEOUT):
                 return ""
-        with urllib.request.urlopen(str(ready.target), timeout=TIMEOUT):
+        with urllib.request.urlopen(str(probe.target), timeout=TIMEOUT):
             return ""
     except urllib.error.HTTPError as error:
-        return f"{ready.target} answers {error.code}"
+        return f"{probe.target} answers {error.code}"
     except OSError as error:
         reason = getattr(error, "reason", error)
-        return f"{ready.probe} {ready.target}: {getattr(reason, 'strerror', None) or reason}"
+        return f"{probe}: {getattr(reason, 'strerror', None) or reason}"
+
+
+def ask_host(probe: Probe, pid: int = 0, role: str = "ready") -> str:
+    """Everything that needs no engine. `pid` is the first process of the container, whose file system is looked at;
+    0 for that of this machine."""
+    if probe.kind in ("tcp", "http"):
+        return ask_socket(probe)
+    if probe.kind == "file":
+        return _ask_file(str(probe.target), pid, role, probe.interval)
+    return ros.probe(probe.kind, str(probe.target), probe.master)
+
+
+def _ask_file(path: str, pid: int, role: str, interval: float) -> str:
+    try:
+        written = os.stat(f"/proc/{pid}/root{path}" if pid else path).st_mtime
+    except OSError as error:
+        return f"file {path}: {error.strerror}"
+    if role == "ready" and pid and written < process_start(pid) - 0.05:
+        return f"file {path} is older than this run"
+    age = time.time() - written
+    if role == "live" and age > interval:
+        return f"file {path} was last touched {age:.0f} s ago"
+    return ""
+
+
+def process_start(pid: int) -> float:
+    """When a process began, seconds since the epoch. The engine's own time is taken after the program has begun, when
+    it may have written its file already."""
+    with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
+        ticks = int(file.read().rpartition(")")[2].split()[19])
+    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")
 
 
 class Prober:
-    """Probes what it was last told to, each service every `interval` seconds, and wakes the loop when it learns
-    something. Times are of `clock`, seconds."""
+    """Probes what it was last told to, each target every `every` seconds, and wakes the loop when it learns something.
+    `ask` does one attempt. Times are of `clock`, seconds."""
 
-    def __init__(self, clock: Callable[[], float], wake: Callable[[], None], workers: int = 4) -> None:
-        self.clock, self.wake = clock, wake
+    def __init__(self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, workers: int = WORKERS) -> None:
+        self.clock, self.wake, self.ask = clock, wake, ask
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="probe")
         self._condition = threading.Condition()
-        self._targets: dict[str, tuple[str, Ready]] = {}
-        self._due: dict[str, float] = {}
-        self._busy: set[str] = set()
-        self._results: dict[str, Probe] = {}
+        self._targets: dict[Key, Target] = {}
+        self._due: dict[Key, float] = {}
+        self._busy: set[Key] = set()
+        self._results: dict[Key, Finding] = {}
         self._stopped = False
 
     def start(self) -> None:
@@ -55,41 +96,52 @@ class Prober:
             self._condition.notify()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def results(self) -> Mapping[str, Probe]:
+    def results(self) -> Mapping[Key, Finding]:
         with self._condition:
             return dict(self._results)
 
-    def watch(self, targets: Mapping[str, tuple[str, Ready]]) -> None:
-        """What to probe from now on: service -> (incarnation, probe)."""
+    def watch(self, targets: Mapping[Key, Target]) -> None:
+        """What to probe from now on. What is not in it any more is forgotten: a later look begins anew."""
         with self._condition:
             if targets == self._targets:
                 return
-            for name in targets:
-                if self._targets.get(name) != targets[name]:
-                    self._due[name] = self.clock()
+            for key, target in targets.items():
+                if self._targets.get(key) != target:
+                    # A fresh readiness is asked at once; life, which was fine just now, after a while.
+                    self._due[key] = self.clock() + (target.every if key[1] == "live" else 0.0)
+                    self._results.pop(key, None)
             self._targets = dict(targets)
-            self._due = {n: t for n, t in self._due.items() if n in targets}
+            self._due = {k: t for k, t in self._due.items() if k in targets}
+            self._results = {k: f for k, f in self._results.items() if k in targets}
             self._condition.notify()
 
     def _run(self) -> None:
         with self._condition:
             while not self._stopped:
                 now = self.clock()
-                for name in [n for n, t in self._due.items() if t <= now and n not in self._busy]:
-                    self._busy.add(name)
-                    self._pool.submit(self._probe, name, *self._targets[name])
-                waits = [t - now for n, t in self._due.items() if n not in self._busy]
+                for key in [k for k, t in self._due.items() if t <= now and k not in self._busy]:
+                    self._busy.add(key)
+                    self._pool.submit(self._probe, key, self._targets[key])
+                waits = [t - now for k, t in self._due.items() if k not in self._busy]
                 self._condition.wait(max(0.0, min(waits)) if waits else None)
 
-    def _probe(self, name: str, incarnation: str, ready: Ready) -> None:
+    def _probe(self, key: Key, target: Target) -> None:
         began = self.clock()
-        message = probe_once(ready)
+        try:
+            message = self.ask(key, target)
+        except Exception as bug:  # a probe that breaks must not end the probing
+            message = f"{type(bug).__name__}: {bug}"
         with self._condition:
-            old = self._results.get(name)
-            self._results[name] = new = Probe(incarnation, not message, began, message)
-            self._busy.discard(name)
-            if name in self._due:
-                self._due[name] = began + ready.interval
+            self._busy.discard(key)
+            if self._targets.get(key) == target:
+                old = self._results.get(key)
+                failures = 0 if not message else (old.failures if old else 0) + 1
+                self._results[key] = new = Finding(target.incarnation, not message, began, message, failures)
+                self._due[key] = began + target.every
+                told = old is None or old.ok != new.ok or old.message != new.message
+                told = told or failures == target.probe.failures
+            else:
+                told = False
             self._condition.notify()
-        if new.ok or old is None or (old.message, old.incarnation) != (new.message, new.incarnation):
+        if told:
             self.wake()

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from rorg.manifest.container import ContainerOptions, Device, Pairs, Strict, Texts, Words, recreate, unchanging
 from rorg.manifest.policy import Idle, PolicySpec, Units
 from rorg.manifest.probes import Interlock, Live, Ready
-from rorg.manifest.scalars import Duration, Memory, Name
+from rorg.manifest.scalars import Memory, Name
 
 API_VERSION = "rorg/v1"
 Priority = Annotated[int, Field(ge=0, le=100)]
@@ -56,8 +56,9 @@ Needs = list[Annotated[Need, BeforeValidator(_need)]]
 
 
 def _container_only(spec: ServiceSpec) -> list[str]:
-    return [n for n in ("image", "command", "profile", "idle", "ready", "live", "interlock", "driver", "mounts", "container", "restart")
-            if getattr(spec, n) is not None]
+    names = ("image", "command", "profile", "idle", "ready", "live", "interlock", "driver", "mounts", "container",
+             "restart")
+    return [n for n in names if getattr(spec, n) is not None]
 
 
 class ServiceSpec(Strict):

@@ -94,4 +94,4 @@ class Interlock(Probe):
     """What must allow it before a container of this service is touched. `file`: it is there, on this machine."""
 
 
-FORMS = ("delay", "tcp", "http", "exec", "file", "log", "engine", "ros_node", "ros_topic", "ros_service")
+FORMS = ("delay", "tcp", "http", "file", "exec", "log", "engine", "ros_node", "ros_topic", "ros_service")

@@ -40,6 +40,8 @@ _WRITTEN = {
     "ports": [{"type": "array", "items": _SCALAR}], "expose": [{"type": "array", "items": _SCALAR}],
     "group_add": [{"type": "array", "items": _SCALAR}], "groups": [{"type": "array", "items": _SCALAR}],
     "user": [_SCALAR], "cpuset": [_SCALAR], "cpuset_mems": [_SCALAR], "cpus": [_SCALAR],
+    "needs": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Need"}]}}],
+    "exclusive": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
     "ulimits": [{"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"},
                                                                      {"$ref": "#/$defs/Ulimit"}]}}],
 }

@@ -5,13 +5,15 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.lanes import Lanes
-from rorg.core.memory import Memory, Probe, finish
+from rorg.core.memory import Finding, Memory, finish
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
+from rorg.core.pressure import Load
 from rorg.engines.execute import perform
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Catalog
@@ -34,6 +36,14 @@ class SimRobot:
         self.asked = Asked()
         self.memory = Memory()
         self.ready_after: dict[str, float] = {}
+        self.hung: set[str] = set()
+        """Incarnations that do not answer their `live` probe."""
+        self.locked: set[str] = set()
+        """Services whose interlock says no."""
+        self.extra: tuple[float, int] = (0.0, 0)
+        """(cores, bytes) that other programs of the machine use."""
+        self.renewals: dict[tuple[str, str], int] = {}
+        self._sample: Load | None = None
         self.removals = True
         self.log: list[tuple[float, str]] = []
         self._events: list[tuple[float, int, Callable[[], None]]] = []
@@ -47,15 +57,12 @@ class SimRobot:
 
     def step(self) -> Decision:
         """One pass now."""
-        observed = Observed((), False, "the engine does not answer") if self.faults.unreachable else Observed(
-            tuple(self.engine.list()))
-        decision = decide(Inputs(
-            self.desired, self.asked.requests, self.asked.restarts, observed, self._probes(), self.memory, self.now,
-            self.owner, self.removals, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers)))
+        decision = decide(self.inputs())
+        self.decision = decision
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
         self.memory = decision.memory
-        self.asked = Asked(decision.settled.requests, self.asked.restarts)
+        self.asked = replace(self.asked, requests=decision.settled.requests)
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
@@ -79,14 +86,44 @@ class SimRobot:
         if found and found.alive and found.incarnation == run:
             self.engine.kill(container, 1)
 
-    def _probes(self) -> Mapping[str, Probe]:
+    def inputs(self) -> Inputs:
+        """What a pass would read now."""
+        observed = Observed((), False, "the engine does not answer") if self.faults.unreachable else Observed(
+            tuple(self.engine.list()))
+        return Inputs(
+            self.desired, self.asked.requests, self.asked.restarts, observed, self._findings(), self.memory, self.now,
+            self.owner, self.removals, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
+            holds=self.asked.holds, suspended=self.asked.suspended, wall=self.now, load=self._load(),
+            renewals=self.renewals)
+
+    def _findings(self) -> Mapping[tuple[str, str], Finding]:
         found = {}
         for name, step in self.memory.progress.items():
             if step.running_since is not None:
                 since = self.now - step.running_since
                 ok = since >= self.ready_after.get(name, PROBE_AFTER)
-                found[name] = Probe(step.incarnation, ok, self.now, "" if ok else "no answer")
+                found[name, "ready"] = Finding(step.incarnation, ok, self.now, "" if ok else "no answer")
+                hung = step.incarnation in self.hung
+                found[name, "live"] = Finding(step.incarnation, not hung, self.now, "no answer" if hung else "",
+                                              1000 if hung else 0)
+        for name in self.desired.catalog.services:
+            ok = name not in self.locked
+            found[name, "interlock"] = Finding("", ok, self.now, "" if ok else "not allowed")
         return found
+
+    def _load(self) -> Load | None:
+        """Everything that runs uses what it declares, `extra` comes on top."""
+        limits = self.desired.catalog.policy.pressure
+        if limits is None:
+            return None
+        if self._sample is None or self.now >= self._sample.at + limits.step:
+            services = self.desired.catalog.services
+            use = {c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
+                   for c in self.engine.list() if c.alive and c.service in services}
+            self._sample = Load(
+                self.now, self.extra[0] + sum(u[0] for u in use.values()), 4.0,
+                self.extra[1] + sum(u[1] for u in use.values()), 8 << 30, use=use)
+        return self._sample
 
     def run(self, until: Callable[[SimRobot], bool], limit: float = 600.0) -> Decision:
         """Goes on until the condition holds after a pass; AssertionError when `limit` seconds pass before."""
@@ -98,6 +135,8 @@ class SimRobot:
             times = [self._events[0][0]] if self._events else []
             times += [decision.deadline] if decision.deadline is not None else []
             times += [self.now + 0.05] if decision.to_probe else []
+            limits = self.desired.catalog.policy.pressure
+            times += [self.now + limits.step] if limits else []
             if not times or min(times) > end:
                 raise AssertionError(f"not so after {limit} s of virtual time:\n{decision.plan.text()}")
             self.now = max(self.now, min(times))
@@ -110,10 +149,9 @@ class SimRobot:
 
     @property
     def idle(self) -> bool:
-        decision = decide(Inputs(self.desired, self.asked.requests, self.asked.restarts,
-                                 Observed(tuple(self.engine.list())), {}, self.memory, self.now, self.owner,
-                                 self.removals))
-        return decision.plan.empty and not self.memory.in_flight and not decision.to_probe
+        decision = decide(self.inputs())
+        probing = any(role == "ready" for _, role in decision.to_probe)
+        return decision.plan.empty and not self.memory.in_flight and not probing
 
     def states(self) -> dict[str, str]:
         """Service -> state of its container."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from rorg.errors import Invalid
-from rorg.manifest.catalog import Request
+from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.diagnostics import Diagnostic, nearest
+from rorg.manifest.scalars import parse_duration
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.store.bell import ring
 from rorg.store.files import locked, write_atomic
@@ -19,9 +21,11 @@ from rorg.store.files import locked, write_atomic
 HEADER = """\
 # What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
 # requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
-# (leave it out: rorg fills it in). restarts: when a restart of a service was asked for.
+# (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
+# service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
 """
-_FIELDS = ("id", "requester", "services", "reason", "incarnation")
+_FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
+_KEYS = ("requests", "restarts", "holds", "suspended")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,9 @@ class Asked:
     requests: tuple[Request, ...] = ()
     restarts: Mapping[str, str] = field(default_factory=dict)
     """Service -> when its restart was asked for, ISO 8601 in UTC."""
+    holds: Mapping[str, Hold] = field(default_factory=dict)
+    """Service -> until when it must not be active."""
+    suspended: Hold | None = None
 
     def put(self, request: Request) -> Asked:
         """With this request, in place of the one with the same requester and id."""
@@ -65,8 +72,8 @@ class _Reader:
             self.error((), "the file must be a mapping", "`requests:` with a list below it")
             return Asked()
         for key in value:
-            if key not in ("requests", "restarts"):
-                self.error((key,), f"unknown key '{key}'", nearest(key, ("requests", "restarts")), key=True)
+            if key not in _KEYS:
+                self.error((key,), f"unknown key '{key}'", nearest(key, _KEYS), key=True)
         entries = value.get("requests") or []
         if not isinstance(entries, list):
             self.error(("requests",), "must be a list")
@@ -78,13 +85,39 @@ class _Reader:
                 self.error(("requests", index, "id"), f"a second request '{request.id}' of {request.requester}",
                            "another id")
             seen.add(request.key)
-        return Asked(tuple(found), self.restarts(value.get("restarts") or {}))
+        holds = value.get("holds") or {}
+        if not isinstance(holds, dict):
+            self.error(("holds",), "must map services to {until, reason}")
+            holds = {}
+        suspended = value.get("suspended")
+        return Asked(tuple(found), self.restarts(value.get("restarts") or {}),
+                     {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
+                     self.hold(("suspended",), suspended) if suspended else None)
+
+    def hold(self, path: tuple, value: Any) -> Hold | None:
+        if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
+            self.error(path, "must be a mapping with until and reason")
+            return None
+        try:
+            until = datetime.fromisoformat(str(value["until"]).replace("Z", "+00:00"))
+        except ValueError:
+            self.error((*path, "until"), "must be a time such as 2026-01-31T12:00:00Z")
+            return None
+        return Hold(until.timestamp() if until.tzinfo else until.replace(tzinfo=UTC).timestamp(),
+                    str(value.get("reason") or ""))
 
     def restarts(self, value: Any) -> dict[str, str]:
         if not isinstance(value, dict) or not all(isinstance(v, str) for v in value.values()):
             self.error(("restarts",), "must map services to times such as 2026-01-31T12:00:00Z")
             return {}
         return dict(value)
+
+    def ttl(self, path: tuple, value: Any) -> float | None:
+        try:
+            return None if value is None else parse_duration(value) or None
+        except ValueError as error:
+            self.error((*path, "ttl"), str(error))
+            return None
 
     def request(self, path: tuple, entry: Any) -> Request | None:
         if not isinstance(entry, dict):
@@ -100,13 +133,17 @@ class _Reader:
         services = entry.get("services")
         if isinstance(services, str) or (services and not all(isinstance(s, str) for s in services)):
             self.error((*path, "services"), "must be a list of names", "[NAME]")
-        for key in ("id", "requester", "reason", "incarnation"):
+        for key in ("id", "requester", "reason", "incarnation", "renewed"):
             if not isinstance(entry.get(key, ""), str | None):
                 self.error((*path, key), f"'{key}' must be text", "quotes around it")
+        ttl, priority = self.ttl(path, entry.get("ttl")), entry.get("priority")
+        if priority is not None and (isinstance(priority, bool) or not isinstance(priority, int)):
+            self.error((*path, "priority"), "'priority' must be a whole number")
         if len(self.diagnostics) > before:
             return None
         return Request(entry["id"], entry.get("requester") or "developer", tuple(services),
-                       entry.get("reason") or "", entry.get("incarnation"), where=self.document.where(path))
+                       entry.get("reason") or "", entry.get("incarnation"), priority=priority, ttl=ttl,
+                       renewed=entry.get("renewed") or "", where=self.document.where(path))
 
 
 def render(asked: Asked) -> str:
@@ -118,11 +155,26 @@ def render(asked: Asked) -> str:
             entry["reason"] = request.reason
         if request.incarnation:
             entry["incarnation"] = request.incarnation
+        if request.priority is not None:
+            entry["priority"] = request.priority
+        if request.ttl is not None:
+            entry["ttl"] = f"{request.ttl:g}s"
+        if request.renewed:
+            entry["renewed"] = request.renewed
         entries.append(entry)
     content: dict[str, Any] = {"requests": entries}
     if asked.restarts:
         content["restarts"] = dict(asked.restarts)
+    if asked.holds:
+        content["holds"] = {name: _hold(hold) for name, hold in asked.holds.items()}
+    if asked.suspended:
+        content["suspended"] = _hold(asked.suspended)
     return HEADER + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+
+
+def _hold(hold: Hold) -> dict[str, str]:
+    until = datetime.fromtimestamp(hold.until, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return {"until": until, **({"reason": hold.reason} if hold.reason else {})}
 
 
 class RequestsFile:

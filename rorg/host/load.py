@@ -1,0 +1,78 @@
+"""How busy the machine is, and which service uses what: psutil, PSI, cgroup files."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import psutil
+
+from rorg.core.pressure import Load
+
+PSI = Path("/proc/pressure")
+Use = Callable[[], Mapping[str, tuple[float, int]]]
+"""Service -> (CPU seconds since it began, bytes)."""
+
+
+def psi(name: str) -> float:
+    """Percent of the last 10 s in which some program waited for cpu, memory or io; 0 where the kernel does not say."""
+    try:
+        line = (PSI / name).read_text(encoding="ascii").splitlines()[0]
+        return float(line.split("avg10=")[1].split()[0])
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
+class Meter:
+    """Samples of the machine; rates are since the sample before."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self.clock = clock
+        self._busy: tuple[float, float] | None = None
+        self._use: tuple[float, dict[str, tuple[float, int]]] = (0.0, {})
+
+    def sample(self, use: Use | None = None) -> Load:
+        """One sample; with `use`, what each service takes as well."""
+        now, times, memory = self.clock(), psutil.cpu_times(), psutil.virtual_memory()
+        busy = times.user + times.nice + times.system + getattr(times, "irq", 0) + getattr(times, "softirq", 0)
+        before, self._busy = self._busy, (now, busy)
+        cpu = (busy - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
+        return Load(now, cpu, float(os.cpu_count() or 1), memory.total - memory.available, memory.total, psi("cpu"),
+                    psi("memory"), self._rates(now, use) if use else {})
+
+    def _rates(self, now: float, use: Use) -> dict[str, tuple[float, int]]:
+        (then, old), new = self._use, dict(use())
+        self._use = (now, new)
+        spans = {n: cpu - old[n][0] for n, (cpu, _) in new.items() if n in old}
+        return {n: (max(0.0, spans.get(n, 0.0)) / max(now - then, 0.001), memory) for n, (_, memory) in new.items()}
+
+
+class Sampler:
+    """Samples every `step()` seconds (None: not at all) in a thread of its own. The services' use is only looked at,
+    and the loop only woken, while `matters` says so of the sample."""
+
+    def __init__(self, meter: Meter, step: Callable[[], float | None], matters: Callable[[Load], bool], use: Use,
+                 wake: Callable[[], None]) -> None:
+        self.meter, self.step, self.matters, self.use, self.wake = meter, step, matters, use, wake
+        self.latest: Load | None = None
+        self._stop = threading.Event()
+
+    def start(self) -> None:
+        threading.Thread(target=self._run, name="sampler", daemon=True).start()
+
+    def stop(self) -> None:
+        self._stop.set()
+
+    def _run(self) -> None:
+        mattered = False
+        while not self._stop.wait(self.step() or 1.0):
+            if self.step() is None:
+                self.latest, mattered = None, False
+                continue
+            self.latest = self.meter.sample(self.use if mattered else None)
+            matters = self.matters(self.latest)
+            if matters or mattered:
+                self.wake()
+            mattered = matters
