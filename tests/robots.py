@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
 from conftest import BASE_IMAGE, wait_for
 
 from rorg.daemon.wiring import make_engine, make_loop
-from rorg.manifest.catalog import Request
+from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.load import load_or_raise
 from rorg.sim.robot import SimRobot
 from rorg.store.requests_file import RequestsFile
-from rorg.store.state_dir import StateDir
+from rorg.store.state_dir import StateDir, read_json
 
 WORK = ["python3", "-S", "-c", "import signal,sys\nfor s in (2,15): signal.signal(s, lambda *_: sys.exit(0))\n"
         "while True: signal.pause()"]
@@ -57,12 +60,28 @@ class VirtualRobot:
         else:
             self.sim.declare(catalog)
 
-    def request(self, *services: str, id: str = "test", by: str = "developer") -> None:
+    def change(self, edit) -> None:
+        self.sim.asked = edit(self.sim.asked)
+
+    def request(self, *services: str, id: str = "test", by: str = "developer", **more) -> None:
         run = None if by == "developer" else self.container(by).incarnation
-        self.sim.asked = self.sim.asked.put(Request(id, by, services, incarnation=run))
+        self.change(lambda asked: asked.put(Request(id, by, services, incarnation=run, **more)))
 
     def release(self, id: str = "test", by: str = "developer") -> None:
-        self.sim.asked = self.sim.asked.without({(by, id)})
+        self.change(lambda asked: asked.without({(by, id)}))
+
+    def hold(self, service: str, seconds: float, reason: str = "") -> None:
+        self.change(lambda asked: replace(asked, holds={service: Hold(self.wall() + seconds, reason)}))
+
+    def suspend(self, seconds: float, reason: str = "") -> None:
+        self.change(lambda asked: replace(asked, suspended=Hold(self.wall() + seconds, reason)))
+
+    def wall(self) -> float:
+        return self.sim.now
+
+    def waits(self, service: str) -> str:
+        """Why it waits, as the last pass said it."""
+        return "; ".join(w.reason for w in self.sim.decision.plan.waitings if w.service == service)
 
     def wait(self, condition, seconds: float = 60.0) -> None:
         self.sim.run(lambda _: condition(), seconds)
@@ -132,12 +151,27 @@ class RealRobot(VirtualRobot):
         self.state.release()
         self.loop = None
 
-    def request(self, *services: str, id: str = "test", by: str = "developer") -> None:
-        run = None if by == "developer" else self.container(by).incarnation
-        self.file.change(lambda asked: asked.put(Request(id, by, services, incarnation=run)))
+    def change(self, edit) -> None:
+        self.file.change(edit)
 
-    def release(self, id: str = "test", by: str = "developer") -> None:
-        self.file.change(lambda asked: asked.without({(by, id)}))
+    def wall(self) -> float:
+        return time.time()
+
+    def status(self) -> dict:
+        """What the loop published last."""
+        return read_json(self.state.status) or {}
+
+    def waits(self, service: str) -> str:
+        waitings = self.status().get("plan", {}).get("waitings", [])
+        return "; ".join(w["reason"] for w in waitings if w["service"] == service)
+
+    def signal(self, service: str, name: str) -> None:
+        """Sends a signal to its program, behind rorg's back."""
+        container = self.container(service)
+        if self.kind == "docker":
+            self.engine.api().kill(container.id, name)
+        else:
+            os.killpg(container.pid, signal.Signals[name])
 
     def wait(self, condition, seconds: float = 30.0) -> None:
         try:
@@ -153,9 +187,7 @@ class RealRobot(VirtualRobot):
         self.wait(self.quiet)
 
     def quiet(self) -> bool:
-        from rorg.store.state_dir import read_json
-
-        status = read_json(self.state.status) or {}
+        status = self.status()
         plan = status.get("plan", {"actions": [1]})
         return not (plan["actions"] or plan["waitings"] or status["in_flight"]) and not self.loop.memory.in_flight
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from rorg.cli.output import note
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Finding, Memory, Progress
@@ -71,6 +72,13 @@ class Context:
         if file.diagnostics:
             raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "to mend it")
         return file.asked
+
+    def change(self, edit: Callable[[Asked], Asked]) -> None:
+        """Changes what is asked of the robot, durably, and says so when nobody is there to do it."""
+        self.state.prepare()
+        RequestsFile(self.state.requests).change(edit)
+        if self.state.owner() is None:
+            note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
@@ -142,5 +150,6 @@ def unready(view: dict[str, Any], names: set[str]) -> str:
             return f"{name} is not declared yet"
         if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
             found = condition(service, "Ready")
-            return f"{name}: {found['message'] or found['reason']}"
+            waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
+            return f"{name}: {'; '.join(waits) or found['message'] or found['reason']}"
     return ""

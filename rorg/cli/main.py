@@ -10,8 +10,8 @@ import typer
 
 from rorg.errors import Exit, RorgError
 
-COMMANDS = ("validate", "diff", "apply", "run", "get", "describe", "why", "request", "release", "restart", "logs",
-            "graph", "build", "demo", "completion")
+COMMANDS = ("validate", "diff", "apply", "run", "get", "describe", "why", "request", "release", "restart", "hold",
+            "suspend", "logs", "graph", "build", "demo", "completion")
 
 app = typer.Typer(
     name="rorg", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,

@@ -19,6 +19,16 @@ def complete_service(incomplete: str) -> list[str]:
     return [n for n in (*catalog.services, *catalog.groups) if n.startswith(incomplete)]
 
 
+def duration(text: str) -> float:
+    """Seconds of "10m" or "1m30s"."""
+    from rorg.manifest.scalars import parse_duration
+
+    try:
+        return parse_duration(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
 Directory = Annotated[Path | None, typer.Argument(
     help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
     show_default=False)]
@@ -33,3 +43,7 @@ Wait = Annotated[bool, typer.Option("--wait", help="Return when everything is re
 Timeout = Annotated[float, typer.Option("--timeout", help="Seconds to wait at the most.")]
 ServiceName = Annotated[str, typer.Argument(help="A service or a group.", autocompletion=complete_service)]
 ServiceNames = Annotated[list[str], typer.Argument(help="Services or groups.", autocompletion=complete_service)]
+For = Annotated[float | None, typer.Option("--for", parser=duration, metavar="DURATION", show_default=False,
+                                           help="How long, such as 10m or 1h30m.")]
+End = Annotated[bool, typer.Option("--end", help="End it now.")]
+Reason = Annotated[str, typer.Option("--reason", help="For people: shown in every listing.")]

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rorg.cli.options import EngineName, ServiceNames, StateDirectory, Timeout, Wait
+from rorg.cli.options import EngineName, ServiceNames, StateDirectory, Timeout, Wait, duration
 
 
 def command(
@@ -15,36 +15,38 @@ def command(
     id: Annotated[str, typer.Option("--id", help="Id of the request; the same id again replaces it. "
                                                  "Default: the first service's name.")] = "",
     reason: Annotated[str, typer.Option("--reason", help="For people, shown by `rorg why`.")] = "",
+    ttl: Annotated[float | None, typer.Option("--ttl", parser=duration, metavar="DURATION", show_default=False, help=(
+        "Lease: it is dropped after so long, unless the same request is sent again."))] = None,
+    priority: Annotated[int | None, typer.Option("--priority", min=0, max=100, show_default=False, help=(
+        "Raises what it asks for, where not everything can run. Default: that of the services."))] = None,
     wait: Wait = False, timeout: Timeout = 60.0, state_dir: StateDirectory = None, engine: EngineName = None,
 ) -> None:
     """Ask for services; they run, with all that they need, until the request is released."""
     from rorg.cli.context import Context, unready
-    from rorg.cli.output import note
     from rorg.core.requests import problems
+    from rorg.daemon.wiring import wall_clock
     from rorg.errors import Invalid, Refused
     from rorg.manifest.catalog import Request
     from rorg.manifest.references import closure
-    from rorg.store.requests_file import Asked, RequestsFile
+    from rorg.store.requests_file import Asked
 
     context = Context(state_dir, engine)
     catalog = context.catalog()
     chosen = tuple(dict.fromkeys(services))
-    request = Request(id or chosen[0], requester, chosen, reason, _incarnation(context, catalog, requester))
-    context.state.prepare()
+    request = Request(id or chosen[0], requester, chosen, reason, _incarnation(context, catalog, requester),
+                      priority=priority, ttl=ttl, renewed=wall_clock() if ttl else "")
 
     def put(asked: Asked) -> Asked:
         found = problems(catalog, asked.requests, request)
         if found:
             cause, remedy = found[0]
-            kind = Refused if "conflict" in cause else Invalid
+            kind = Refused if "conflict" in cause or "does not fit" in cause else Invalid
             raise kind(f"request {', '.join(chosen)}", "; ".join(c for c, _ in found), remedy)
         return asked.put(request)
 
-    RequestsFile(context.state.requests).change(put)
+    context.change(put)
     typer.echo(f"request '{request.id}' of {requester}: {', '.join(chosen)}")
     if not wait:
-        if context.state.owner() is None:
-            note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
         return
     names = closure(catalog.services, [m for s in chosen for m in catalog.members(s)])
 

@@ -15,10 +15,9 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     from dataclasses import replace
 
     from rorg.cli.context import Context, unready
-    from rorg.cli.output import missing, note
+    from rorg.cli.output import missing
     from rorg.daemon.wiring import wall_clock
     from rorg.errors import Refused
-    from rorg.store.requests_file import RequestsFile
 
     context = Context(state_dir, engine)
     catalog = context.catalog()
@@ -32,13 +31,9 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
         if not typer.confirm(f"{', '.join(drivers)} moves hardware. Restart?", err=True):
             raise Refused(f"restart {service}", "you said no")
     asked_at = wall_clock()
-    context.state.prepare()
-    RequestsFile(context.state.requests).change(
-        lambda asked: replace(asked, restarts={**asked.restarts, **{n: asked_at for n in names}}))
+    context.change(lambda asked: replace(asked, restarts={**asked.restarts, **{n: asked_at for n in names}}))
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if context.state.owner() is None:
-        note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
-    elif wait:
+    if wait and context.state.owner() is not None:
         def done(view: dict) -> str:
             if any(view["restarts"].get(n) != asked_at for n in names):
                 return "the request has not been read yet"

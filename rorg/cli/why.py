@@ -39,13 +39,21 @@ def _lines(entry: dict, catalog: object) -> list[str]:
     name = entry["service"]
     lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link}" for depth, link in enumerate(entry["chain"])]
-    if not entry["wanted"]:
+    lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"]]
+    if not entry["wanted"] and not entry["waits"]:
         dependants = sorted(s.name for s in catalog.services.values() if name in s.needs)  # type: ignore[attr-defined]
-        lines += [f"  request '{r['id']}' of {r['requester']} names it, but {r['requester']} is not active"
-                  for r in entry["requests"]]
+        lines += [f"  {_request(r)}, but {r['requester']} is not active" for r in entry["requests"]]
         if not entry["requests"]:
             lines.append("  no request names it")
         if dependants:
             lines.append(f"  none of those that need it is active: {', '.join(dependants)}")
     lines += [f"  it waits: {reason}" for reason in entry["waits"]]
     return lines
+
+
+def _request(request: dict) -> str:
+    said = f"request '{request['id']}' of {request['requester']} names it"
+    facts = [f"priority {request['priority']}" if request.get("priority") is not None else "",
+             f"lease of {request['ttl']:g} s" if request.get("ttl") else "",
+             "standing" if request["standing"] else "", f"because {request['reason']}" if request["reason"] else ""]
+    return ", ".join([said, *filter(None, facts)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 
 from rorg.core.arbitrate import arbitrate
 from rorg.core.check import check
@@ -18,7 +19,6 @@ from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.wanted import urgent
 from rorg.manifest.catalog import Hold, Probe, Request
-from rorg.manifest.scalars import format_seconds
 
 FRESH = 1.0
 """Seconds for which the answer of an interlock counts."""
@@ -81,7 +81,7 @@ def decide(inputs: Inputs) -> Decision:
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
-    holds = {n: _until("held", h, inputs.wall) for n, h in inputs.holds.items() if h.until > inputs.wall}
+    holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall}
     shed = {s.service: s.reason for s in inputs.memory.pressure.shed}
     verdict = arbitrate(desired.catalog, requests, {**shed, **holds})
     memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
@@ -94,7 +94,7 @@ def decide(inputs: Inputs) -> Decision:
         desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
         inputs.restarts, inputs.removals, verdict.gave_way, verdict.ranks, _interlocks(inputs), relieved.lowered,
         relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed,
-        _until("suspended", inputs.suspended, inputs.wall)
+        _until("suspended", inputs.suspended)
         if inputs.suspended and inputs.suspended.until > inputs.wall else "")
     plan = make_plan(situation)
     violations = tuple(check(plan, situation))
@@ -106,8 +106,9 @@ def decide(inputs: Inputs) -> Decision:
                     to_probe(situation, plan), holds)
 
 
-def _until(word: str, hold: Hold, wall: float) -> str:
-    return f"{word} for {format_seconds(hold.until - wall)}" + (f": {hold.reason}" if hold.reason else "")
+def _until(word: str, hold: Hold) -> str:
+    end = datetime.fromtimestamp(hold.until, UTC).isoformat(sep=" ", timespec="seconds")
+    return f"{word} until {end.removesuffix('+00:00')} UTC" + (f": {hold.reason}" if hold.reason else "")
 
 
 def _interlocks(inputs: Inputs) -> dict[str, str]:

@@ -1,0 +1,24 @@
+"""rorg suspend"""
+
+from __future__ import annotations
+
+import typer
+
+from rorg.cli.options import End, For, Reason, StateDirectory
+
+
+def command(duration: For = None, reason: Reason = "", end: End = False, state_dir: StateDirectory = None) -> None:
+    """Change nothing for a time, whatever is asked for; what would be done is still shown. It ends by itself."""
+    import time
+    from dataclasses import replace
+
+    from rorg.cli.context import Context
+    from rorg.errors import Invalid
+    from rorg.manifest.catalog import Hold
+    from rorg.manifest.scalars import format_seconds
+
+    if not end and not duration:
+        raise Invalid("suspend", "it must end by itself", "--for 10m")
+    hold = None if end else Hold(time.time() + (duration or 0.0), reason)
+    Context(state_dir, None).change(lambda asked: replace(asked, suspended=hold))
+    typer.echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")
