@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -29,6 +30,12 @@ def wait_for(condition, seconds: float = 20.0, what: str = "the condition"):
             return value
         time.sleep(0.005)
     raise AssertionError(f"not within {seconds} s: {what}")
+
+
+def free_port() -> int:
+    """A TCP port that nobody uses now."""
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
 
 
 def no_docker(reason: str):

@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import psutil
 import yaml
 from conftest import BASE_IMAGE, wait_for
 
@@ -171,7 +172,8 @@ class RealRobot(VirtualRobot):
         if self.kind == "docker":
             self.engine.api().kill(container.id, name)
         else:
-            os.killpg(container.pid, signal.Signals[name])
+            for child in psutil.Process(container.pid).children():  # its leader is a shell that waits for it
+                child.send_signal(signal.Signals[name])
 
     def wait(self, condition, seconds: float = 30.0) -> None:
         try:

@@ -105,11 +105,12 @@ class Prober:
         with self._condition:
             if targets == self._targets:
                 return
-            for key, target in targets.items():
-                if self._targets.get(key) != target:
-                    # A fresh readiness is asked at once; life, which was fine just now, after a while.
-                    self._due[key] = self.clock() + (target.every if key[1] == "live" else 0.0)
-                    self._results.pop(key, None)
+            now, fresh = self.clock(), [k for k, t in targets.items() if self._targets.get(k) != t]
+            for index, key in enumerate(fresh):
+                # Readiness is asked at once; life, which was fine just now, later, and not of all at the same time.
+                wait = targets[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
+                self._due[key] = now + wait
+                self._results.pop(key, None)
             self._targets = dict(targets)
             self._due = {k: t for k, t in self._due.items() if k in targets}
             self._results = {k: f for k, f in self._results.items() if k in targets}

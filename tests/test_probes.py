@@ -1,0 +1,248 @@
+"""Readiness and life of real programs: every form of probe, what waits for it, and what a failure brings."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import pytest
+from conftest import free_port, wait_for
+
+from rorg.core.decide import Target
+from rorg.host.probe import Prober
+from rorg.manifest.catalog import Probe
+
+SERVER = ["python3", "-S", "-c", """
+import os, signal, sys, time
+state = {'ready': False, 'alive': True}
+def on(number, frame):
+    if number == signal.SIGUSR1: state['ready'] = True
+    elif number == signal.SIGUSR2: state['alive'] = False
+    else: sys.exit(0)
+for number in (2, 10, 12, 15): signal.signal(number, on)
+print('begins', flush=True)
+told = False
+while True:
+    if state['ready'] and not told:
+        told = True
+        print('now serving on port 80', flush=True)
+        open(os.environ['READY_FILE'], 'w').close()
+        import socket
+        listener = socket.socket(); listener.setsockopt(1, 2, 1)
+        listener.bind(('127.0.0.1', int(os.environ['PORT']))); listener.listen(9)
+    if state['alive']:
+        open(os.environ['ALIVE_FILE'], 'w').close()
+    signal.sigtimedwait([34], 0.05)
+"""]
+
+
+def server(tmp_path, robot, **more) -> dict:
+    """A program that becomes ready at SIGUSR1 and hangs at SIGUSR2."""
+    folder = "/tmp" if robot.kind == "docker" else str(tmp_path)
+    return {"command": SERVER, "container": {"environment": {
+        "READY_FILE": f"{folder}/ready", "ALIVE_FILE": f"{folder}/alive", "PORT": str(free_port())}}, **more}
+
+
+def tell(robot, service: str, name: str) -> None:
+    """Signals the program of now, once it can take signals."""
+    robot.wait(lambda: b"begins" in robot.engine.log_since(robot.container(service).id, "")[0])
+    robot.signal(service, name)
+
+
+@pytest.mark.parametrize("form", ["log", "file", "tcp", "exec"])
+def test_a_dependant_waits_until_what_it_needs_is_ready(real_robot, tmp_path, form):
+    spec = server(tmp_path, real_robot)
+    environment = spec["container"]["environment"]
+    probe = {"log": {"log": "serving on port [0-9]+"}, "file": {"file": environment["READY_FILE"]},
+             "tcp": {"tcp": int(environment["PORT"])},
+             "exec": {"exec": ["python3", "-S", "-c", f"open('{environment['READY_FILE']}')"],
+                      "interval": "200ms"}}[form]
+    real_robot.declare({"server": {**spec, "ready": probe}, "client": {"needs": ["server"]}})
+    real_robot.request("client")
+    real_robot.wait(lambda: "server" in real_robot.active() and "server is not ready" in real_robot.waits("client")
+                    and "of 30 s" in real_robot.waits("client"))
+    assert "client" not in real_robot.active()
+    tell(real_robot, "server", "SIGUSR1")
+    real_robot.wait(lambda: "client" in real_robot.active())
+
+
+def test_a_log_line_of_the_run_before_does_not_count(real_robot, tmp_path):
+    real_robot.declare({"server": {**server(tmp_path, real_robot), "ready": {"log": "serving"}},
+                        "client": {"needs": ["server"]}})
+    real_robot.request("server")
+    real_robot.wait(lambda: "server" in real_robot.active())
+    tell(real_robot, "server", "SIGUSR1")
+    real_robot.settle()
+    before = real_robot.container("server").incarnation
+    real_robot.kill("server")
+    real_robot.wait(lambda: "server" in real_robot.active() and real_robot.container("server").incarnation != before)
+    real_robot.request("client", id="client")
+    real_robot.wait(lambda: "no line of its output" in real_robot.waits("client"))
+    tell(real_robot, "server", "SIGUSR1")
+    real_robot.wait(lambda: "client" in real_robot.active())
+
+
+def test_the_engines_own_health_check_counts(docker_robot, tmp_path):
+    spec = server(tmp_path, docker_robot, ready={"engine": "healthy"})
+    ready = spec["container"]["environment"]["READY_FILE"]
+    spec["container"]["healthcheck"] = {"test": ["CMD", "python3", "-S", "-c", f"open('{ready}')"], "interval": "1s",
+                                        "timeout": "5s", "retries": 1}
+    docker_robot.declare({"server": spec, "client": {"needs": ["server"]}})
+    docker_robot.request("client")
+    docker_robot.wait(lambda: "the engine says" in docker_robot.waits("client"))
+    tell(docker_robot, "server", "SIGUSR1")
+    docker_robot.wait(lambda: "client" in docker_robot.active())
+
+
+def test_a_program_that_hangs_is_restarted(real_robot, tmp_path):
+    spec = server(tmp_path, real_robot, always_on=True)
+    alive = spec["container"]["environment"]["ALIVE_FILE"]
+    real_robot.declare({"server": {**spec, "live": {"file": alive, "interval": "500ms", "failures": 2}}})
+    real_robot.wait(lambda: "server" in real_robot.active())
+    real_robot.settle()
+    before = real_robot.container("server").incarnation
+    tell(real_robot, "server", "SIGUSR2")
+    real_robot.wait(lambda: "server" in real_robot.active() and real_robot.container("server").incarnation != before)
+    assert any("did not answer" in line for line in real_robot.log())
+    real_robot.wait(lambda: real_robot.status()["services"]["server"]["crashes"] == 1)
+
+
+def test_what_hangs_again_and_again_is_restarted_with_growing_pauses(tmp_path):
+    from robots import VirtualRobot
+
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"server": {"always_on": True, "live": {"tcp": 80}}})
+    robot.wait(lambda: "server" in robot.active())
+    while robot.now() < 60:
+        robot.sim.hung |= {c.incarnation for c in robot.containers()}
+        robot.wait(lambda: any(c.alive and c.incarnation not in robot.sim.hung for c in robot.containers()), 120)
+    starts = [at for at, text in robot.sim.log if text.startswith("> start")]
+    pauses = [b - a for a, b in itertools.pairwise(starts)]
+    assert pauses == sorted(pauses) and pauses[-1] > 10
+
+
+def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
+    port = free_port()
+    listener = socket.create_server(("127.0.0.1", port))
+    real_robot.declare({"server": {"always_on": True, "ready": {"tcp": port, "failures": 2}},
+                        "client": {"needs": ["server"]}})
+    real_robot.wait(lambda: "server" in real_robot.active())
+    real_robot.wait(lambda: real_robot.status()["services"]["server"]["health"] == "Healthy")
+    listener.close()
+    real_robot.wait(lambda: real_robot.status()["services"]["server"]["health"] != "Healthy")
+    real_robot.request("client")
+    real_robot.wait(lambda: "server is not ready" in real_robot.waits("client"))
+    with socket.create_server(("127.0.0.1", port)):
+        real_robot.wait(lambda: "client" in real_robot.active())
+
+
+def test_a_resumed_service_is_probed_again(real_robot, tmp_path):
+    port = free_port()
+    real_robot.declare({"server": {"ready": {"tcp": port}, "idle": {"action": "pause"}},
+                        "client": {"needs": ["server"]}})
+    with socket.create_server(("127.0.0.1", port)):
+        real_robot.request("client")
+        real_robot.wait(lambda: "client" in real_robot.active())
+    real_robot.release()
+    real_robot.wait(lambda: real_robot.states()["server"] == "paused")
+    real_robot.request("client")
+    real_robot.wait(lambda: "server" in real_robot.active() and "server is not ready" in real_robot.waits("client"))
+    with socket.create_server(("127.0.0.1", port)):
+        real_robot.wait(lambda: "client" in real_robot.active())
+
+
+def test_nothing_touches_a_driver_against_its_interlock(real_robot, tmp_path):
+    allow = tmp_path / "estop-released"
+    arm = {"driver": {}, "interlock": {"file": str(allow)}}
+    real_robot.declare({"arm": arm, "camera": {}})
+    real_robot.request("arm", "camera")
+    real_robot.wait(lambda: real_robot.active() == {"camera"} and "interlock" in real_robot.waits("arm"))
+    allow.touch()
+    real_robot.wait(lambda: "arm" in real_robot.active())
+    real_robot.settle()
+    before = real_robot.container("arm").incarnation
+    allow.unlink()
+    wait_for(lambda: ("arm", "interlock") not in real_robot.loop.prober.results())
+    real_robot.declare({"arm": {**arm, "container": {"environment": {"SPEED": "2"}}}, "camera": {}})
+    real_robot.release()
+    real_robot.wait(lambda: "camera" not in real_robot.active() and "interlock" in real_robot.waits("arm"))
+    assert real_robot.container("arm").incarnation == before
+    allow.touch()
+    real_robot.wait(lambda: "arm" not in real_robot.active())
+
+
+def test_killed_for_memory_is_told_apart_from_a_crash(docker_robot):
+    eat = ["python3", "-S", "-c", "import signal\nsignal.sigtimedwait([34], 0.2)\nx = b'x' * (1 << 28)\nsignal.pause()"]
+    docker_robot.declare({"eater": {"always_on": True, "command": eat,
+                                    "container": {"mem_limit": "32Mi", "memswap_limit": "32Mi"}},
+                          "crasher": {"always_on": True, "command": ["python3", "-S", "-c", "raise SystemExit(3)"]}})
+    docker_robot.wait(lambda: any("out of memory" in line for line in docker_robot.log()))
+    docker_robot.wait(lambda: _stalled(docker_robot, "eater") == "CrashLoop")
+    docker_robot.wait(lambda: "out of memory" in _message(docker_robot, "eater"))
+    docker_robot.wait(lambda: "exit code 3" in _message(docker_robot, "crasher"))
+
+
+def _stalled(robot, name: str) -> str:
+    conditions = robot.status().get("services", {}).get(name, {}).get("conditions", [])
+    return next((c["reason"] for c in conditions if c["type"] == "Stalled"), "")
+
+
+def _message(robot, name: str) -> str:
+    conditions = robot.status().get("services", {}).get(name, {}).get("conditions", [])
+    return next((c["message"] for c in conditions if c["type"] == "Stalled"), "")
+
+
+class Page(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        self.send_response(200 if self.path == "/fine" else 503)
+        self.end_headers()
+
+    def log_message(self, *args) -> None:
+        pass
+
+
+def test_an_http_probe_wants_2xx_or_3xx():
+    from rorg.host.probe import ask_host
+
+    with HTTPServer(("127.0.0.1", 0), Page) as page:
+        threading.Thread(target=page.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{page.server_port}"
+        assert ask_host(Probe("http", f"{url}/fine")) == ""
+        assert ask_host(Probe("http", f"{url}/ill")) == f"{url}/ill answers 503"
+        page.shutdown()
+    assert "refused" in ask_host(Probe("http", f"{url}/fine"))
+
+
+def test_300_probed_services_do_not_load_the_machine():
+    """One probe each a second for three seconds, over a listener that always answers."""
+    woken = []
+    with socket.create_server(("127.0.0.1", 0), backlog=500) as listener:
+        from rorg.host.probe import ask_host
+
+        def accept() -> None:
+            while True:
+                try:
+                    listener.accept()[0].close()
+                except OSError:
+                    return
+
+        threading.Thread(target=accept, daemon=True).start()
+        probe = Probe("tcp", f"127.0.0.1:{listener.getsockname()[1]}", interval=1.0, failures=3)
+        asked = []
+        prober = Prober(time.monotonic, lambda: woken.append(1), lambda key, target: (
+            asked.append(key), ask_host(target.probe))[1])
+        prober.start()
+        prober.watch({(f"s{n}", "live"): Target(probe, "run", 1.0) for n in range(300)})
+        began, used = time.monotonic(), os.times()
+        wait_for(lambda: len(asked) >= 900, 10)
+        now, seconds = os.times(), time.monotonic() - began
+        assert all(f.ok for f in prober.results().values())
+        prober.stop()
+        listener.close()
+    assert len(woken) <= 300, "the loop is woken by news only"
+    share = (now.user + now.system - used.user - used.system) / seconds
+    assert share < 0.5, f"{share:.2f} of a core, the listener's own part included"
