@@ -1,0 +1,187 @@
+"""A machine under pressure: measures one after another, mildest first, undone when it is over."""
+
+from __future__ import annotations
+
+import pytest
+from conftest import wait_for
+from robots import RealRobot, VirtualRobot
+
+GIB = 1 << 30
+POLICY = {"policy": {"budget": {"cpu": 2.0, "memory": "4Gi"}, "pressure": {"step": "500ms", "calm": "2s"}}}
+
+
+def service(cpu: float, memory: str, priority: int, **more) -> dict:
+    return {"resources": {"cpu": cpu, "memory": memory}, "priority": priority, **more}
+
+
+@pytest.fixture
+def robot(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+def events(robot) -> list[tuple[float, str]]:
+    return [(at, text) for at, text in robot.sim.log if not text.startswith(("+", "dropped"))]
+
+
+def test_the_lowest_priority_gives_way_and_comes_back(robot):
+    robot.declare({"drive": service(0.5, "1Gi", 90, protected=True), "map": service(0.6, "1Gi", 70),
+                   "log": service(0.5, "1Gi", 20)}, policies=POLICY)
+    robot.request("drive", "map", "log")
+    robot.wait(lambda: robot.active() == {"drive", "map", "log"})
+    robot.sim.extra = (0.9, 0)
+    began = robot.now()
+    robot.wait(lambda: robot.active() == {"drive", "map"})
+    assert robot.now() - began < 10
+    assert "shed under pressure: 2.5 of 2.0 cores in use" in robot.waits("log")
+    robot.sim.extra = (0.0, 0)
+    robot.wait(lambda: robot.active() == {"drive", "map", "log"})
+    robot.wait(lambda: robot.sim.memory.pressure.level == 0)
+    assert not any("drive" in text or "map" in text for at, text in events(robot) if at > began and "cpu" not in text
+                   and "update" not in text and "leaves the CPU" not in text and "pressure is over" not in text)
+
+
+def test_shares_are_lowered_first_and_put_back(robot):
+    robot.declare({"drive": service(0.5, "1Gi", 90, protected=True), "map": service(0.6, "1Gi", 70),
+                   "log": service(0.5, "1Gi", 20, container={"cpu_shares": 512})}, policies=POLICY)
+    robot.request("drive", "map", "log")
+    robot.wait(lambda: len(robot.active()) == 3)
+    robot.sim.extra = (0.6, 0)
+    robot.wait(lambda: robot.container("log").live.get("cpu_shares") == 103)
+    assert len(robot.active()) == 3, "the mildest measure comes first"
+    robot.sim.extra = (0.0, 0)
+    robot.wait(lambda: robot.container("log").live.get("cpu_shares") == 512)
+    robot.wait(lambda: robot.container("map").live.get("cpu_shares") == 1024)
+    assert "cpu_shares" not in robot.container("drive").live
+
+
+def test_what_lingers_is_ceased_at_once(robot):
+    robot.declare({"map": service(0.6, "1Gi", 70), "log": service(0.6, "1Gi", 20, idle={"linger": "10m"})},
+                  policies=POLICY)
+    robot.request("map", id="map")
+    robot.request("log", id="log")
+    robot.wait(lambda: len(robot.active()) == 2)
+    robot.release("log")
+    robot.sim.extra = (1.5, 0)
+    robot.wait(lambda: robot.active() == {"map"}, 20)
+    assert not robot.sim.memory.pressure.shed
+
+
+def test_paused_services_are_stopped_for_their_memory(robot):
+    robot.declare({"map": service(0.6, "1Gi", 70), "log": service(0.6, "2Gi", 20, idle={"action": "pause"})},
+                  policies=POLICY)
+    robot.request("map", id="map")
+    robot.request("log", id="log")
+    robot.wait(lambda: len(robot.active()) == 2)
+    robot.release("log")
+    robot.wait(lambda: robot.states()["log"] == "paused")
+    robot.sim.extra = (0.0, 2 * GIB)
+    robot.wait(lambda: robot.states()["log"] == "exited", 20)
+    assert robot.active() == {"map"}
+
+
+def test_nothing_of_low_priority_begins_under_pressure(robot):
+    robot.declare({"map": service(0.6, "1Gi", 70, protected=True), "log": service(0.1, "1Mi", 20)}, policies=POLICY)
+    robot.request("map", id="map")
+    robot.wait(lambda: len(robot.active()) == 1)
+    robot.sim.extra = (2.0, 0)
+    robot.wait(lambda: robot.sim.memory.pressure.level > 0)
+    robot.request("log", id="log")
+    robot.wait(lambda: "the machine is under pressure" in robot.waits("log"))
+    assert robot.active() == {"map"}
+    robot.sim.extra = (0.0, 0)
+    robot.wait(lambda: robot.active() == {"map", "log"})
+
+
+def test_protected_services_and_what_they_need_are_never_touched(robot):
+    robot.declare({"roscore": service(0.1, "1Gi", 1), "drive": service(0.5, "1Gi", 1, protected=True,
+                                                                       needs=["roscore"])}, policies=POLICY)
+    robot.request("drive")
+    robot.wait(lambda: len(robot.active()) == 2)
+    robot.sim.extra = (4.0, 8 * GIB)
+    began = robot.now()
+    robot.wait(lambda: robot.now() > began + 60, 120)
+    assert robot.active() == {"roscore", "drive"}
+
+
+def test_what_a_request_of_higher_priority_asked_for_outlives_others(robot):
+    robot.declare({"mission": service(0.1, "1Gi", 90), "camera": service(0.6, "1Gi", 10),
+                   "radio": service(0.6, "1Gi", 40)}, policies=POLICY)
+    robot.request("mission", "radio")
+    robot.wait(lambda: "mission" in robot.active())
+    robot.request("camera", id="look", by="mission")
+    robot.wait(lambda: len(robot.active()) == 3)
+    robot.sim.extra = (1.0, 0)
+    robot.wait(lambda: "radio" not in robot.active(), 20)
+    assert robot.active() == {"mission", "camera"}
+
+
+def test_a_service_that_is_too_much_each_time_comes_back_less_and_less_often(robot):
+    robot.declare({"map": service(0.5, "1Gi", 70, protected=True), "log": service(0.6, "1Gi", 20)}, policies=POLICY)
+    robot.request("map", "log")
+    robot.wait(lambda: len(robot.active()) == 2)
+    end = robot.now() + 600
+    while robot.now() < end:
+        # Other programs use more whenever it runs, so that the room it seems to have is never there.
+        robot.sim.extra = (1.2 if "log" in robot.active() else 0.1, 0)
+        robot.sim.run(lambda r, until=robot.now() + 0.4: r.now > until, 10)
+    starts = [at for at, text in robot.sim.log if text.startswith("> start log")]
+    assert len(starts) < 12, "bounded"
+
+
+BURN = ["python3", "-S", "-c", """
+import os, signal, time
+for number in (2, 15): signal.signal(number, lambda *_: os._exit(0))
+hoard = bytearray(int(os.environ['HOARD']) << 20)
+for i in range(0, len(hoard), 4096): hoard[i] = 1
+share = float(os.environ['BURN'])
+while True:
+    end = time.monotonic() + 0.05 * share
+    while time.monotonic() < end: pass
+    time.sleep(0.05 * (1 - share))
+"""]
+
+
+def burner(cpu: float, hoard: int, priority: int, **more) -> dict:
+    return {"command": BURN, "priority": priority, "container": {
+        "environment": {"BURN": str(cpu), "HOARD": str(hoard)}}, **more}
+
+
+@pytest.mark.parametrize("short", ["cpu", "memory"])
+def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, tmp_path, short):
+    """Real load. The budget is set above what the machine uses without the burners of low priority."""
+    from rorg.host.load import Meter
+
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    meter = Meter(lambda: 0.0)
+    base = meter.sample().memory
+    budget = {"cpu": 1.2} if short == "cpu" else {"memory": (base >> 20) + 700 << 20, "cpu": 64}
+    load = (0.8, 0) if short == "cpu" else (0.01, 500)
+    try:
+        robot.declare({
+            "drive": burner(0.3, 50, 90, protected=True), "map": burner(0.1, 50, 70),
+            "aa": burner(*load, 20), "bb": burner(*load, 30, idle={"action": "pause"}),
+        }, policies={"policy": {"budget": budget, "pressure": {"calm": "2s", "memory_some": 100, "low": 0.95,
+                                                                  "admit": 0}}})
+        robot.request("drive", "map", id="work")
+        robot.wait(lambda: robot.active() == {"drive", "map"})
+        robot.settle()
+        before = {c.service: c.incarnation for c in robot.containers() if c.service in ("drive", "map")}
+        robot.request("aa", "bb", id="load")
+        robot.wait(lambda: {"aa", "bb"} <= robot.active())
+        robot.wait(lambda: robot.status()["pressure"]["reason"] != "", 10)
+        robot.wait(lambda: len({"aa", "bb"} & robot.active()) < 2, 10)
+        seen = wait_for(lambda: over(robot, budget) is False, 10, "under the budget")
+        assert seen is not None
+        assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
+        assert {"drive", "map"} <= robot.active()
+        robot.release("load")
+        robot.wait(lambda: robot.status()["pressure"]["measures"] == [], 60)
+        robot.wait(lambda: all(c.live.get("cpu_shares", 0) in (0, 1024) for c in robot.containers()))
+        assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
+    finally:
+        robot.close()
+
+
+def over(robot, budget: dict) -> bool:
+    sample = robot.loop.sampler.latest
+    return sample.cpu > budget["cpu"] or sample.memory > budget.get("memory", float("inf"))
