@@ -1,0 +1,98 @@
+"""Real ROS 1: readiness by the graph, a killed master, stale registrations."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from conftest import free_port, wait_for
+
+from rorg.host import ros
+
+NODES = Path(__file__).parent / "ros_nodes"
+pytestmark = pytest.mark.docker
+
+
+def graph(master: str) -> set[str]:
+    """Names of the nodes that publish something."""
+    try:
+        return {n for _, names in ros.call(master, "getSystemState", "/test")[0] for n in names}
+    except OSError:
+        return set()
+
+
+@pytest.fixture
+def master() -> str:
+    return f"http://localhost:{free_port()}"
+
+
+def services(image: str, master: str, *nodes: str) -> dict[str, dict]:
+    """roscore and some talkers."""
+    environment = {"ROS_MASTER_URI": master}
+    found = {"roscore": {
+        "image": image, "command": f"roscore -p {master.rpartition(':')[2]}", "always_on": True,
+        "ready": {"ros_node": "/rosout"}, "container": {"environment": environment}}}
+    for name in nodes:
+        found[name] = {"image": image, "profile": "ros1", "command": f"python3 /nodes/talker.py {name}",
+                       "ready": {"ros_node": f"/{name}"}, "idle": {"action": "pause"},
+                       "container": {"environment": environment, "volumes": [f"{NODES}:/nodes:ro"]}}
+    return found
+
+
+def healthy(robot, *names: str) -> bool:
+    views = robot.status().get("services", {})
+    return all(views.get(n, {}).get("health") == "Healthy" for n in names)
+
+
+def test_a_node_is_ready_when_it_is_in_the_graph_and_answers(docker_robot, ros_image, master):
+    docker_robot.declare({**services(ros_image, master, "talker"), "behaviour": {"needs": ["talker"]}})
+    docker_robot.request("behaviour")
+    docker_robot.wait(lambda: "behaviour" in docker_robot.active(), 60)
+    assert "/talker" in graph(master)
+    assert ros.probe("ros_node", "/nobody", master) == "/nobody is not registered"
+    assert ros.probe("ros_topic", "/talker/chatter", master) == ""
+    assert ros.probe("ros_topic", "/talker/silence", master) == "nobody publishes /talker/silence"
+    assert ros.probe("ros_service", "/talker/get_loggers", master) == ""
+    assert ros.probe("ros_service", "/talker/nothing", master) == "/talker/nothing is not registered"
+    assert "does not answer" in ros.probe("ros_node", "/talker", f"http://localhost:{free_port()}")
+
+
+def test_all_dependants_of_a_killed_master_are_back_in_the_graph_by_themselves(docker_robot, ros_image, master):
+    names = ("talker1", "talker2", "talker3")
+    docker_robot.declare(services(ros_image, master, *names))
+    docker_robot.request(*names)
+    docker_robot.wait(lambda: healthy(docker_robot, "roscore", *names), 60)
+    before = {c.service: c.incarnation for c in docker_robot.containers()}
+    docker_robot.kill("roscore")
+    docker_robot.wait(lambda: all(c.incarnation != before[c.service] for c in docker_robot.containers()), 60)
+    docker_robot.wait(lambda: healthy(docker_robot, "roscore", *names), 60)
+    assert {f"/{n}" for n in names} <= graph(master)
+
+
+def test_a_killed_node_is_purged_and_a_paused_one_never(docker_robot, ros_image, master):
+    tree = services(ros_image, master, "sleeper", "victim")
+    tree["victim"]["restart"] = "never"  # or it would register again at once
+    docker_robot.declare(tree)
+    docker_robot.request("sleeper", id="sleeper")
+    docker_robot.request("victim", id="victim")
+    docker_robot.wait(lambda: healthy(docker_robot, "sleeper", "victim"), 60)
+    docker_robot.release("sleeper")
+    docker_robot.wait(lambda: docker_robot.states()["sleeper"] == "paused")
+    docker_robot.engine.api().kill(docker_robot.container("victim").id, "SIGKILL")
+    docker_robot.wait(lambda: any("stale registration of the ROS node /victim" in line for line in docker_robot.log()))
+    wait_for(lambda: "/victim" not in graph(master))
+    assert "/sleeper" in graph(master)
+    assert ros.purge(master, {"localhost"}) == [], "and it is not purged later"
+    docker_robot.request("sleeper", id="sleeper")
+    docker_robot.wait(lambda: healthy(docker_robot, "sleeper"))
+
+
+def test_asking_the_graph_costs_milliseconds(docker_robot, ros_image, master):
+    docker_robot.declare(services(ros_image, master, "talker"))
+    docker_robot.request("talker")
+    docker_robot.wait(lambda: healthy(docker_robot, "talker"), 60)
+    began = time.perf_counter()
+    for _ in range(50):
+        assert ros.probe("ros_node", "/talker", master) == ""
+    assert (time.perf_counter() - began) / 50 < 0.05
