@@ -22,10 +22,12 @@ from rorg.engines.observe import Observer
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.host.cgroups import reclaim
 from rorg.host.load import Meter, Sampler
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
 from rorg.manifest.catalog import Thresholds
+from rorg.manifest.scalars import format_memory
 from rorg.store.bell import Bell
 from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir
@@ -219,4 +221,20 @@ class Loop:
         with self._lock:
             self._outcomes.append((action, error))
         self.wake()
+        if action.verb == "pause" and not error:
+            self._reclaim(action)
 
+    def _reclaim(self, action: Action) -> None:
+        """Pushes out what a paused service has in memory, where its manifest asks for that and the machine has swap."""
+        service = self.tree.desired.catalog.services.get(action.service)
+        container = self._container(action.service)
+        if not (service and service.idle.reclaim and container and container.state == "paused"
+                and self.engine.capabilities.isolation):
+            return
+        try:
+            freed = reclaim(container.pid)
+        except OSError as error:
+            self.reporter.event("reclaim-failed", f"memory of {service.name} stays: {error}", service=service.name)
+        else:
+            self.reporter.event("reclaimed", f"{format_memory(freed)} of {service.name} pushed out to swap",
+                                service=service.name, bytes=freed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 ROOT = Path("/sys/fs/cgroup")
@@ -10,16 +11,39 @@ ROOT = Path("/sys/fs/cgroup")
 def container_usage(pid: int) -> tuple[float, int] | None:
     """(CPU seconds since it began, bytes of memory without page cache) of the cgroup of a process; None when gone."""
     try:
-        lines = Path(f"/proc/{pid}/cgroup").read_text().splitlines()
-    except OSError:
-        return None
-    paths = {c: path for line in lines for _, cs, path in [line.split(":", 2)] for c in cs.split(",")}
-    try:
+        paths = _paths(pid)
         if "memory" in paths and "cpuacct" in paths:
             return _v1(paths)
         return _v2(paths[""])
     except (OSError, KeyError, ValueError):
         return None
+
+
+def _paths(pid: int) -> dict[str, str]:
+    """Controller -> path of the process's cgroup; the controller of version 2 is called ""."""
+    lines = Path(f"/proc/{pid}/cgroup").read_text().splitlines()
+    return {c: path for line in lines for _, cs, path in [line.split(":", 2)] for c in cs.split(",")}
+
+
+def has_swap() -> bool:
+    """Whether memory could be pushed out anywhere."""
+    return len(Path("/proc/swaps").read_text().splitlines()) > 1
+
+
+def reclaim(pid: int) -> int:
+    """Asks the kernel to push the memory of a process's cgroup out to swap, and returns how many bytes left. A limit is
+    never lowered for that: without room in swap it would invite the OOM killer."""
+    before = container_usage(pid)
+    if before is None or not has_swap():
+        return 0
+    paths = _paths(pid)
+    if "memory" in paths:
+        (ROOT / "memory" / paths["memory"].lstrip("/") / "memory.force_empty").write_text("0")
+    else:
+        with contextlib.suppress(OSError):  # EAGAIN: less could be freed than was asked for
+            (ROOT / paths[""].lstrip("/") / "memory.reclaim").write_text(str(before[1]))
+    after = container_usage(pid)
+    return max(0, before[1] - after[1]) if after else 0
 
 
 def _v1(paths: dict[str, str]) -> tuple[float, int]:

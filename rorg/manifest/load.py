@@ -13,6 +13,7 @@ from rorg.errors import Invalid
 from rorg.manifest.catalog import DEVELOPER, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.idling import check_idling
 from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
@@ -113,6 +114,7 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
         services[name], found = _resolve(source, services[name], groups, known)
         diagnostics += found
     diagnostics += _same_container(services, by_kind.get("Service", {}))
+    diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
     requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
