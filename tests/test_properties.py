@@ -20,6 +20,7 @@ from rorg.core.requests import problems
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.load import load_or_raise
+from rorg.manifest.references import closure
 from rorg.sim.robot import SimRobot
 
 NAMES = [f"s{n}" for n in range(6)]
@@ -84,7 +85,12 @@ def at_rest(robot: SimRobot, specs: dict) -> None:
     situation = robot.decision.situation
     late = [call for call in robot.engine.calls if call[0] > robot.now - QUIET]
     assert not late, f"it does not come to rest: {late[:6]}"
-    assert robot.active() == {n for n in situation.wanted if n != "developer"}
+    wanted = {n for n in situation.wanted if n != "developer"}
+    waiting = {w.service for w in robot.decision.plan.waitings}
+    assert robot.active() <= wanted
+    assert wanted - robot.active() <= waiting, "wanted is served or explained"
+    if not robot.memory.pressure.level:
+        assert robot.active() == wanted
     for name, state in robot.states().items():
         if name not in situation.wanted:
             idle = specs[name]["idle"]
@@ -135,8 +141,9 @@ def shed_well(robot: SimRobot) -> None:
         assert shed not in services[name].needs, f"{name} needs {shed}"
     askers = {r.requester for r in robot.decision.settled.requests}
     needed = {n for w in situation.wanted for n in services[w].needs}
+    shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
     others = [n for n, rank in situation.ranks.items() if rank < PROTECTED and not services[n].meta
-              and n in robot.active() and n not in askers and n not in needed]
+              and n in robot.active() and n not in {*askers, *needed, *shields}]
     assert all(situation.ranks[n] >= services[shed].priority for n in others)
 
 

@@ -82,11 +82,11 @@ def decide(inputs: Inputs) -> Decision:
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
     holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall}
-    shed = {s.service: s.reason for s in inputs.memory.pressure.shed}
-    verdict = arbitrate(desired.catalog, requests, {**shed, **holds})
+    barred = {**{s.service: s.reason for s in inputs.memory.pressure.shed}, **holds}
+    verdict = arbitrate(desired.catalog, requests, barred)
     memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
                      inputs.findings, now, inputs.booted_at)
-    memory, relieved = relieve(memory, desired, verdict, requests, inputs.observed, inputs.load)
+    memory, relieved = relieve(memory, desired, verdict, requests, barred, inputs.observed, inputs.load)
     if memory.pressure.shed != inputs.memory.pressure.shed:
         verdict = arbitrate(desired.catalog, requests, {
             **{s.service: s.reason for s in memory.pressure.shed}, **holds})

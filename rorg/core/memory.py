@@ -147,7 +147,7 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
         return replace(step, running_since=None, ready=False, probe="")
     if step.running_since is None or step.incarnation != current.incarnation:
         return replace(step, incarnation=current.incarnation, running_since=now, ready=False, probe="")
-    if step.exits and now - step.running_since >= STABLE:
+    if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
         return replace(step, exits=0, error="")
     return step
 

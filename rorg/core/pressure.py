@@ -42,7 +42,7 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Shed:
-    """A service that was ceased to make room, with what it used."""
+    """A service that was ceased to make room, with what it and all that went with it used."""
 
     service: str
     cpu: float
@@ -77,7 +77,8 @@ class Chances:
 
     useful: frozenset[str] = frozenset()
     """Those of MEASURES that would change something now."""
-    next_shed: Callable[[tuple[str, ...]], str | None] = lambda pressed: None
+    next_shed: Callable[[tuple[str, ...]], tuple[str, float, int] | None] = lambda pressed: None
+    """(service, cores, bytes that it and all that goes with it use), given what is pressed."""
 
 
 NONE = Pressure()
@@ -141,10 +142,10 @@ def _more(state: Pressure, load: Load, chances: Chances) -> Pressure:
         level += 1
         if MEASURES[level - 1] in chances.useful:
             return replace(state, level=level, changed_at=load.at)
-    name = chances.next_shed(state.pressed)
-    if name is None:
+    chosen = chances.next_shed(state.pressed)
+    if chosen is None:
         return replace(state, level=max(level, state.level))
-    cpu, memory = load.use.get(name, (0.0, 0))
+    name, cpu, memory = chosen
     restored = dict(state.restored)
     at, wait = restored.get(name, (float("-inf"), 0.0))
     restored[name] = (at, min(2 * wait, CALM_MOST) if load.at - at < FLAP + wait else 0.0)

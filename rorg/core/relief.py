@@ -10,6 +10,7 @@ from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.pressure import Chances, Load, advance
+from rorg.core.wanted import wanted
 from rorg.manifest.catalog import Request
 
 
@@ -24,9 +25,9 @@ class Relief:
     closed: str = ""
 
 
-def relieve(memory: Memory, desired: Desired, verdict: Verdict, requests: Collection[Request], observed: Observed,
-            load: Load | None) -> tuple[Memory, Relief]:
-    """Steps the state of pressure by a sample, and says what follows."""
+def relieve(memory: Memory, desired: Desired, verdict: Verdict, requests: Collection[Request],
+            barred: Collection[str], observed: Observed, load: Load | None) -> tuple[Memory, Relief]:
+    """Steps the state of pressure by a sample, and says what follows. `barred` must not be active anyway."""
     policy = desired.catalog.policy
     states = {name: cs[0].state for name, cs in observed.by_service().items()}
     lower = _below_the_top(desired, verdict)
@@ -40,7 +41,8 @@ def relieve(memory: Memory, desired: Desired, verdict: Verdict, requests: Collec
         useful.add("stop-paused")
     if policy.pressure and any(r < policy.pressure.admit for r in verdict.ranks.values()):
         useful.add("close-admission")
-    chances = Chances(frozenset(useful), lambda pressed: _next_shed(desired, verdict, requests, states, load, pressed))
+    chances = Chances(frozenset(useful), lambda pressed: _next_shed(
+        desired, verdict, requests, barred, states, load, pressed))
     before = memory.pressure
     state = advance(before, policy.pressure, policy.budget, load, chances)
     if state != before:
@@ -58,22 +60,29 @@ def _below_the_top(desired: Desired, verdict: Verdict) -> frozenset[str]:
     return frozenset(n for n, r in ranks.items() if r < min(top, PROTECTED))
 
 
-def _next_shed(desired: Desired, verdict: Verdict, requests: Collection[Request], states: dict[str, str],
-               load: Load | None, pressed: tuple[str, ...]) -> str | None:
-    """The service that matters least of those that run: nothing that is protected, or that a wanted service of a
-    higher rank asked for; nothing that others need or that asked for others, since they would go with it. Of several
-    the one that uses most of what is short."""
+def _next_shed(desired: Desired, verdict: Verdict, requests: Collection[Request], barred: Collection[str],
+               states: dict[str, str], load: Load | None, pressed: tuple[str, ...]) -> tuple[str, float, int] | None:
+    """The service that matters least of those that run, with the cores and bytes that go with it: nothing that is
+    protected, or that a wanted service of a higher rank asked for; nothing that others need or that asked for others;
+    nothing with which a protected service would go. Of several the one that uses most of what is short."""
     services = desired.catalog.services
     askers = {r.requester for r in requests if any(m in verdict.wanted for s in r.services
                                                    for m in desired.catalog.members(s))}
     needed = {n for name in verdict.wanted for n in services[name].needs}
-    use = load.use if load else {}
+
+    def use(name: str) -> tuple[float, int]:
+        return (load.use if load else {}).get(name, (services[name].cpu, services[name].memory))
 
     def weight(name: str) -> float:
-        cpu, memory = use.get(name, (services[name].cpu, services[name].memory))
+        cpu, memory = use(name)
         return cpu if "cpu" in pressed else float(memory)
 
     chosen = [n for n, rank in verdict.ranks.items()
               if rank < PROTECTED and not services[n].meta and states.get(n) in ("running", "paused")
               and n not in askers and n not in needed]
-    return min(chosen, key=lambda n: (verdict.ranks[n], -weight(n), n), default=None)
+    for name in sorted(chosen, key=lambda n: (verdict.ranks[n], -weight(n), n)):
+        gone = set(verdict.wanted) - set(wanted(desired.catalog, verdict.requests, {*barred, name}))
+        if not any(services[n].protected for n in gone):
+            uses = [use(n) for n in gone if states.get(n) == "running"]
+            return name, sum(u[0] for u in uses), sum(u[1] for u in uses)
+    return None
