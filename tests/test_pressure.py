@@ -103,6 +103,19 @@ def test_protected_services_and_what_they_need_are_never_touched(robot):
     assert robot.active() == {"roscore", "drive"}
 
 
+def test_a_service_is_not_shed_when_a_protected_one_would_go_with_it(robot):
+    robot.declare({"drive": service(0.5, "1Gi", 50, protected=True), "tour": service(0.6, "1Gi", 10, needs=["drive"]),
+                   "log": service(0.6, "1Gi", 40)}, policies=POLICY)
+    robot.request("tour", "log")
+    robot.wait(lambda: len(robot.active()) == 3)
+    robot.sim.extra = (1.0, 0)
+    robot.wait(lambda: "log" not in robot.active(), 20)
+    began = robot.now()
+    robot.sim.extra = (3.0, 0)
+    robot.wait(lambda: robot.now() > began + 30)
+    assert robot.active() == {"drive", "tour"}
+
+
 def test_what_a_request_of_higher_priority_asked_for_outlives_others(robot):
     robot.declare({"mission": service(0.1, "1Gi", 90), "camera": service(0.6, "1Gi", 10),
                    "radio": service(0.6, "1Gi", 40)}, policies=POLICY)

@@ -65,7 +65,7 @@ EVENTS = st.lists(st.tuples(
     st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)), max_size=14)
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(services(), POLICIES, EVENTS)
 def test_every_robot_comes_to_rest_as_asked(specs, policy, events):
     with tempfile.TemporaryDirectory() as folder:

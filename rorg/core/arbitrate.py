@@ -43,6 +43,8 @@ def arbitrate(catalog: Catalog, requests: Collection[Request], barred: Mapping[s
         if loser is None:
             break
         _give_way(catalog, out, *loser)
+    if not out and not queued:
+        return Verdict(found, {}, rank, tuple(admitted))
     asked = wanted(catalog, requests)
     gave_way = {n: why for n, why in out.items() if n in asked}
     gave_way |= {n: why for n, why in queued.items() if n not in found and n not in out}

@@ -60,10 +60,13 @@ class Observed:
     containers: tuple[Container, ...] = ()
     complete: bool = True
     error: str = ""
+    _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:
-        """Containers of each service: alive ones first, then the last started."""
-        found: dict[str, list[Container]] = {}
-        for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
-            found.setdefault(container.service, []).append(container)
-        return found
+        """Containers of each service: alive ones first, then the last started. Found once, asked often in a pass."""
+        if self._by_service is None:
+            found: dict[str, list[Container]] = {}
+            for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
+                found.setdefault(container.service, []).append(container)
+            object.__setattr__(self, "_by_service", found)
+        return self._by_service  # type: ignore[return-value]

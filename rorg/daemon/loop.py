@@ -34,6 +34,8 @@ from rorg.store.state_dir import StateDir
 
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
+AFTER = {"resume": "running", "pause": "paused"}
+"""State after a verb of which the engine's event, that comes first, tells all."""
 PATIENCE = 10.0
 """Seconds that the end of the loop waits for calls under way."""
 
@@ -102,11 +104,18 @@ class Loop:
             self._drain()
 
     def _sleep(self, decision: Decision) -> None:
-        due = [] if decision.deadline is None else [decision.deadline - self.clock()]
-        due += [SOON] if self._files else []
-        due += [max(0.0, self.reporter.due() - self.clock())] if self.reporter.due() else []
-        self._woken.wait(max(0.0, min(due)) if due else None)
+        """Until something woke the loop or is due. Publishing is no reason for another pass."""
+        until = [] if decision.deadline is None else [decision.deadline]
+        until += [self.clock() + SOON] if self._files else []
+        publish = self.reporter.due()
+        if publish is not None and not self._wait(min([publish, *until])) and publish <= self.clock():
+            self.reporter.flush()
+        if not self._woken.is_set():
+            self._wait(min(until, default=None))
         self._woken.clear()
+
+    def _wait(self, until: float | None) -> bool:
+        return self._woken.wait(None if until is None else max(0.0, until - self.clock()))
 
     def _drain(self) -> None:
         """Stops the threads. Calls under way are waited for, but not for ever: what they do is observed next time."""
@@ -215,7 +224,7 @@ class Loop:
             error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
-        if container:
+        if container and not self.observer.shows(container, AFTER.get(action.verb, "")):
             self.observer.refresh(container)
         self.reporter.outcome(action, error, self.clock() - began)
         with self._lock:

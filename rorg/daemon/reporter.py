@@ -17,6 +17,8 @@ from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
+PUBLISH_AFTER = 0.025
+"""Seconds from a pass to its publication."""
 PUBLISH_EVERY = 0.05
 """Seconds between two published states at the least."""
 
@@ -36,8 +38,8 @@ class Reporter:
         self.ignored = ignored
         self._said: dict[str, Any] = {}
         self._published = ""
-        self._last = float("-inf")
-        self._next: dict[str, Any] | None = None
+        self._due = 0.0
+        self._next: tuple[Decision, dict[str, Any]] | None = None
         self._lock = threading.Lock()
 
     def event(self, kind: str, message: str, **more: Any) -> None:
@@ -64,7 +66,10 @@ class Reporter:
         self._when_new("pressure", json.dumps(pressure_json(decision)), self._pressure, decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
-        self._publish(self._snapshot(decision, tree, requests))
+        about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
+                      "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
+        self._publish(decision, {**self.about, "tree": about_tree,
+                                 "requests_errors": [str(d) for d in requests.diagnostics]})
 
     def _when_new(self, key: str, value: Any, tell: Callable[[Any], None], subject: Any) -> None:
         first = key not in self._said
@@ -124,28 +129,24 @@ class Reporter:
     def _suspended(self, decision: Decision) -> None:
         self.event("suspended", decision.situation.suspended or "no longer suspended")
 
-    def _snapshot(self, decision: Decision, tree: Tree, requests: RequestsFile) -> dict[str, Any]:
-        about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
-                      "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
-        return snapshot(decision, {**self.about, "tree": about_tree,
-                                   "requests_errors": [str(d) for d in requests.diagnostics]})
-
     # -- publishing --------------------------------------------------------------------------------------------
 
-    def _publish(self, snapshot: dict[str, Any]) -> None:
-        self._next = snapshot
-        if self.clock() - self._last >= PUBLISH_EVERY:
-            self.flush()
+    def _publish(self, decision: Decision, about: dict[str, Any]) -> None:
+        """Keeps what is to be published; writing it at once would take the CPU from the calls that just began."""
+        if self._next is None:
+            self._due = max(self.clock() + PUBLISH_AFTER, self._due)
+        self._next = decision, about
 
     def due(self) -> float | None:
         """When a held-back state is to be published; None without one."""
-        return self._last + PUBLISH_EVERY if self._next is not None else None
+        return self._due if self._next is not None else None
 
     def flush(self) -> None:
         if self._next is None:
             return
-        text = json.dumps(self._next)
-        self._next, self._last = None, self.clock()
+        decision, about = self._next
+        text = json.dumps(snapshot(decision, about))
+        self._next, self._due = None, self.clock() + PUBLISH_EVERY
         if text != self._published:
             self._published = text
             try:

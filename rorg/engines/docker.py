@@ -36,6 +36,8 @@ KINDS = (
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
 )
 """What the engine says, as a stable kind with a remedy."""
+TOLD = {"pause": "paused", "unpause": "running"}
+"""Events that say all: nothing else of the container changes, so no look at it is needed."""
 API_TIMEOUT = 120.0
 """Seconds. A start may take long on a loaded robot; a lost connection ends a call at once anyway."""
 QUICK = 2.0
@@ -121,7 +123,7 @@ class DockerEngine:
         labels = data["Config"].get("Labels") or {}
         return _container(data, labels) if labels.get(LABEL_OWNER) == self.owner else None
 
-    def events(self, stop: threading.Event) -> Iterator[str]:
+    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         filters = {"type": "container", "label": f"{LABEL_OWNER}={self.owner}"}
         quiet = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
         api = self._connect(None)
@@ -129,13 +131,13 @@ class DockerEngine:
             stream = api.events(decode=True, filters=filters)
         closer = threading.Thread(target=lambda: (stop.wait(), stream.close()), daemon=True, name="events-closer")
         closer.start()
-        yield ""
+        yield "", ""
         with docker_errors("follow the engine's events"):
             for event in stream:
                 if stop.is_set():
                     return
                 if not event.get("Action", "").startswith(quiet):
-                    yield event["Actor"]["ID"]
+                    yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
         if not stop.is_set():
             raise Unreachable("follow the engine's events", "the engine closed the stream")
 

@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
 from rorg.engines.protocol import Engine
@@ -63,6 +64,22 @@ class Observer:
             if old != found:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
+    def _told(self, container: str, state: str) -> bool:
+        """Takes a new state from an event; False for a container that was not seen before."""
+        with self._lock:
+            old = self._containers.get(container)
+            if old is None:
+                return False
+            self._began[container] = next(self._clock)
+            self._containers[container] = replace(old, state=state)
+            self._publish(self._snapshot.complete, self._snapshot.error)
+        return True
+
+    def shows(self, container: str, state: str) -> bool:
+        """Whether the cache has a container in this state."""
+        with self._lock:
+            return container in self._containers and self._containers[container].state == state
+
     def sync(self) -> None:
         """One full list. A look at one container that began after it knows better."""
         began = next(self._clock)
@@ -95,10 +112,11 @@ class Observer:
         attempt = 0
         while not self._stop.is_set():
             try:
-                for container in self.engine.events(self._stop):
+                for container, state in self.engine.events(self._stop):
                     attempt = 0
                     if container:
-                        self.refresh(container)
+                        if not (state and self._told(container, state)):
+                            self.refresh(container)
                         self.wake()
                     else:
                         self.sync()

@@ -112,13 +112,13 @@ class ProcessEngine:
         except (OSError, ValueError):
             return "exited", 137
 
-    def events(self, stop: threading.Event) -> Iterator[str]:
+    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         """Changes made through this engine, and exits, by waiting on process descriptors; no polling of processes."""
         watched: dict[int, str] = {}
         poller = select.poll()
         poller.register(self._wake_read, select.POLLIN)
         self._watch_all(poller, watched)
-        yield ""
+        yield "", ""
         try:
             while not stop.is_set():
                 for descriptor, _ in poller.poll(500):
@@ -127,12 +127,12 @@ class ProcessEngine:
                         with self._lock:
                             changed, self._changed = list(dict.fromkeys(self._changed)), []
                         self._watch_all(poller, watched)
-                        yield from changed
+                        yield from ((container, "") for container in changed)
                     else:
                         container = watched.pop(descriptor)
                         poller.unregister(descriptor)
                         os.close(descriptor)
-                        yield container
+                        yield container, ""
         finally:
             for descriptor in watched:
                 os.close(descriptor)

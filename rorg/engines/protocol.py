@@ -48,9 +48,9 @@ class Engine(Protocol):
     def inspect(self, container: str) -> Container | None:
         """One container of ours; None when it is gone or not ours."""
 
-    def events(self, stop: threading.Event) -> Iterator[str]:
-        """Ids of our containers as they change, and once "" when the stream stands. Ends when `stop` is set; raises
-        Unreachable when the stream breaks."""
+    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
+        """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
+        the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
 
     def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
         """Makes a container, not started, and returns its id."""

@@ -24,6 +24,7 @@ HEADER = """\
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
 # service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
 """
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
 _KEYS = ("requests", "restarts", "holds", "suspended")
 
@@ -169,7 +170,7 @@ def render(asked: Asked) -> str:
         content["holds"] = {name: _hold(hold) for name, hold in asked.holds.items()}
     if asked.suspended:
         content["suspended"] = _hold(asked.suspended)
-    return HEADER + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    return HEADER + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
 
 
 def _hold(hold: Hold) -> dict[str, str]:
