@@ -159,3 +159,37 @@ def test_secrets_are_in_no_output(shell):
 @pytest.mark.parametrize("name", ["bash", "zsh", "fish"])
 def test_completion(shell, name):
     assert "_RORG_COMPLETE" in shell("completion", name).stdout
+
+
+def test_a_hold_and_a_suspension_are_shown_and_end(shell):
+    shell.run()
+    shell("request", "driving")
+    wait_for(lambda: "navigation" in shell.active())
+    shell("hold", "driving", "--for", "10m", "--reason", "calibration")
+    wait_for(lambda: "navigation" not in shell.active())
+    assert "calibration" in shell("get", "services", "driving").stdout
+    assert "calibration" in shell("why", "navigation").stdout
+    shell("hold", "navigation", code=2)
+    shell("hold", "developer", "--for", "1m", code=2)
+    shell("suspend", "--for", "10m", "--reason", "maintenance")
+    shell("hold", "navigation", "--end")
+    assert "suspended until" in wait_for(lambda: (d := shell("diff", str(shell.tree), code=1).stdout) and "resume" in d
+                                         and d)
+    assert "navigation" not in shell.active()
+    shell("suspend", "--end")
+    wait_for(lambda: "navigation" in shell.active())
+
+
+def test_a_request_with_a_lease_says_so(shell):
+    shell("request", "navigation", "--ttl", "10s", "--priority", "80", "--reason", "tour")
+    why = shell("why", "navigation").stdout
+    assert "request 'navigation' of developer names it, priority 80, lease of 10 s, because tour" in why
+    shell("request", "navigation", "--ttl", "soon", code=2)
+
+
+def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):
+    write_tree(shell.tree, {"aa": {"resources": {"cpu": 0.6}}, "bb": {"resources": {"cpu": 0.6}}},
+               policies={"policy": {"budget": {"cpu": 1.0, "over": "refuse"}}})
+    shell("request", "aa")
+    assert "1.2 cores would be used of a budget of 1" in shell("request", "bb", code=5).stderr
+    shell("request", "aa", "--id", "again")

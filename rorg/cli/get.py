@@ -44,11 +44,12 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
     from rorg.cli.output import missing
 
     view = context.view()
-    services = {n: s for n, s in view["services"].items() if name in ("", n)}
+    wanted = {name, *context.catalog().members(name)} if name else set(view["services"])
+    services = {n: s for n, s in view["services"].items() if n in wanted}
     if name and not services:
         raise missing("service", name, view["services"])
     rows = [{"name": n, "state": s["state"], "sync": s["sync"], "health": s["health"], "why": s["why"] or "-",
-             "exits": s["exits"], "container": s["container"][:12],
+             "crashes": s["crashes"], "rank": s["rank"], "container": s["container"][:12],
              "message": condition(s, "Ready")["message"]} for n, s in services.items() if s["state"] != "meta" or name]
     return rows, list(services.values())
 
@@ -75,7 +76,7 @@ def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
 
 ROWS = {"services": _services, "groups": _groups, "images": _images, "requests": _requests}
 COLUMNS = {
-    "services": (("name", "state", "sync", "health", "why"), ("exits", "container", "message")),
+    "services": (("name", "state", "sync", "health", "why"), ("crashes", "rank", "container", "message")),
     "groups": (("name", "services"), ("description",)),
     "images": (("name", "from"), ("dockerfile",)),
     "requests": (("id", "requester", "services", "kind"), ("incarnation", "reason")),

@@ -46,7 +46,8 @@ class Chains:
         name, spec = service.name, service.spec or {}
         is_wanted = name in self.s.wanted
         keep = is_wanted or service.idle.action != "remove"
-        pairs = [(c, difference(c, spec, self.desired.digests[name])) for c in self.containers.get(name, [])]
+        pairs = [(c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
+                 for c in self.containers.get(name, [])]
         current = next(((c, d) for c, d in pairs if not d.recreate), None) if keep else None
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         steps: list[Step] = []

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
+from typing import Any
 
+from rorg.core.diff import declared_now
 from rorg.core.digest import digest
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
@@ -19,6 +21,8 @@ class Desired:
 
     catalog: Catalog
     digests: Mapping[str, str]
+    declared: Mapping[str, Mapping[str, Any]]
+    """Service -> its options as a container's record has them."""
     order: tuple[str, ...]
     """All services, what is needed before what needs it."""
     dependants: Mapping[str, tuple[str, ...]]
@@ -47,6 +51,7 @@ def desire(catalog: Catalog) -> Desired:
     return Desired(
         catalog,
         {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
+        {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
         tuple(TopologicalSorter(graph).static_order()),
         {name: tuple(sorted(found)) for name, found in dependants.items()},
         {name: tuple(sorted(found)) for name, found in conflicts.items()},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from rorg.core.digest import declared_fields
@@ -21,13 +22,17 @@ class Difference:
     live: Mapping[str, Any] = field(default_factory=dict)
 
 
-def difference(container: Container, spec: Spec, digest: str) -> Difference:
-    """Compares by digest first, and by declared options only where the digests differ."""
+def declared_now(spec: Spec) -> Mapping[str, Any]:
+    """What a container made from this spec would have in its record, as it would be read back."""
+    return json.loads(json.dumps(declared_fields(spec)))
+
+
+def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, Any]) -> Difference:
+    """Compares by digest first, and by declared options only where the digests differ. `now` is declared_now(spec)."""
     was: Mapping[str, Any] = {}
     changed: list[str] = []
     if container.digest != digest:
         was = _parse(container.declared)
-        now = json.loads(json.dumps(declared_fields(spec)))
         changed = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
         if not was:
             # Without a readable record of what it was made from, only a new container is sure to be right. With one,
@@ -45,6 +50,7 @@ def difference(container: Container, spec: Spec, digest: str) -> Difference:
     return Difference(tuple(k for k in changed if k not in in_place), live)
 
 
+@lru_cache(maxsize=1024)
 def _parse(text: str) -> Mapping[str, Any]:
     try:
         value = json.loads(text)

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
@@ -219,7 +220,8 @@ class Loop:
         began, error = self.clock(), ""
         container = action.container
         try:
-            container = perform(self.engine, action)
+            with nullcontext() if action.urgent else self.observer.acting(action.container):
+                container = perform(self.engine, action)
         except RorgError as failed:
             error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever

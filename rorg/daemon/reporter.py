@@ -62,6 +62,7 @@ class Reporter:
         for violation in decision.violations:
             self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
         for name, step in decision.memory.progress.items():
+            self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
         self._when_new("pressure", json.dumps(pressure_json(decision)), self._pressure, decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
@@ -109,6 +110,13 @@ class Reporter:
             self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
         elif observed.error:
             self.event("engine-lost", observed.error)
+
+    def _crashed(self, what: Any) -> None:
+        name, step, decision = what
+        service = decision.situation.desired.catalog.services.get(name)
+        kind = "driver " if service and service.driver else ""
+        self.event("crashed", f"{kind}{name} {step.error} (unexpected end {step.crashes} since rorg runs)",
+                   service=name, crashes=step.crashes)
 
     def _stalled(self, what: Any) -> None:
         name, step = what

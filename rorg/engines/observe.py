@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
@@ -26,6 +27,7 @@ class Observer:
         self._clock = itertools.count(1)
         self._began: dict[str, int] = {}
         """When, by that clock, the look at each container began that the cache shows: answers may overtake."""
+        self._acting: set[str] = set()
         self._snapshot = Observed(complete=False)
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -80,6 +82,16 @@ class Observer:
         with self._lock:
             return container in self._containers and self._containers[container].state == state
 
+    @contextlib.contextmanager
+    def acting(self, container: str) -> Iterator[None]:
+        """While the block runs, events of this container are left to the look that the caller takes afterwards: bulk
+        work would have every container looked at twice."""
+        self._acting.add(container)
+        try:
+            yield
+        finally:
+            self._acting.discard(container)
+
     def sync(self) -> None:
         """One full list. A look at one container that began after it knows better."""
         began = next(self._clock)
@@ -115,6 +127,8 @@ class Observer:
                 for container, state in self.engine.events(self._stop):
                     attempt = 0
                     if container:
+                        if container in self._acting:
+                            continue
                         if not (state and self._told(container, state)):
                             self.refresh(container)
                         self.wake()

@@ -104,21 +104,89 @@ def test_response_on_docker_at_41_services(dockerd, tmp_path):
         robot.close()
 
 
-def test_an_idle_loop(dockerd, tmp_path):
+def test_a_request_while_41_services_are_replaced(dockerd, tmp_path):
+    specs = {f"s{n:02}": {"always_on": n >= 1} for n in range(42)}
+    specs["s00"]["idle"] = {"action": "pause"}
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    try:
+        robot.declare(specs)
+        robot.wait(lambda: len(robot.active()) == 41, 120)
+        robot.request("s00")
+        robot.wait(lambda: "s00" in robot.active())
+        robot.release()
+        robot.wait(lambda: "s00" not in robot.active())
+        robot.settle()
+
+        def state() -> str:
+            return next(c.state for c in robot.loop.observer.snapshot().containers if c.service == "s00")
+
+        def once() -> None:
+            robot.request("s00")
+            while state() != "running":
+                time.sleep(0.0002)
+
+        old = {c.id for c in robot.containers()}
+        for n in range(1, 42):
+            specs[f"s{n:02}"]["container"] = {"environment": {"VERSION": "2"}}
+        robot.declare(specs)
+        wait_for(lambda: any(f.action.part_of for f in robot.loop.memory.in_flight.values()), 10)
+        found = []
+        while len({c.id for c in robot.loop.observer.snapshot().containers} & old) > 1:
+            found += timed(once, 1)
+            robot.release()
+            wait_for(lambda: state() != "running" and "s00" not in robot.loop.memory.in_flight)
+        show("request to resumed while 41 are replaced", sorted(found))
+        robot.wait(lambda: len({c.id for c in robot.containers()} & old) == 1 and len(robot.containers()) == 42, 120)
+    finally:
+        robot.close()
+
+
+def test_a_crash_is_answered(dockerd, tmp_path):
+    """From the engine's own time of the `die` event to the call that starts it again."""
+    import rorg.daemon.loop as module
+
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    begun: list[float] = []
+    perform = module.perform
+    module.perform = lambda engine, action: (begun.append(time.time()), perform(engine, action))[1]
+    try:
+        robot.declare({f"s{n:02}": {"always_on": True} for n in range(41)})
+        robot.wait(lambda: len(robot.active()) == 41, 120)
+        robot.settle()
+        api, found = robot.engine.api(), []
+        for n in range(20):
+            container = robot.container(f"s{n:02}").id
+            since = time.time()
+            begun.clear()
+            api.kill(container)
+            robot.wait(lambda: len(begun) >= 1)
+            event = next(e for e in api.events(since=since - 1, until=time.time() + 1, decode=True, filters={
+                "container": container, "event": "die"}))
+            found.append((begun[0] - event["timeNano"] / 1e9) * 1000)
+        show("crash event to start call", sorted(found))
+    finally:
+        module.perform = perform
+        robot.close()
+
+
+def test_an_idle_loop_over_200_services(dockerd, tmp_path):
+    """Twenty of them run, ten of those are probed for life."""
     import psutil
 
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     try:
-        write_tree(robot.tree, {f"s{n:02}": {} for n in range(41)})
+        write_tree(robot.tree, {f"s{n:03}": {
+            "always_on": n < 20, **({"live": {"exec": ["python3", "-S", "-c", ""], "interval": "1h"}} if n < 10 else {})
+        } for n in range(200)}, policies={"policy": {"pressure": {}}})
         process = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(robot.tree), "--state-dir",
                                     str(robot.state.path), "--engine", "docker"], stderr=subprocess.DEVNULL)
-        wait_for(lambda: len(robot.containers()) == 41, 60)
-        time.sleep(2)
+        wait_for(lambda: len(robot.containers()) == 200 and len(robot.active()) == 20, 120)
+        time.sleep(3)
         of = psutil.Process(process.pid)
         before, began = of.cpu_times(), time.monotonic()
         time.sleep(20)
         used = sum(of.cpu_times()[:2]) - sum(before[:2])
-        print(f"\nidle loop, 41 services: {100 * used / (time.monotonic() - began):.2f} % of a core, "
+        print(f"\nidle loop, 200 services: {100 * used / (time.monotonic() - began):.2f} % of a core, "
               f"{of.memory_info().rss >> 20} MiB", end="")
         process.kill()
         process.wait()
