@@ -59,6 +59,14 @@ class Refused(RorgError):
     code = Exit.REFUSED
 
 
+class Forbidden(Refused):
+    """Whoever asked may not."""
+
+
+class Missing(Invalid):
+    """There is nothing of that name."""
+
+
 class EngineError(RorgError):
     """The engine answered, and said no. `kind` is stable: missing_image, name_taken, missing_device,
     forbidden, gone, conflict, other."""

@@ -53,6 +53,10 @@ def tell(robot, service: str, name: str) -> None:
     robot.signal(service, name)
 
 
+def health(robot, service: str) -> str:
+    return robot.status().get("services", {}).get(service, {}).get("health", "")
+
+
 @pytest.mark.parametrize("form", ["log", "file", "tcp", "exec"])
 def test_a_dependant_waits_until_what_it_needs_is_ready(real_robot, tmp_path, form):
     spec = server(tmp_path, real_robot)
@@ -131,9 +135,9 @@ def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
     real_robot.declare({"server": {"always_on": True, "ready": {"tcp": port, "failures": 2}},
                         "client": {"needs": ["server"]}})
     real_robot.wait(lambda: "server" in real_robot.active())
-    real_robot.wait(lambda: real_robot.status()["services"]["server"]["health"] == "Healthy")
+    real_robot.wait(lambda: health(real_robot, "server") == "Healthy")
     listener.close()
-    real_robot.wait(lambda: real_robot.status()["services"]["server"]["health"] != "Healthy")
+    real_robot.wait(lambda: health(real_robot, "server") != "Healthy")
     real_robot.request("client")
     real_robot.wait(lambda: "server is not ready" in real_robot.waits("client"))
     with socket.create_server(("127.0.0.1", port)):
@@ -170,7 +174,7 @@ def test_nothing_touches_a_driver_against_its_interlock(real_robot, tmp_path):
     real_robot.declare({"arm": {**arm, "container": {"environment": {"SPEED": "2"}}}, "camera": {}})
     real_robot.release()
     real_robot.wait(lambda: "camera" not in real_robot.active() and "interlock" in real_robot.waits("arm"))
-    assert real_robot.container("arm").incarnation == before
+    assert before in {c.incarnation for c in real_robot.containers() if c.state == "running"}
     allow.touch()
     real_robot.wait(lambda: "arm" not in real_robot.active())
 

@@ -143,7 +143,7 @@ def shed_well(robot: SimRobot) -> None:
     needed = {n for w in situation.wanted for n in services[w].needs}
     shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
     others = [n for n, rank in situation.ranks.items() if rank < PROTECTED and not services[n].meta
-              and n in robot.active() and n not in {*askers, *needed, *shields}]
+              and n in robot.active() and n not in {*askers, *needed, *shields, *closure(services, [shed])}]
     assert all(situation.ranks[n] >= services[shed].priority for n in others)
 
 

@@ -82,7 +82,7 @@ class Context:
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-        desired, asked = desire(catalog), self.asked()
+        desired, asked = desire(catalog, str(self.state.run)), self.asked()
         observed = Observed(tuple(self.engine().list()))
         last = self.last() or {}
         owner = last.get("instance") or self.state.instance(lambda: "")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 
 from rorg.core.arbitrate import arbitrate
 from rorg.core.check import check
@@ -19,6 +18,7 @@ from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.wanted import urgent
 from rorg.manifest.catalog import Hold, Probe, Request
+from rorg.manifest.scalars import format_time
 
 FRESH = 1.0
 """Seconds for which the answer of an interlock counts."""
@@ -107,8 +107,7 @@ def decide(inputs: Inputs) -> Decision:
 
 
 def _until(word: str, hold: Hold) -> str:
-    end = datetime.fromtimestamp(hold.until, UTC).isoformat(sep=" ", timespec="seconds")
-    return f"{word} until {end.removesuffix('+00:00')} UTC" + (f": {hold.reason}" if hold.reason else "")
+    return f"{word} until {format_time(hold.until)}" + (f": {hold.reason}" if hold.reason else "")
 
 
 def _interlocks(inputs: Inputs) -> dict[str, str]:

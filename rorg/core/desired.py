@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
@@ -12,7 +12,7 @@ from rorg.core.digest import digest
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
-from rorg.manifest.catalog import Catalog
+from rorg.manifest.catalog import RUN, Catalog
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,9 @@ class Desired:
     """Exclusive resource -> the services that use it."""
 
 
-def desire(catalog: Catalog) -> Desired:
-    """Digests and orders of a catalog."""
+def desire(catalog: Catalog, run: str = "/run/rorg") -> Desired:
+    """Digests and orders of a catalog. `run` is the directory of rorg's sockets."""
+    catalog = _located(catalog, run)
     services = catalog.services
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     dependants: dict[str, list[str]] = {name: [] for name in services}
@@ -57,6 +58,18 @@ def desire(catalog: Catalog) -> Desired:
         {name: tuple(sorted(found)) for name, found in conflicts.items()},
         {resource: tuple(sorted(found)) for resource, found in sharers.items()},
     )
+
+
+def _located(catalog: Catalog, run: str) -> Catalog:
+    """With the sockets' directory in the containers that get one."""
+    found = {}
+    for name, service in catalog.services.items():
+        if service.may_request and service.spec is not None:
+            spec = {**service.spec, "volumes": [v.replace(RUN, run) if isinstance(v, str) else v
+                                                for v in service.spec["volumes"]]}
+            spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
+            found[name] = replace(service, spec=spec)
+    return replace(catalog, services={**catalog.services, **found}) if found else catalog
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from rorg.manifest.load import load
 class Tree:
     """`desired` is what the last good tree declares. While `errors` is not empty nothing is removed on its word."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, run: str = "/run/rorg") -> None:
+        self.root, self.run = root, run
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
@@ -64,6 +64,6 @@ class Tree:
         self.errors = tuple(d for d in diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in diagnostics if d.severity == "warning")
         if catalog is not None:
-            self.desired, self.loaded = desire(catalog), True
+            self.desired, self.loaded = desire(catalog, self.run), True
             self.revision = revision(self.root)
         return True, False

@@ -50,4 +50,4 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     owner = state.instance(lambda: uuid.uuid4().hex)
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
     reporter = Reporter(state, say, wall_clock, time.monotonic, about, engine.capabilities.ignored_options)
-    return Loop(Tree(root.resolve()), state, engine, reporter, owner, time.monotonic, booted_at())
+    return Loop(Tree(root.resolve(), str(state.run)), state, engine, reporter, owner, time.monotonic, booted_at())

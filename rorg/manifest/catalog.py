@@ -11,6 +11,9 @@ from rorg.manifest.diagnostics import Where
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
 
+RUN = "${rorg.run}"
+"""Stands for the directory of rorg's sockets until it is known which rorg runs this tree."""
+
 Spec = Mapping[str, Any]
 """A rendered container: `image`, `command` and options under Compose's names, in plain JSON values; only what is
 declared. Exactly this is sent to the engine, and exactly this is digested."""
@@ -62,6 +65,8 @@ class Service:
     conflicts: tuple[str, ...] = ()
     exclusive: Mapping[str, int] = field(default_factory=dict)
     """Resource -> units."""
+    may_request: tuple[str, ...] = ()
+    """Services and groups that it may request through the API."""
     idle: Idle = Idle()
     ready: Probe | None = None
     live: Probe | None = None

@@ -82,6 +82,9 @@ class ServiceSpec(Strict):
     exclusive: Units = Field(default_factory=dict, json_schema_extra={"x-rorg-change": "none"},
                              description="Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says "
                                          "how many there are; 1 where it does not.")
+    may_request: list[Name] = Field(
+        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        description="Services and groups that this service may request by itself. Gives it rorg's socket.")
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )
@@ -173,7 +176,6 @@ FOLDERS = {"services": "Service", "groups": "Group", "images": "Image", "profile
            "requests": "Request"}
 
 NOT_YET = {
-    ("Service", "may_request"): "rights of services",
     ("Service", "driver", "hotplug"): "hot-plugging",
 }
 """Fields that are planned: refused by name rather than accepted and ignored."""

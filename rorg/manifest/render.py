@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.manifest.catalog import Idle, Probe, Service
+from rorg.manifest.catalog import RUN, Idle, Probe, Service
 from rorg.manifest.diagnostics import Diagnostic
 from rorg.manifest.documents import Source
 from rorg.manifest.probes import FORMS
@@ -48,6 +48,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         follows=tuple(sorted({n.service for n in needs if n.restart})),
         conflicts=tuple(spec.conflicts),
         exclusive=dict(spec.exclusive),
+        may_request=tuple(spec.may_request),
         idle=_idle(idle),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
@@ -95,6 +96,11 @@ def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -
     options = merge_options(options, declared(spec.container))
     if spec.mounts:
         options = merge_options(options, {"volumes": _mounts(source, diagnostics)})
+    if spec.may_request:
+        folder = f"{RUN}/services/{source.name}"
+        # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
+        options = merge_options(options, {"volumes": [f"{folder}:{folder}"],
+                                          "environment": {"RORG_SOCKET": f"{folder}/rorg.sock"}})
     if "volumes" in options:
         options["volumes"] = [_absolute(v, source.directory) for v in options["volumes"]]
     if "env_file" in options:

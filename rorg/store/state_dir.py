@@ -47,6 +47,14 @@ class StateDir:
     def status(self) -> Path:
         return self.path / "status.json"
 
+    @property
+    def run(self) -> Path:
+        """Where rorg's sockets are: RORG_RUN_DIR; else /run/rorg for the machine's robot, `run` in here for others."""
+        given = os.environ.get("RORG_RUN_DIR")
+        if given:
+            return Path(given)
+        return Path("/run/rorg") if self.path == Path("/var/lib/rorg") else self.path.resolve() / "run"
+
     def instance(self, make_id: Any) -> str:
         """The instance id, made by `make_id()` the first time."""
         path = self.prepare().path / "instance"

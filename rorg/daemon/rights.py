@@ -1,0 +1,102 @@
+"""Who calls, and what they may: one table, everything else is refused."""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+import socket
+import struct
+from dataclasses import dataclass
+
+from rorg.errors import Forbidden
+from rorg.manifest.catalog import DEVELOPER, Catalog
+
+OPERATIONS = {
+    "read": ("developer", "service"),
+    "request": ("developer", "service"),
+    "restart": ("developer",),
+    "hold": ("developer",),
+    "suspend": ("developer",),
+    "manifests": ("developer",),
+    "plan": ("developer",),
+    "events": ("developer",),
+}
+"""Operation -> the kinds of caller that may. A service may only request for itself, and only what its manifest says."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who is at the other end of a socket."""
+
+    kind: str = "nobody"
+    """developer, service or nobody."""
+    service: str = ""
+    uid: int = -1
+    pid: int = 0
+    certificate: str = ""
+    """Common name of a TLS client certificate."""
+
+    @property
+    def author(self) -> str:
+        """For events and commits."""
+        if self.kind == "service":
+            return self.service
+        if self.certificate:
+            return self.certificate
+        try:
+            return pwd.getpwuid(self.uid).pw_name if self.uid >= 0 else "nobody"
+        except KeyError:
+            return f"uid {self.uid}"
+
+    @property
+    def requester(self) -> str:
+        return self.service if self.kind == "service" else DEVELOPER
+
+
+def peer(connection: socket.socket | None, group: int | None) -> Caller:
+    """The caller behind a connection to the main socket, by the kernel's word (SO_PEERCRED): root, whoever runs rorg,
+    and members of the group act as developer."""
+    if connection is None or connection.family != socket.AF_UNIX:
+        return Caller()
+    size = struct.calcsize("3i")
+    pid, uid, gid = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
+    trusted = uid in (0, os.geteuid()) or (group is not None and group in _groups(uid, gid))
+    return Caller("developer" if trusted else "nobody", uid=uid, pid=pid)
+
+
+def _groups(uid: int, gid: int) -> set[int]:
+    try:
+        return {gid, *os.getgrouplist(pwd.getpwuid(uid).pw_name, gid)}
+    except KeyError:
+        return {gid}
+
+
+def group_id(name: str) -> int | None:
+    """The number of a group; None where there is none of that name."""
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        return None
+
+
+def allow(caller: Caller, operation: str) -> None:
+    """Raises Forbidden unless the table says that this kind of caller may."""
+    if caller.kind not in OPERATIONS[operation]:
+        who = {"service": f"the service {caller.service}", "developer": "a developer"}.get(caller.kind, caller.author)
+        raise Forbidden(operation, f"{who} may not", "a person in the group of rorg, or `may_request` in the manifest")
+
+
+def allow_request(caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog) -> None:
+    """Raises Forbidden where a service asks in another's name, or for what its manifest does not allow."""
+    allow(caller, "request")
+    if caller.kind != "service":
+        return
+    if requester != caller.service:
+        raise Forbidden(f"request as {requester}", f"{caller.service} may only request for itself", "no requester")
+    declared = catalog.services.get(caller.service)
+    allowed = {m for name in (declared.may_request if declared else ()) for m in catalog.members(name)}
+    beyond = [s for s in services if not set(catalog.members(s)) <= allowed]
+    if beyond:
+        raise Forbidden(f"request {', '.join(beyond)}", f"{caller.service} may request "
+                        f"{', '.join(sorted(allowed)) or 'nothing'}", f"may_request: [{beyond[0]}] in its manifest")

@@ -1,0 +1,216 @@
+"""What the door offers, with no HTTP in it: the running loop as its callers may see and change it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any
+
+from rorg.core.decide import Decision
+from rorg.core.requests import problems
+from rorg.core.status import Status, statuses
+from rorg.daemon.loop import Loop
+from rorg.daemon.rights import Caller, allow_request
+from rorg.daemon.snapshot import request_json, snapshot
+from rorg.daemon.wiring import wall_clock
+from rorg.errors import Invalid, Missing, Refused
+from rorg.manifest.catalog import Catalog, Hold, Request, Service
+from rorg.manifest.diagnostics import nearest
+from rorg.manifest.references import closure
+from rorg.manifest.scalars import format_seconds
+from rorg.store.committer import Committer
+from rorg.store.requests_file import Asked, RequestsFile
+
+MOST_REQUESTS = 100
+"""Requests that one requester may have at a time."""
+
+
+class Robot:
+    """Reads come from the last decision of the loop; changes go through the committer, and are durable when their
+    future is done. Every method returns at once."""
+
+    def __init__(self, loop: Loop, about: Mapping[str, Any]) -> None:
+        self.loop, self.about = loop, about
+        self.committer = Committer(RequestsFile(loop.requests.path))
+        self._cached: tuple[Decision | None, dict[str, Status], dict[str, bytes]] = (None, {}, {})
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    @property
+    def decision(self) -> Decision:
+        if self.loop.decision is None:
+            raise Refused("answer", "the loop has not looked at anything yet", "again in a moment")
+        return self.loop.decision
+
+    @property
+    def catalog(self) -> Catalog:
+        return self.loop.tree.desired.catalog
+
+    def statuses(self) -> dict[str, Status]:
+        """Of all declared services; computed once a decision."""
+        decision = self.decision
+        if self._cached[0] is not decision:
+            self._cached = (decision, statuses(decision.situation, decision.plan, decision.holds), {})
+        return self._cached[1]
+
+    def service_text(self, name: str) -> bytes:
+        """The JSON of one service."""
+        found = self.statuses()
+        if name not in found:
+            raise Missing(f"find the service '{name}'", "there is none of that name", nearest(name, found))
+        texts = self._cached[2]
+        if name not in texts:
+            texts[name] = json.dumps(found[name].as_json()).encode()
+        return texts[name]
+
+    def members(self, name: str) -> tuple[str, ...]:
+        found = self.catalog.members(name)
+        if not found:
+            known = {*self.catalog.services, *self.catalog.groups}
+            raise Missing(f"find the service '{name}'", "there is none of that name", nearest(name, known))
+        return found
+
+    def containers_of(self, names: tuple[str, ...]) -> list[Service]:
+        """Those of the named services that have containers."""
+        return [s for n in names if not (s := self.catalog.services[n]).meta]
+
+    def snapshot(self) -> dict[str, Any]:
+        tree = self.loop.tree
+        return snapshot(self.decision, {**self.about, "tree": {
+            "root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint, "revision": tree.revision,
+            "errors": [d.as_json() for d in tree.errors]},
+            "requests_errors": [str(d) for d in self.loop.requests.diagnostics]})
+
+    def requests(self) -> list[dict[str, Any]]:
+        """All requests, with the seconds that are left of their leases."""
+        decision, now = self.decision, self.loop.clock()
+        leases = decision.memory.leases
+        return [{**request_json(r), "expires_in": round(leases[r.key].until - now, 3) if r.key in leases else None}
+                for r in (*self.catalog.requests, *decision.settled.requests)]
+
+    def why(self, name: str) -> dict[str, Any]:
+        """The chain from a root to a service, who requests it, and what it waits for."""
+        status = self.statuses()[name]
+        message = next(c.message for c in status.conditions if c.type == "Requested")
+        return {"service": name, "wanted": status.wanted, "state": status.state,
+                "chain": message.split(" <- ") if status.wanted else [],
+                "requests": [r for r in self.requests() if any(name in self.catalog.members(s) for s in r["services"])],
+                "waits": [w.reason for w in self.decision.plan.waitings if w.service == name]}
+
+    def unready(self, names: tuple[str, ...]) -> tuple[str, bool]:
+        """What keeps these services and all that they need from being ready, in words, empty when nothing does; and
+        whether waiting has no sense."""
+        found, waits = self.statuses(), {w.service: w.reason for w in self.decision.plan.waitings}
+        for name in sorted(closure(self.catalog.services, names)):
+            status = found.get(name)
+            if status is None:
+                return f"{name} is not declared any more", True
+            ready = next((c for c in status.conditions if c.type == "Ready"), None)
+            if status.state == "meta" or (status.wanted and ready and ready.status == "True"):
+                continue
+            stalled = any(c.type == "Stalled" and c.status == "True" for c in status.conditions)
+            why = waits.get(name) or (ready and (ready.message or ready.reason)) or "not ready"
+            return f"{name}: {why}", stalled or bool(status.held)
+        return "", False
+
+    def usage(self) -> dict[str, Any]:
+        """CPU seconds and bytes of each service that runs, and of the machine. Reads files of the kernel."""
+        return {"at": time.time(), "services": {n: {"cpu_seconds": round(c, 4), "memory": m}
+                                                for n, (c, m) in self.loop.use().items()},
+                "machine": self.loop.machine()}
+
+    # -- changing ----------------------------------------------------------------------------------------------
+
+    def _event(self, caller: Caller, kind: str, message: str, **more: Any) -> None:
+        self.loop.reporter.event(kind, f"{message} (by {caller.author})", author=caller.author, **more)
+
+    def put_request(self, caller: Caller, request: Request) -> Future[Asked]:
+        """Accepts it whole, in place of the one with the same requester and id, or refuses it whole."""
+        catalog = self.catalog
+        allow_request(caller, request.requester, request.services, catalog)
+        request = replace(request, incarnation=self._incarnation(request.requester))
+
+        def edit(asked: Asked) -> Asked:
+            found = problems(catalog, asked.requests, request)
+            if found:
+                cause, remedy = found[0]
+                kind = Refused if "conflict" in cause or "does not fit" in cause else Invalid
+                raise kind(f"request {', '.join(request.services)}", "; ".join(c for c, _ in found), remedy)
+            own = [r for r in asked.requests if r.requester == request.requester and r.id != request.id]
+            if len(own) >= MOST_REQUESTS:
+                raise Refused(f"accept another request of {request.requester}", f"it has {len(own)} already",
+                              "to release some")
+            return asked.put(request)
+
+        self.loop.renewals[request.key] = self.loop.renewals.get(request.key, 0) + 1
+        return self._change(caller, edit, "request", f"request '{request.id}' of {request.requester}: "
+                            f"{', '.join(request.services)}", service=request.requester)
+
+    def _incarnation(self, requester: str) -> str | None:
+        """The run of the requester that a request belongs to; None for those that have no container."""
+        service = self.catalog.services.get(requester)
+        if service is None or service.meta:
+            return None
+        status = self.statuses().get(requester)
+        if status is None or not status.incarnation:
+            raise Refused(f"request as {requester}", f"{requester} does not run, and a request belongs to a run of its "
+                          "requester", "to request it first")
+        return status.incarnation
+
+    def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
+        """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
+        allow_request(caller, key[0], (), self.catalog)
+        found = next((r for r in self.loop.requests.asked.requests if r.key == key), None)
+        if found is None:
+            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
+        self.loop.renewals[key] = self.loop.renewals.get(key, 0) + 1
+        return request_json(found)
+
+    def release(self, caller: Caller, key: tuple[str, str]) -> Future[Asked]:
+        """Gives a request up; what is released already is fine."""
+        allow_request(caller, key[0], (), self.catalog)
+        self.loop.renewals.pop(key, None)
+        return self._change(caller, lambda asked: asked.without({key}), "release",
+                            f"request '{key[1]}' of {key[0]} released", service=key[0])
+
+    def restart(self, caller: Caller, name: str, force: bool) -> Future[Asked]:
+        names = [s.name for s in self.containers_of(self.members(name))]
+        drivers = [n for n in names if self.catalog.services[n].driver]
+        if drivers and not force:
+            raise Refused(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force")
+        at = wall_clock()
+        return self._change(caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}),
+                            "restart", f"restart of {', '.join(names)}")
+
+    def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[Asked]:
+        """Holds a service, or a group's, for so long; None ends it."""
+        names = [s.name for s in self.containers_of(self.members(name))]
+        if not names:
+            raise Invalid(f"hold {name}", "a meta-service has no container that could be ceased")
+        now = time.time()
+
+        def edit(asked: Asked) -> Asked:
+            kept = {n: h for n, h in asked.holds.items() if h.until > now and n not in names}
+            more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, reason))
+            return replace(asked, holds={**kept, **more})
+
+        told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
+        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}")
+
+    def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[Asked]:
+        hold = None if seconds is None else Hold(time.time() + seconds, reason)
+        told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
+        return self._change(caller, lambda asked: replace(asked, suspended=hold), "suspend", told)
+
+    def _change(self, caller: Caller, edit: Callable[[Asked], Asked], kind: str, message: str, **more: Any
+                ) -> Future[Asked]:
+        def told(asked: Asked) -> Asked:
+            changed = edit(asked)
+            if changed != asked:
+                self._event(caller, kind, message, **more)
+            return changed
+
+        return self.committer.submit(told)
