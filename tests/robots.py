@@ -184,7 +184,7 @@ class RealRobot(VirtualRobot):
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""
         seen = self.loop.passes
-        self.loop._files_changed()
+        self.loop.files_changed()
         self.wait(lambda: self.loop.passes > seen + 1 or (self.loop.passes > seen and self.quiet()))
         self.wait(self.quiet)
 

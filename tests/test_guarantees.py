@@ -141,7 +141,7 @@ def test_a_wrong_manifest_changes_nothing(real_robot):
     for case in cases:
         shutil.rmtree(robot.tree)
         shutil.copytree(case, robot.tree)
-        robot.loop._files_changed()
+        robot.loop.files_changed()
         robot.wait(lambda: robot.loop.tree.stamp() == robot.loop.tree._stamp)
         assert robot.loop.tree.errors, case.name
         assert [(c.service, c.incarnation, c.state) for c in robot.containers()] == before, case.name

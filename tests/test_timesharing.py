@@ -172,3 +172,48 @@ def test_a_paused_service_whose_need_was_restarted_is_not_resumed_but_started_an
     robot.request("driver")
     robot.wait(lambda: "driver" in robot.active() and robot.container("driver").incarnation != before)
     assert not any("= resume driver" in line for line in robot.log())
+
+
+def test_a_freeze_that_fails_is_tried_again(tmp_path):
+    from robots import VirtualRobot
+
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"camera": {"idle": {"action": "pause"}}})
+    robot.request("camera")
+    active(robot, "camera")
+    robot.sim.faults.fail["pause", "camera"] = ["unable to freeze"] * 2
+    robot.release()
+    robot.wait(lambda: robot.states()["camera"] == "paused")
+    assert sum("unable to freeze" in line for line in robot.log()) == 2
+
+
+def test_requests_of_a_replaced_or_removed_owner_are_dropped(robot):
+    tree = {"behaviour": {}, "camera": {}}
+    robot.declare(tree)
+    robot.settle()
+    robot.request("behaviour")
+    active(robot, "behaviour")
+    robot.request("camera", id="look", by="behaviour")
+    active(robot, "behaviour", "camera")
+    robot.declare({**tree, "behaviour": {"container": {"environment": {"SPEED": "2"}}}})
+    active(robot, "behaviour")
+    assert [r.id for r in robot.requests()] == ["test"]
+    robot.request("camera", id="look", by="behaviour")
+    active(robot, "behaviour", "camera")
+    robot.release()
+    robot.declare({"camera": {}})
+    active(robot)
+    robot.wait(lambda: not robot.requests())
+
+
+def test_put_and_release_can_be_said_twice(robot):
+    robot.declare({"camera": {}, "lidar": {}})
+    robot.settle()
+    for _ in range(2):
+        robot.request("camera")
+    robot.request("lidar")
+    active(robot, "lidar")
+    assert len(robot.requests()) == 1
+    for _ in range(2):
+        robot.release()
+    active(robot)

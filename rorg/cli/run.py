@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
 from rorg.cli.options import Directory, EngineName, StateDirectory
 
+Pem = Annotated[Path | None, typer.Option(show_default=False, help="PEM file, for --listen.")]
 
-def command(directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None) -> None:
-    """Run the loop: keep the containers as the manifests and the requests file say, until stopped."""
+
+def command(
+    directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None,
+    group: Annotated[str, typer.Option("--group", envvar="RORG_GROUP", help=(
+        "Members of this group may do everything through the socket."))] = "rorg",
+    listen: Annotated[str, typer.Option("--listen", metavar="HOST:PORT", show_default=False, help=(
+        "Serve the API on TCP too; only with TLS, and for clients with a certificate."))] = "",
+    tls_cert: Pem = None, tls_key: Pem = None, tls_ca: Pem = None,
+) -> None:
+    """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API."""
     import os
     import signal
     import sys
@@ -14,7 +28,7 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
 
     from rorg.cli.context import Context
     from rorg.cli.output import note
-    from rorg.daemon.wiring import make_loop
+    from rorg.daemon.wiring import make_door, make_loop
     from rorg.errors import Invalid
 
     context = Context(state_dir, engine, directory, local=True)
@@ -27,9 +41,37 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
         signal.signal(number, lambda *_: loop.stop())
     note(f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "
          "containers keep running when it stops")
-    loop.run()
+    door = make_door(loop, context.state, group)
+    if listen:
+        door.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
+    door.start()
+    note(f"API on {door.directory / 'rorg.sock'}")
+    try:
+        loop.run()
+    finally:
+        door.stop()
     context.state.release()
     if loop.hung:
         note(f"{len(loop.hung)} engine call(s) had not ended; the next rorg sees what came of them")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
+
+
+def _tcp(listen: str, cert: Path | None, key: Path | None, authority: Path | None) -> tuple[str, int, Any]:
+    """Where to listen and how to know clients. Raises Invalid without all three files."""
+    import ssl
+
+    from rorg.errors import Invalid
+
+    host, _, port = listen.rpartition(":")
+    if not (cert and key and authority and port.isdigit()):
+        raise Invalid(f"listen on {listen}", "TCP is only served with TLS and client certificates",
+                      "HOST:PORT with --tls-cert, --tls-key and --tls-ca")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(cert, key)
+        context.load_verify_locations(authority)
+    except (OSError, ssl.SSLError) as error:
+        raise Invalid(f"listen on {listen}", f"the certificates cannot be read: {error}") from error
+    context.verify_mode = ssl.CERT_REQUIRED
+    return host or "127.0.0.1", int(port), context

@@ -52,16 +52,22 @@ class Loop:
         self.observer = Observer(engine, self.wake, lambda: self.tree.desired.catalog.policy.resync)
         self.prober = Prober(clock, self.wake, Asker(engine, self._container))
         self.sampler = Sampler(Meter(clock), lambda: limits.step if (limits := self._limits()) else None,
-                               self._load_matters, self._use, self.wake)
+                               self._load_matters, self.use, self.wake)
         self.ros = RosPurger(lambda node: self.reporter.event(
             "ros-purged", f"the stale registration of the ROS node {node} was taken out of the master", node=node))
         names = {state.requests.name}
-        self.watcher = Watcher([tree.root, state.path], self._files_changed,
+        self.watcher = Watcher([tree.root, state.path], self.files_changed,
                                lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
         self.bell = Bell(state.path, self._rung)
         self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
         self.memory = Memory()
         self.passes = 0
+        self.decision: Decision | None = None
+        """Of the last pass."""
+        self.renewals: dict[tuple[str, str], int] = {}
+        """How often each request was renewed through the door."""
+        self.decided: Callable[[], None] = lambda: None
+        """Called after every pass, for those who wait for something."""
         self._woken = threading.Event()
         self._files, self._asked = True, True
         """Whether the tree, or the requests file, may have changed."""
@@ -75,7 +81,7 @@ class Loop:
     def wake(self) -> None:
         self._woken.set()
 
-    def _files_changed(self) -> None:
+    def files_changed(self) -> None:
         self._files = self._asked = True
         self._woken.set()
 
@@ -143,9 +149,9 @@ class Loop:
             observed=self.observer.snapshot(), findings=self.prober.results(), memory=self.memory, now=self.clock(),
             owner=self.owner, removals=self.tree.removals, booted_at=self.booted_at,
             lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
-            suspended=asked.suspended, wall=time.time(), load=self.sampler.latest,
+            suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=dict(self.renewals),
         ))
-        self.memory = decision.memory
+        self.memory, self.decision = decision.memory, decision
         self._settle(decision)
         for action in decision.begin:
             call = self.workers.submit(self._work, action)
@@ -154,6 +160,7 @@ class Loop:
         self.prober.watch(decision.to_probe)
         self.ros.look(decision.situation)
         self.reporter.report(decision, self.tree, self.requests)
+        self.decided()
         return decision
 
     def _read_files(self) -> None:
@@ -179,6 +186,8 @@ class Loop:
         settled = decision.settled
         if not settled.dropped and not settled.bound:
             return
+        for request, _ in settled.dropped:
+            self.renewals.pop(request.key, None)
         gone = {r.key: r.incarnation for r, _ in settled.dropped}
         bound = {r.key: r for r in settled.bound}
 
@@ -209,7 +218,8 @@ class Loop:
         return limits is not None and bool(self.memory.pressure.level or pressed(
             limits, self.tree.desired.catalog.policy.budget, load))
 
-    def _use(self) -> dict[str, tuple[float, int]]:
+    def use(self) -> dict[str, tuple[float, int]]:
+        """(CPU seconds since it began, bytes) of each service that is alive."""
         alive = [c for c in self.observer.snapshot().containers if c.alive]
         usage = self.engine.usage(alive)
         return {c.service: (usage[c.id].cpu, usage[c.id].memory) for c in alive if c.id in usage}

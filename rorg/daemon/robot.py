@@ -17,6 +17,7 @@ from rorg.daemon.rights import Caller, allow_request
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
 from rorg.errors import Invalid, Missing, Refused
+from rorg.host.load import machine
 from rorg.manifest.catalog import Catalog, Hold, Request, Service
 from rorg.manifest.diagnostics import nearest
 from rorg.manifest.references import closure
@@ -120,12 +121,9 @@ class Robot:
         """CPU seconds and bytes of each service that runs, and of the machine. Reads files of the kernel."""
         return {"at": time.time(), "services": {n: {"cpu_seconds": round(c, 4), "memory": m}
                                                 for n, (c, m) in self.loop.use().items()},
-                "machine": self.loop.machine()}
+                "machine": machine()}
 
     # -- changing ----------------------------------------------------------------------------------------------
-
-    def _event(self, caller: Caller, kind: str, message: str, **more: Any) -> None:
-        self.loop.reporter.event(kind, f"{message} (by {caller.author})", author=caller.author, **more)
 
     def put_request(self, caller: Caller, request: Request) -> Future[Asked]:
         """Accepts it whole, in place of the one with the same requester and id, or refuses it whole."""
@@ -182,8 +180,9 @@ class Robot:
         if drivers and not force:
             raise Refused(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force")
         at = wall_clock()
-        return self._change(caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}),
-                            "restart", f"restart of {', '.join(names)}")
+        return self._change(
+            caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}), "restart",
+            f"restart of {', '.join(names)}")
 
     def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[Asked]:
         """Holds a service, or a group's, for so long; None ends it."""
@@ -207,10 +206,15 @@ class Robot:
 
     def _change(self, caller: Caller, edit: Callable[[Asked], Asked], kind: str, message: str, **more: Any
                 ) -> Future[Asked]:
-        def told(asked: Asked) -> Asked:
-            changed = edit(asked)
-            if changed != asked:
-                self._event(caller, kind, message, **more)
-            return changed
+        changed: list[bool] = []
 
-        return self.committer.submit(told)
+        def note(asked: Asked) -> Asked:
+            after = edit(asked)
+            changed.append(after != asked)
+            return after
+
+        future = self.committer.submit(note)
+        # Told once the disk has it, by whom, and only when it changed anything.
+        future.add_done_callback(lambda f: f.exception() is None and any(changed) and self.loop.reporter.event(
+            kind, f"{message} (by {caller.author})", author=caller.author, **more))
+        return future

@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rorg.daemon.loop import Loop
 from rorg.daemon.reporter import Reporter
@@ -15,6 +16,9 @@ from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid
 from rorg.store.state_dir import StateDir
+
+if TYPE_CHECKING:
+    from rorg.daemon.door import Door
 
 ENGINES = ("docker", "process")
 
@@ -51,3 +55,11 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
     reporter = Reporter(state, say, wall_clock, time.monotonic, about, engine.capabilities.ignored_options)
     return Loop(Tree(root.resolve(), str(state.run)), state, engine, reporter, owner, time.monotonic, booted_at())
+
+
+def make_door(loop: Loop, state: StateDir, group: str) -> Door:
+    """The API of a loop, on sockets below the state's run directory."""
+    from rorg.daemon.door import Door
+    from rorg.daemon.robot import Robot
+
+    return Door(Robot(loop, loop.reporter.about), state.run, group)

@@ -33,3 +33,12 @@ def revision(directory: Path) -> str:
 def checkout_under_way(git: Path | None) -> bool:
     """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
     return git is not None and (git / "index.lock").exists()
+
+
+def commit(root: Path, path: Path, author: str, message: str) -> bool:
+    """Commits one file, alone, whatever else is staged; False outside of a repository, or when git says no."""
+    if git_dir(root) is None:
+        return False
+    who = ("-c", f"user.name={author}", "-c", f"user.email={author.replace(' ', '.')}@rorg.local")
+    _git(root, "add", "--all", "--", str(path))
+    return _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path)) is not None

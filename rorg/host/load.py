@@ -25,6 +25,19 @@ def psi(name: str) -> float:
         return 0.0
 
 
+def _busy() -> float:
+    """CPU seconds that all cores together have worked since the machine booted."""
+    times = psutil.cpu_times()
+    return times.user + times.nice + times.system + getattr(times, "irq", 0) + getattr(times, "softirq", 0)
+
+
+def machine() -> dict[str, float]:
+    """The machine as it is now; CPU as seconds since boot, so that any two looks give a rate."""
+    memory = psutil.virtual_memory()
+    return {"cpu_seconds": round(_busy(), 3), "cores": os.cpu_count() or 1, "memory": memory.total - memory.available,
+            "memory_total": memory.total, "cpu_some": psi("cpu"), "memory_some": psi("memory")}
+
+
 class Meter:
     """Samples of the machine; rates are since the sample before."""
 
@@ -35,8 +48,7 @@ class Meter:
 
     def sample(self, use: Use | None = None) -> Load:
         """One sample; with `use`, what each service takes as well."""
-        now, times, memory = self.clock(), psutil.cpu_times(), psutil.virtual_memory()
-        busy = times.user + times.nice + times.system + getattr(times, "irq", 0) + getattr(times, "softirq", 0)
+        now, busy, memory = self.clock(), _busy(), psutil.virtual_memory()
         before, self._busy = self._busy, (now, busy)
         cpu = (busy - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
         return Load(now, cpu, float(os.cpu_count() or 1), memory.total - memory.available, memory.total, psi("cpu"),

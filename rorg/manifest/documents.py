@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,12 +54,18 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     return strays
 
 
-def read_tree(root: Path) -> tuple[list[Source], list[Diagnostic], set[str]]:
+def read_tree(root: Path, overlay: Mapping[Path, str | None] | None = None
+              ) -> tuple[list[Source], list[Diagnostic], set[str]]:
     """All manifests below `root`, all that is wrong with each by itself, and the names of the broken ones, so that
-    nobody is told that a service is unknown whose manifest only has a typo. Raises OSError for an unreadable tree."""
+    nobody is told that a service is unknown whose manifest only has a typo. `overlay` holds files as they would be;
+    None for one that would be gone. Raises OSError for an unreadable tree."""
     sources: list[Source] = []
     broken: set[str] = set()
     texts = {path: path.read_text(encoding="utf-8", errors="replace") for path in manifest_files(root)}
+    for path, text in (overlay or {}).items():
+        texts.pop(path, None)
+        if text is not None:
+            texts[path] = text
     diagnostics = stray_manifests(root)
     for path, text in texts.items():
         source, found = read_source(text, path, str(path))

@@ -31,15 +31,16 @@ class Loaded:
         return [d for d in self.diagnostics if d.severity == "error"]
 
 
-def load(root: Path) -> Loaded:
-    """Reads and checks a whole tree. All errors at once, sorted by place; nothing is half accepted.
+def load(root: Path, overlay: Mapping[Path, str | None] | None = None) -> Loaded:
+    """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
+    at once, sorted by place; nothing is half accepted.
 
     Raises Invalid when `root` is no readable directory or holds no manifest at all.
     """
     if not root.is_dir():
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
-        sources, diagnostics, broken = read_tree(root)
+        sources, diagnostics, broken = read_tree(root, overlay)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
     if not sources and not diagnostics:

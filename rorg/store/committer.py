@@ -1,4 +1,4 @@
-"""Durable changes of the requests file for many callers at once: all that wait together share one write and one fsync."""
+"""Durable changes of the requests file for many callers: all that wait at the same time share one write and fsync."""
 
 from __future__ import annotations
 

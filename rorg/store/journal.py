@@ -1,25 +1,73 @@
-"""The journal: one JSON object a line for everything that happened. Kept small: two files of at most MOST bytes."""
+"""The journal: one JSON object a line for everything that happened, numbered. Kept small: two files of at most MOST
+bytes, and the last lines in memory for those who follow."""
 
 from __future__ import annotations
 
 import json
+import threading
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 MOST = 8 << 20
+RECENT = 2000
+"""Lines kept in memory."""
 
 
 class Journal:
+    """`seq` numbers lines without a gap as long as the files are there, across restarts of rorg."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._lock = threading.Lock()
+        self._recent: deque[dict[str, Any]] = deque(_entries(path)[-RECENT:], maxlen=RECENT)
+        self._seq = self._recent[-1].get("seq", 0) if self._recent else 0
 
     def append(self, at: str, kind: str, message: str, **more: Any) -> None:
         """`at` is ISO 8601 in UTC; `kind` a stable word. A full disk loses the line, never the robot."""
-        line = json.dumps({"at": at, "kind": kind, "message": message, **more}) + "\n"
-        try:
-            if self.path.exists() and self.path.stat().st_size > MOST:
-                self.path.replace(self.path.with_suffix(".old.jsonl"))
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(line)
-        except OSError:
-            pass
+        with self._lock:
+            self._seq += 1
+            entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
+            self._recent.append(entry)
+            try:
+                if self.path.exists() and self.path.stat().st_size > MOST:
+                    self.path.replace(self._old)
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(entry) + "\n")
+            except OSError:
+                pass
+
+    @property
+    def _old(self) -> Path:
+        return self.path.with_suffix(".old.jsonl")
+
+    @property
+    def last(self) -> int:
+        """Number of the last line."""
+        with self._lock:
+            return self._seq
+
+    def since(self, seq: int) -> list[dict[str, Any]]:
+        """All lines after a number, as far as they are kept."""
+        with self._lock:
+            recent = list(self._recent)
+        if seq >= self._seq or not recent:
+            return []
+        if recent[0].get("seq", 0) > seq + 1:
+            recent = [*_entries(self._old), *_entries(self.path)]
+        return [e for e in recent if e.get("seq", 0) > seq]
+
+
+def _entries(path: Path) -> list[dict[str, Any]]:
+    found = []
+    try:
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                continue  # half a line, from a machine that lost power
+            if isinstance(entry, dict):
+                found.append(entry)
+    except OSError:
+        pass
+    return found

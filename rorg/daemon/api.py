@@ -1,0 +1,259 @@
+"""The API, version 1: routes over the robot. FastAPI says what they take and give; nothing is decided here."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated, Any
+
+from fastapi import Depends, FastAPI, Path, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response, StreamingResponse
+from starlette.exceptions import HTTPException
+
+from rorg import __version__
+from rorg.daemon.api_models import Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.rights import Caller, allow
+from rorg.daemon.robot import Robot
+from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
+from rorg.manifest.catalog import Request as Ask
+from rorg.manifest.scalars import parse_duration
+
+STATUS: dict[type[RorgError], tuple[int, str]] = {
+    Forbidden: (403, "forbidden"), Missing: (404, "not-found"), Refused: (409, "refused"), Invalid: (422, "invalid"),
+    NotReady: (504, "not-ready"), Unreachable: (503, "unreachable"),
+}
+"""Errors as HTTP status and stable code."""
+MOST_BODY = 1 << 20
+"""Bytes of a request's body."""
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    code: {"model": Problem, "description": what, "content": {"application/problem+json": {}}}
+    for code, what in ((403, "may not"), (404, "no such thing"), (409, "refused"), (413, "too large"), (422, "invalid"),
+                       (503, "not now"), (504, "not ready"))}
+
+
+def problem(status: int, code: str, what: str, cause: str, remedy: str = "") -> JSONResponse:
+    """An error as application/problem+json (RFC 9457), with our code, cause and remedy."""
+    return JSONResponse({"type": f"urn:rorg:{code}", "title": what, "status": status, "code": code, "cause": cause,
+                         "remedy": remedy}, status, media_type="application/problem+json")
+
+
+def caller_of(request: Request) -> Caller:
+    """Who is at the other end of the connection, as the door found out."""
+    return getattr(request.state, "caller", Caller())
+
+
+Who = Annotated[Caller, Depends(caller_of)]
+Requester = Annotated[str | None, Query(description="Whose request; by default the caller's own.", max_length=64)]
+Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
+
+
+def needs(operation: str) -> Any:
+    """Marks a route with the operation that it is in the table of rights."""
+    def check(caller: Who) -> None:
+        allow(caller, operation)
+
+    check.operation = operation  # type: ignore[attr-defined]
+    return Depends(check)
+
+
+def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
+    """The application. `changed()` is an event that is set at the next pass of the loop, or line of the journal."""
+    app = FastAPI(title="rorg", version=__version__, docs_url=None, redoc_url=None, openapi_url="/v1/openapi.json",
+                  responses=RESPONSES)
+    _errors(app)
+    _reading(app, robot)
+    _requests(app, robot)
+    _people(app, robot)
+    _waiting(app, robot, changed)
+    from rorg.daemon.api_manifests import add_manifests
+
+    add_manifests(app, robot)
+    return app
+
+
+def _errors(app: FastAPI) -> None:
+    @app.exception_handler(RorgError)
+    async def told(request: Request, error: RorgError) -> JSONResponse:
+        status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
+        return problem(status, code, f"cannot {error.what}", error.why, error.remedy)
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        where = ".".join(str(p) for p in first["loc"] if p not in ("body", "query", "path"))
+        return problem(422, "invalid", "cannot read the request", f"{where or 'body'}: {first['msg']}")
+
+    @app.exception_handler(HTTPException)
+    async def http(request: Request, error: HTTPException) -> JSONResponse:
+        code = {404: "not-found", 405: "no-such-method"}.get(error.status_code, "invalid")
+        found = problem(error.status_code, code, f"cannot {request.method} {request.url.path}", str(error.detail))
+        found.headers.update(error.headers or {})
+        return found
+
+    @app.middleware("http")
+    async def bounded(request: Request, proceed: Any) -> Response:
+        if int(request.headers.get("content-length") or 0) > MOST_BODY or "chunked" in request.headers.get(
+                "transfer-encoding", ""):
+            return problem(413, "too-large", "cannot read the request", f"its body may have {MOST_BODY} bytes, told in "
+                           "advance")
+        return await proceed(request)
+
+
+def _reading(app: FastAPI, robot: Robot) -> None:
+    read = [needs("read")]
+
+    def text(value: Any) -> Response:
+        return Response(json.dumps(value), media_type="application/json")
+
+    @app.get("/v1/services", dependencies=read, response_model=list[dict[str, Any]])
+    async def services() -> Response:
+        """How every service is."""
+        return Response(b"[" + b",".join(robot.service_text(n) for n in robot.statuses()) + b"]",
+                        media_type="application/json")
+
+    @app.get("/v1/services/{name}", dependencies=read, response_model=dict[str, Any])
+    async def service(name: str) -> Response:
+        """How one service is."""
+        return Response(robot.service_text(name), media_type="application/json")
+
+    @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
+    async def why(name: str) -> Response:
+        """Why a service, or each of a group, is active, or why not."""
+        return text([robot.why(n) for n in robot.members(name)])
+
+    @app.get("/v1/groups", dependencies=read, response_model=list[dict[str, Any]])
+    async def groups() -> Response:
+        return text([{"name": g.name, "services": list(g.services), "description": g.description}
+                     for g in robot.catalog.groups.values()])
+
+    @app.get("/v1/images", dependencies=read, response_model=list[dict[str, Any]])
+    async def images() -> Response:
+        return text([{"name": i.name, "context": i.context, "dockerfile": i.dockerfile}
+                     for i in robot.catalog.images.values()])
+
+    @app.get("/v1/requests", dependencies=read, response_model=list[RequestView])
+    async def requests() -> Response:
+        """All requests that count, standing ones included."""
+        return text(robot.requests())
+
+    @app.get("/v1/status", dependencies=[needs("plan")], response_model=dict[str, Any])
+    async def status() -> Response:
+        """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
+        return text(robot.snapshot())
+
+    @app.get("/v1/plan", dependencies=[needs("plan")], response_model=dict[str, Any])
+    async def plan() -> Response:
+        """What is to be done, and what waits for what."""
+        return text(robot.decision.plan.as_json())
+
+    @app.get("/v1/usage", dependencies=read, response_model=Usage)
+    def usage() -> Response:
+        """CPU seconds and memory of each service that runs, and of the machine."""
+        return text(robot.usage())
+
+
+def _requests(app: FastAPI, robot: Robot) -> None:
+    request = [needs("request")]
+
+    @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)
+    async def put(id: Id, body: PutRequest, caller: Who, requester: Requester = None) -> Response:
+        """Request services, in place of an earlier request of the same id. Durable when answered."""
+        ask = Ask(id, requester or caller.requester, tuple(dict.fromkeys(body.services)), body.reason,
+                  priority=body.priority, ttl=duration(body.ttl, "ttl") or None)
+        await asyncio.wrap_future(robot.put_request(caller, ask))
+        return JSONResponse({"id": id, "requester": ask.requester, "services": list(ask.services),
+                             "reason": ask.reason, "priority": ask.priority, "ttl": ask.ttl})
+
+    @app.post("/v1/requests/{id}/renew", dependencies=request, response_model=RequestView)
+    async def renew(id: Id, caller: Who, requester: Requester = None) -> Response:
+        """Give the lease of a request its full time again."""
+        return JSONResponse(robot.renew(caller, (requester or caller.requester, id)))
+
+    @app.delete("/v1/requests/{id}", dependencies=request, status_code=204, response_class=Response)
+    async def release(id: Id, caller: Who, requester: Requester = None) -> Response:
+        """Give a request up. What is released already is fine."""
+        await asyncio.wrap_future(robot.release(caller, (requester or caller.requester, id)))
+        return Response(status_code=204)
+
+
+def _people(app: FastAPI, robot: Robot) -> None:
+    @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
+    async def restart(name: str, caller: Who, force: bool = False) -> Response:
+        """Stop and start a service, or each of a group. Drivers only with `force`."""
+        await asyncio.wrap_future(robot.restart(caller, name, force))
+        return JSONResponse({"services": list(robot.members(name))})
+
+    @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
+    async def hold(name: str, body: HoldBody, caller: Who) -> Response:
+        """Keep a service, or a group's, from being active for a time, whoever requests it."""
+        await asyncio.wrap_future(robot.hold(caller, name, duration(body.duration, "duration"), body.reason))
+        return JSONResponse({"services": list(robot.members(name))})
+
+    @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
+    async def unhold(name: str, caller: Who) -> Response:
+        await asyncio.wrap_future(robot.hold(caller, name, None, ""))
+        return Response(status_code=204)
+
+    @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
+    async def suspend(body: HoldBody, caller: Who) -> Response:
+        """Change nothing for a time."""
+        await asyncio.wrap_future(robot.suspend(caller, duration(body.duration, "duration"), body.reason))
+        return Response(status_code=204)
+
+    @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
+    async def unsuspend(caller: Who) -> Response:
+        await asyncio.wrap_future(robot.suspend(caller, None, ""))
+        return Response(status_code=204)
+
+
+def duration(value: str | None, field: str) -> float:
+    try:
+        return parse_duration(value) if value is not None else 0.0
+    except ValueError as error:
+        raise Invalid("read the request", f"{field}: {error}") from error
+
+
+def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -> None:
+    @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
+    async def wait(services: Annotated[list[str], Query(min_length=1, max_length=300)],
+                   timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0) -> Response:
+        """Answers when these services and all that they need are ready; with the reason when they do not get so."""
+        names = tuple(m for s in services for m in robot.members(s))
+        deadline = asyncio.get_running_loop().time() + timeout
+        while True:
+            event = changed()
+            why, hopeless = robot.unready(names)
+            left = deadline - asyncio.get_running_loop().time()
+            if not why:
+                return JSONResponse({"ready": True})
+            if hopeless or left <= 0:
+                raise NotReady(f"wait for {', '.join(services)}", why, "`rorg why` for the reasons")
+            try:
+                await asyncio.wait_for(event.wait(), left)
+            except TimeoutError:
+                continue
+
+    @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
+    async def events(cursor: Annotated[int | None, Query(ge=0)] = None, follow: bool = False,
+                     tail: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Response:
+        """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
+        there. Without a cursor, the last `tail` lines, and what comes when following."""
+        journal = robot.loop.reporter.journal
+        place = max(0, journal.last - tail) if cursor is None else cursor
+
+        async def lines() -> AsyncIterator[bytes]:
+            at = place
+            while True:
+                event = changed()
+                found = journal.since(at)
+                if found:
+                    at = found[-1]["seq"]
+                    yield b"".join(json.dumps(entry).encode() + b"\n" for entry in found)
+                elif not follow:
+                    return
+                else:
+                    await event.wait()
+
+        return StreamingResponse(lines(), media_type="application/x-ndjson")

@@ -1,0 +1,137 @@
+"""Manifests through the API: read, validated, written in one step, committed."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import Depends, FastAPI, Query
+from fastapi import Path as Parameter
+from fastapi.responses import JSONResponse, Response
+
+from rorg.daemon.api_models import ManifestView, PutManifest
+from rorg.daemon.rights import Caller
+from rorg.daemon.robot import Robot
+from rorg.errors import Invalid, Missing, Refused
+from rorg.host.git import commit
+from rorg.manifest.documents import manifest_files
+from rorg.manifest.load import load
+from rorg.manifest.models import FOLDERS
+from rorg.manifest.scalars import NAME
+from rorg.manifest.yaml_source import read_yaml
+from rorg.store.files import write_atomic
+
+
+class Manifests:
+    """The files of a tree. One change at a time."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._lock = threading.Lock()
+
+    @property
+    def root(self) -> Path:
+        return self.robot.loop.tree.root
+
+    def all(self) -> dict[tuple[str, str], Path]:
+        """(kind, name) -> file, of every manifest that can be read at all."""
+        found = {}
+        for path in manifest_files(self.root):
+            document, _ = read_yaml(path.read_text(encoding="utf-8", errors="replace"), str(path))
+            value = document.value if document else None
+            if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
+                found[str(value.get("kind")), str(value["metadata"].get("name"))] = path
+        return found
+
+    def path_of(self, kind: str, name: str) -> Path:
+        path = self.all().get((kind, name))
+        if path is None:
+            raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
+        return path
+
+    def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str]:
+        """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile."""
+        with self._lock:
+            path = self.all().get((kind, name))
+            self._same(path, body.base, f"change the {kind} '{name}'")
+            path = path or self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
+            document, _ = read_yaml(body.text, path.name)
+            value: Any = document.value if document else None
+            metadata = value.get("metadata") if isinstance(value, dict) else None
+            if isinstance(metadata, dict) and (value.get("kind"), metadata.get("name")) != (kind, name):
+                raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
+            self._valid(path, body.text, f"change the {kind} '{name}'")
+            path.parent.mkdir(exist_ok=True)
+            write_atomic(path, body.text, mode=0o644)
+            self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
+            return path, digest(body.text)
+
+    def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> None:
+        with self._lock:
+            path = self.path_of(kind, name)
+            self._same(path, base, f"delete the {kind} '{name}'")
+            self._valid(path, None, f"delete the {kind} '{name}'")
+            path.unlink()
+            self._told(caller, path, message or f"{kind} {name}: deleted through the API")
+
+    def _same(self, path: Path | None, base: str | None, what: str) -> None:
+        now = digest(path.read_text(encoding="utf-8")) if path else None
+        if now != base:
+            raise Refused(what, "it was changed meanwhile" if now and base else
+                          "there is one already" if now else "it is gone", f"again, on the version {now}")
+
+    def _valid(self, path: Path, text: str | None, what: str) -> None:
+        before = {str(d) for d in load(self.root).errors}
+        errors = [d for d in load(self.root, {path: text}).errors if str(d) not in before]
+        if errors:
+            raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
+
+    def _told(self, caller: Caller, path: Path, message: str) -> None:
+        commit(self.root, path, caller.author, message)
+        self.robot.loop.reporter.event("manifest", f"{message} (by {caller.author})", author=caller.author,
+                                       file=str(path.relative_to(self.root)))
+        self.robot.loop.files_changed()
+
+
+def digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def add_manifests(app: FastAPI, robot: Robot) -> None:
+    """The routes."""
+    from rorg.daemon.api import caller_of, needs
+
+    manifests = Manifests(robot)
+    allowed = [needs("manifests")]
+    kind_ = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
+    name_ = Annotated[str, Parameter(pattern=NAME)]
+
+    @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
+    def list_all() -> Response:
+        """Every manifest of the tree, with the digest of its text."""
+        return JSONResponse([{"kind": kind, "name": name, "file": str(path.relative_to(manifests.root)),
+                              "digest": digest(path.read_text(encoding="utf-8"))}
+                             for (kind, name), path in sorted(manifests.all().items())])
+
+    @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
+    def get_one(kind: kind_, name: name_) -> Response:  # type: ignore[valid-type]
+        """The text of a manifest. Its digest is the ETag."""
+        text = manifests.path_of(kind, name).read_text(encoding="utf-8")
+        return Response(text, media_type="application/yaml", headers={"ETag": f'"{digest(text)}"'})
+
+    @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
+    def put_one(kind: kind_, name: name_, body: PutManifest,  # type: ignore[valid-type]
+                caller: Annotated[Caller, Depends(caller_of)]) -> Response:
+        """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
+        repository. Refused when `base` is not the digest of what is there now."""
+        path, found = manifests.put(caller, kind, name, body)
+        return JSONResponse({"kind": kind, "name": name, "file": str(path.relative_to(manifests.root)),
+                             "digest": found})
+
+    @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
+    def delete_one(kind: kind_, name: name_, caller: Annotated[Caller, Depends(caller_of)],  # type: ignore[valid-type]
+                   base: str | None = None, message: Annotated[str, Query(max_length=500)] = "") -> Response:
+        manifests.delete(caller, kind, name, base, message)
+        return Response(status_code=204)

@@ -1,0 +1,90 @@
+"""What the API takes and gives, as pydantic models: they are the OpenAPI document too."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Short = Annotated[str, Field(max_length=500)]
+ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class Body(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class PutRequest(Body):
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
+    reason: Short = ""
+    priority: Annotated[int, Field(ge=0, le=100)] | None = None
+    ttl: Annotated[str, Field(max_length=20)] | None = Field(default=None, description="Lease, such as 10s.")
+
+
+class HoldBody(Body):
+    duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
+    reason: Short = ""
+
+
+class RequestView(BaseModel):
+    id: str
+    requester: str
+    services: list[str]
+    reason: str = ""
+    priority: int | None = None
+    ttl: float | None = Field(default=None, description="Seconds.")
+    incarnation: str | None = None
+    standing: bool = False
+    expires_in: float | None = Field(default=None, description="Seconds that are left of the lease.")
+
+
+class Held(BaseModel):
+    services: list[str]
+
+
+class WaitResult(BaseModel):
+    ready: bool
+
+
+class Why(BaseModel):
+    service: str
+    wanted: bool
+    state: str
+    chain: list[str]
+    requests: list[RequestView]
+    waits: list[str]
+
+
+class ServiceUsage(BaseModel):
+    cpu_seconds: float
+    memory: int
+
+
+class Usage(BaseModel):
+    at: float = Field(description="Seconds since the epoch.")
+    services: dict[str, ServiceUsage]
+    machine: dict[str, float]
+
+
+class ManifestView(BaseModel):
+    kind: str
+    name: str
+    file: str = Field(description="Relative to the tree.")
+    digest: str
+
+
+class PutManifest(Body):
+    text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
+    base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
+    message: Short = ""
+
+
+class Problem(BaseModel):
+    """RFC 9457, with a stable code."""
+
+    type: str
+    title: str
+    status: int
+    code: str
+    cause: str
+    remedy: str

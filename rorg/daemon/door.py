@@ -1,0 +1,184 @@
+"""The door: HTTP/1.1 on unix sockets, in a thread of its own, so that no caller is ever in the way of the loop.
+
+One socket for people and one for each service that may request something: who calls is known by the socket that is
+called, and, on the main one, by the kernel's word for the process at the other end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import resource
+import shutil
+import socket
+import ssl
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from rorg.daemon.api import make_app
+from rorg.daemon.rights import Caller, group_id, peer
+from rorg.daemon.robot import Robot
+
+NAME = "rorg.sock"
+BACKLOG = 1024
+MOST_CONNECTIONS = 8000
+"""Requests at once beyond which the answer is 503."""
+IDLE = 60
+"""Seconds after which a connection that asks nothing is closed."""
+
+
+class _Protocol(HttpToolsProtocol):
+    """Puts the caller into every request of its connection."""
+
+    who: Callable[[socket.socket | None, Any], Caller]
+
+    def connection_made(self, transport: Any) -> None:
+        caller = self.who(transport.get_extra_info("socket"), transport)
+        self.app_state = {**self.app_state, "caller": caller}
+        super().connection_made(transport)
+
+
+class Door:
+    """Serves the API of a robot below a directory, until stop()."""
+
+    def __init__(self, robot: Robot, directory: Path, group: str = "rorg") -> None:
+        self.robot, self.directory = robot, directory
+        self.group = group_id(group)
+        self._asyncio: asyncio.AbstractEventLoop | None = None
+        self._event = asyncio.Event()
+        self._services: dict[str, asyncio.AbstractServer] = {}
+        self._declared: frozenset[str] = frozenset()
+        app = make_app(robot, lambda: self._event)
+        self.config = uvicorn.Config(
+            app, http=_Protocol, loop="uvloop", log_config=None, access_log=False, lifespan="off",
+            timeout_keep_alive=IDLE, limit_concurrency=MOST_CONNECTIONS, backlog=BACKLOG, ws="none",
+            h11_max_incomplete_event_size=65536, server_header=False, date_header=False)
+        self.server = uvicorn.Server(self.config)
+        self._thread: threading.Thread | None = None
+        self.tcp: tuple[str, int, ssl.SSLContext] | None = None
+
+    # -- life --------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Listens when it returns."""
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 65536) if hard > 0 else 65536, hard))
+        self.directory.mkdir(parents=True, exist_ok=True, mode=0o755)
+        main = self._listen(self.directory / NAME)
+        self.robot.committer.start()
+        started = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(main, started), name="door", daemon=True)
+        self._thread.start()
+        started.wait(30)
+        self.robot.loop.decided = self.decided
+
+    def stop(self) -> None:
+        self.robot.loop.decided = lambda: None
+        self.server.should_exit = self.server.force_exit = True
+        if self._asyncio is not None:
+            with contextlib.suppress(RuntimeError):
+                self._asyncio.call_soon_threadsafe(self._event.set)
+        if self._thread:
+            self._thread.join(5)
+        self.robot.committer.stop()
+        (self.directory / NAME).unlink(missing_ok=True)
+
+    def _run(self, main: socket.socket, started: threading.Event) -> None:
+        runner = asyncio.Runner(loop_factory=self.config.get_loop_factory())
+        self._asyncio = runner.get_loop()
+        self.config.load()
+        self.server.lifespan = self.config.lifespan_class(self.config)
+        with runner:
+            runner.run(self._serve(main, started))
+
+    async def _serve(self, main: socket.socket, started: threading.Event) -> None:
+        loop = asyncio.get_running_loop()
+        self.server.servers = [await loop.create_server(
+            self._protocol(lambda connection, _: peer(connection, self.group)), sock=main, backlog=BACKLOG)]
+        if self.tcp:
+            host, port, context = self.tcp
+            self.server.servers.append(await loop.create_server(
+                self._protocol(_certified), host, port, ssl=context, backlog=BACKLOG))
+        self.server.started = True
+        started.set()
+        await self.server.main_loop()
+        for server in (*self.server.servers, *self._services.values()):
+            server.close()
+        for connection in list(self.server.server_state.connections):
+            connection.shutdown()
+
+    def _protocol(self, who: Callable[[socket.socket | None, Any], Caller]) -> Callable[[], asyncio.Protocol]:
+        def make() -> asyncio.Protocol:
+            made = _Protocol(self.config, self.server.server_state, {})
+            made.who = who  # type: ignore[method-assign]
+            return made
+
+        return make
+
+    # -- sockets -----------------------------------------------------------------------------------------------
+
+    def _listen(self, path: Path) -> socket.socket:
+        """A listening socket of mode 0660 and our group, in place of one that a killed rorg left behind. Bound by way
+        of an open directory, since a path of its own may be longer than the 107 bytes allowed."""
+        path.unlink(missing_ok=True)
+        found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+        before = os.umask(0o117)
+        try:
+            found.bind(f"/proc/self/fd/{folder}/{path.name}")
+        finally:
+            os.umask(before)
+            os.close(folder)
+        if self.group is not None:
+            with contextlib.suppress(PermissionError):
+                os.chown(path, -1, self.group)
+        found.setblocking(False)
+        return found
+
+    def decided(self) -> None:
+        """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
+        if self._asyncio is not None:
+            with contextlib.suppress(RuntimeError):
+                self._asyncio.call_soon_threadsafe(self._turn)
+        declared = frozenset(n for n, s in self.robot.catalog.services.items() if s.may_request)
+        if declared != self._declared and self._asyncio is not None:
+            self._declared = declared
+            asyncio.run_coroutine_threadsafe(self._serve_services(declared), self._asyncio)
+
+    def _turn(self) -> None:
+        self._event.set()
+        self._event = asyncio.Event()
+
+    def prepare(self, names: Iterable[str]) -> None:
+        """The directories that are mounted into containers must be there before a container is made."""
+        for name in names:
+            (self.directory / "services" / name).mkdir(parents=True, exist_ok=True)
+
+    async def _serve_services(self, names: frozenset[str]) -> None:
+        for name in set(self._services) - names:
+            self._services.pop(name).close()
+            shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
+        for name in sorted(names - set(self._services)):
+            self.prepare([name])
+            listener = self._listen(self.directory / "services" / name / NAME)
+            # Whatever user a program runs as inside its container, the mount is its right.
+            os.chmod(self.directory / "services" / name / NAME, 0o666)
+            caller = Caller("service", service=name)
+            self._services[name] = await asyncio.get_running_loop().create_server(
+                self._protocol(lambda *_, caller=caller: caller), sock=listener, backlog=BACKLOG)
+
+
+def _certified(_: socket.socket | None, transport: Any) -> Caller:
+    """A caller over TLS: its certificate was signed by the authority that rorg was given, so it is a developer."""
+    found = transport.get_extra_info("peercert") or {}
+    names = dict(pair for part in found.get("subject", ()) for pair in part)
+    return Caller("developer", certificate=names.get("commonName", "unnamed")) if found else Caller()
