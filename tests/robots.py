@@ -13,7 +13,8 @@ import psutil
 import yaml
 from conftest import BASE_IMAGE, wait_for
 
-from rorg.daemon.wiring import make_engine, make_loop
+from rorg.client import Client
+from rorg.daemon.wiring import make_door, make_engine, make_loop
 from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.load import load_or_raise
 from rorg.sim.robot import SimRobot
@@ -123,7 +124,8 @@ class VirtualRobot:
 
 
 class RealRobot(VirtualRobot):
-    def __init__(self, folder: Path, kind: str, host: str | None) -> None:
+    def __init__(self, folder: Path, kind: str, host: str | None, with_door: bool = False) -> None:
+        self.with_door, self.door = with_door, None
         self.kind, self.tree, self.host = kind, folder / "tree", host
         self.state = StateDir(folder / "state").prepare()
         if host:
@@ -142,10 +144,23 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
+        if self.with_door:
+            self.door = make_door(self.loop, self.state, "rorg")
+            self.door.start()
         self.thread = threading.Thread(target=self.loop.run, daemon=True)
         self.thread.start()
 
+    def socket(self, service: str = "") -> str:
+        """Where people, or a service, talk to it."""
+        return str(self.state.run / (f"services/{service}" if service else "") / "rorg.sock")
+
+    def client(self, service: str = "", **more) -> Client:
+        return Client(self.socket(service), **more)
+
     def stop(self) -> None:
+        if self.door:
+            self.door.stop()
+            self.door = None
         self.loop.stop()
         self.thread.join(30)
         assert not self.thread.is_alive()

@@ -7,14 +7,15 @@ import json
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Path, Query, Request
+from fastapi import FastAPI, Path, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
+from rorg.daemon.api_common import Who, needs
+from rorg.daemon.api_manifests import add_manifests
 from rorg.daemon.api_models import Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
-from rorg.daemon.rights import Caller, allow
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
 from rorg.manifest.catalog import Request as Ask
@@ -39,23 +40,8 @@ def problem(status: int, code: str, what: str, cause: str, remedy: str = "") -> 
                          "remedy": remedy}, status, media_type="application/problem+json")
 
 
-def caller_of(request: Request) -> Caller:
-    """Who is at the other end of the connection, as the door found out."""
-    return getattr(request.state, "caller", Caller())
-
-
-Who = Annotated[Caller, Depends(caller_of)]
 Requester = Annotated[str | None, Query(description="Whose request; by default the caller's own.", max_length=64)]
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
-
-
-def needs(operation: str) -> Any:
-    """Marks a route with the operation that it is in the table of rights."""
-    def check(caller: Who) -> None:
-        allow(caller, operation)
-
-    check.operation = operation  # type: ignore[attr-defined]
-    return Depends(check)
 
 
 def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
@@ -67,8 +53,6 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
     _requests(app, robot)
     _people(app, robot)
     _waiting(app, robot, changed)
-    from rorg.daemon.api_manifests import add_manifests
-
     add_manifests(app, robot)
     return app
 
@@ -92,13 +76,28 @@ def _errors(app: FastAPI) -> None:
         found.headers.update(error.headers or {})
         return found
 
-    @app.middleware("http")
-    async def bounded(request: Request, proceed: Any) -> Response:
-        if int(request.headers.get("content-length") or 0) > MOST_BODY or "chunked" in request.headers.get(
-                "transfer-encoding", ""):
-            return problem(413, "too-large", "cannot read the request", f"its body may have {MOST_BODY} bytes, told in "
-                           "advance")
-        return await proceed(request)
+    @app.exception_handler(Exception)
+    async def bug(request: Request, error: Exception) -> JSONResponse:
+        return problem(500, "internal", f"cannot {request.method} {request.url.path}",
+                       f"{type(error).__name__}: {error}", "to report this bug")
+
+    app.add_middleware(_Bounded)
+
+
+class _Bounded:
+    """Refuses a body that is too large, or does not say how large it is, before any of it is read."""
+
+    def __init__(self, app: Any) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        headers = dict(scope.get("headers", ()))
+        length = headers.get(b"content-length", b"0")
+        if b"transfer-encoding" in headers or not length.isdigit() or int(length) > MOST_BODY:
+            await problem(413, "too-large", "cannot read the request", f"its body may have {MOST_BODY} bytes, and must "
+                          "say how many")(scope, receive, send)
+        else:
+            await self.app(scope, receive, send)
 
 
 def _reading(app: FastAPI, robot: Robot) -> None:

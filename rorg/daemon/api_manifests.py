@@ -7,10 +7,11 @@ import threading
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Query
+from fastapi import FastAPI, Query
 from fastapi import Path as Parameter
 from fastapi.responses import JSONResponse, Response
 
+from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_models import ManifestView, PutManifest
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
@@ -22,6 +23,9 @@ from rorg.manifest.models import FOLDERS
 from rorg.manifest.scalars import NAME
 from rorg.manifest.yaml_source import read_yaml
 from rorg.store.files import write_atomic
+
+Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
+ManifestName = Annotated[str, Parameter(pattern=NAME)]
 
 
 class Manifests:
@@ -101,12 +105,8 @@ def digest(text: str) -> str:
 
 def add_manifests(app: FastAPI, robot: Robot) -> None:
     """The routes."""
-    from rorg.daemon.api import caller_of, needs
-
     manifests = Manifests(robot)
     allowed = [needs("manifests")]
-    kind_ = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
-    name_ = Annotated[str, Parameter(pattern=NAME)]
 
     @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
     def list_all() -> Response:
@@ -116,14 +116,14 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
                              for (kind, name), path in sorted(manifests.all().items())])
 
     @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
-    def get_one(kind: kind_, name: name_) -> Response:  # type: ignore[valid-type]
+    def get_one(kind: Kind, name: ManifestName) -> Response:
         """The text of a manifest. Its digest is the ETag."""
         text = manifests.path_of(kind, name).read_text(encoding="utf-8")
         return Response(text, media_type="application/yaml", headers={"ETag": f'"{digest(text)}"'})
 
     @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
-    def put_one(kind: kind_, name: name_, body: PutManifest,  # type: ignore[valid-type]
-                caller: Annotated[Caller, Depends(caller_of)]) -> Response:
+    def put_one(kind: Kind, name: ManifestName, body: PutManifest,
+                caller: Who) -> Response:
         """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
         repository. Refused when `base` is not the digest of what is there now."""
         path, found = manifests.put(caller, kind, name, body)
@@ -131,7 +131,7 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
                              "digest": found})
 
     @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
-    def delete_one(kind: kind_, name: name_, caller: Annotated[Caller, Depends(caller_of)],  # type: ignore[valid-type]
+    def delete_one(kind: Kind, name: ManifestName, caller: Who,
                    base: str | None = None, message: Annotated[str, Query(max_length=500)] = "") -> Response:
         manifests.delete(caller, kind, name, base, message)
         return Response(status_code=204)
