@@ -181,6 +181,7 @@ def test_a_hold_and_a_suspension_are_shown_and_end(shell):
 
 
 def test_a_request_with_a_lease_says_so(shell):
+    shell.run()
     shell("request", "navigation", "--ttl", "10s", "--priority", "80", "--reason", "tour")
     why = shell("why", "navigation").stdout
     assert "request 'navigation' of developer names it, priority 80, lease of 10 s, because tour" in why
@@ -188,8 +189,9 @@ def test_a_request_with_a_lease_says_so(shell):
 
 
 def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):
-    write_tree(shell.tree, {"aa": {"resources": {"cpu": 0.6}}, "bb": {"resources": {"cpu": 0.6}}},
+    write_tree(shell.tree, {**SERVICES, "aa": {"resources": {"cpu": 0.6}}, "bb": {"resources": {"cpu": 0.6}}},
                policies={"policy": {"budget": {"cpu": 1.0, "over": "refuse"}}})
+    shell.run()
     shell("request", "aa")
     assert "1.2 cores would be used of a budget of 1" in shell("request", "bb", code=5).stderr
     shell("request", "aa", "--id", "again")

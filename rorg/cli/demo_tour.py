@@ -122,6 +122,8 @@ def _commits(robot: DemoRobot, show: Show) -> None:
 
 
 def _compare(robot: DemoRobot, show: Show, figures: list[tuple[float, float]]) -> None:
+    states = [s["state"] for s in robot.view()["services"].values() if not s["wanted"]]
+    paused, stopped = states.count("paused"), states.count("exited")
     show.step("Everything on, as robots do without rorg")
     robot.request("everything", "developer", ["everything"])
     robot.settle("everything")
@@ -137,3 +139,5 @@ def _compare(robot: DemoRobot, show: Show, figures: list[tuple[float, float]]) -
         show.line(f"  {what:<7} everything on {form(one):>10}  {'█' * 40}")
         show.line(f"  {'':<7} on demand     {form(other):>10}  {'█' * round(40 * other / one)} "
                   f"{other / one - 1:+.0%}")
+    show.line(f"  idle    {paused} paused (what starts slowly: back in some 12 ms, keeping its memory), {stopped} stopped "
+              "(everything else: their memory is free)")

@@ -22,7 +22,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "restarts": dict(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
-        "in_flight": {n: f.action.verb for n, f in situation.memory.in_flight.items()},
+        "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
 
