@@ -139,5 +139,5 @@ def _compare(robot: DemoRobot, show: Show, figures: list[tuple[float, float]]) -
         show.line(f"  {what:<7} everything on {form(one):>10}  {'█' * 40}")
         show.line(f"  {'':<7} on demand     {form(other):>10}  {'█' * round(40 * other / one)} "
                   f"{other / one - 1:+.0%}")
-    show.line(f"  idle    {paused} paused (what starts slowly: back in some 12 ms, keeping its memory), {stopped} stopped "
-              "(everything else: their memory is free)")
+    show.line(f"  idle    {paused} paused (what starts slowly: back in milliseconds, but keeps its memory), "
+              f"{stopped} stopped (everything else)")
