@@ -299,6 +299,10 @@ class Request:
             path, query = self._address
             self.client.call("DELETE", path + query)
 
+    def abandon(self) -> None:
+        """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        self._over.set()
+
     def __enter__(self) -> Request:
         return self
 

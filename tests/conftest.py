@@ -170,6 +170,17 @@ def ros_image(dockerd) -> str:
     return name
 
 
+@pytest.fixture(scope="session")
+def cpp_programs(tmp_path_factory):
+    """The C++ client's programs, static, so that they run in any container."""
+    folder = tmp_path_factory.mktemp("cpp")
+    for name in ("examples/tour", "tests/calls", "tests/latency"):
+        subprocess.run(["g++", "-std=c++17", "-O1", "-static", "-pthread", "-Wall", "-Wextra", "-Werror",
+                        "-I", ROOT / "clients/cpp/include", ROOT / f"clients/cpp/{name}.cpp", "-o",
+                        folder / name.partition("/")[2]], check=True)
+    return folder
+
+
 @pytest.fixture(params=["sim", "process", pytest.param("docker", marks=pytest.mark.docker)])
 def robot(request, tmp_path):
     """A robot on each engine in turn."""

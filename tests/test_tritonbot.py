@@ -138,3 +138,43 @@ def test_kill_9_at_20_random_moments_of_the_cycle(triton):
     finally:
         process.kill()
         process.wait()
+
+
+@pytest.mark.parametrize("language", ["python", "cpp"])
+def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, language):
+    """In its container, with the rights that its manifest gives it; then it is killed while it holds a tour."""
+    steps = triton.tree.parent / "steps"
+    steps.mkdir()
+    actions = [a for a in CYCLE["actions"] if a["who"] == "behavioral"]
+    words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
+    if language == "python":
+        command, mounts = ["python3", "/program/tour.py"], [f"{ROOT / 'tests/tour.py'}:/program/tour.py:ro",
+                                                            f"{ROOT / 'rorg'}:/program/rorg:ro"]
+    else:
+        programs = request.getfixturevalue("cpp_programs")
+        command, mounts = ["/program/tour"], [f"{programs}/tour:/program/tour:ro"]
+    path = triton.tree / "services" / "behavioral.yaml"
+    manifest = yaml.safe_load(path.read_text())
+    manifest["spec"] |= {"image": "rorg-base", "command": [*command, str(steps), *words], "restart": "never",
+                         "profile": "common", "may_request": sorted({s for a in actions for s in a["requests"]}),
+                         "container": {"volumes": [*mounts, f"{steps}:{steps}"]}}
+    path.write_text(yaml.safe_dump(manifest))
+    triton.with_door = True
+    triton.start()
+    triton.wait(lambda: triton.loop.tree.loaded and triton.active() == set(CYCLE["always_on"]), 60)
+    ask(triton, CYCLE["actions"][0])
+    for action in actions:
+        try:
+            triton.wait(lambda action=action: (steps / f"ready-{action['name']}").exists(), 60)
+        except AssertionError:
+            print(b"".join(triton.engine.logs(triton.container("behavioral").id, False, None)).decode())
+            raise
+        triton.wait(lambda action=action: triton.active() == expected(action), 60)
+        if action is not actions[-1]:
+            (steps / f"next-{action['name']}").touch()
+    assert [r.requester for r in triton.requests()] == ["developer", "behavioral"]
+    triton.kill("behavioral")
+    killed = time.monotonic()
+    triton.wait(lambda: [r.requester for r in triton.requests()] == ["developer"])
+    assert time.monotonic() - killed < 2
+    triton.wait(lambda: triton.active() == set(CYCLE["always_on"]), 30)

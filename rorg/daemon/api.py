@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
@@ -16,6 +17,7 @@ from rorg import __version__
 from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_manifests import add_manifests
 from rorg.daemon.api_models import Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
 from rorg.manifest.catalog import Request as Ask
@@ -26,6 +28,8 @@ STATUS: dict[type[RorgError], tuple[int, str]] = {
     NotReady: (504, "not-ready"), Unreachable: (503, "unreachable"),
 }
 """Errors as HTTP status and stable code."""
+SEEN = 5.0
+"""Seconds until a service that asks is seen to run."""
 MOST_BODY = 1 << 20
 """Bytes of a request's body."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -50,7 +54,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
                   responses=RESPONSES)
     _errors(app)
     _reading(app, robot)
-    _requests(app, robot)
+    _requests(app, robot, changed)
     _people(app, robot)
     _waiting(app, robot, changed)
     add_manifests(app, robot)
@@ -153,7 +157,18 @@ def _reading(app: FastAPI, robot: Robot) -> None:
         return text(robot.usage())
 
 
-def _requests(app: FastAPI, robot: Robot) -> None:
+async def _seen(robot: Robot, caller: Caller, changed: Callable[[], asyncio.Event]) -> None:
+    """A program may ask so soon after its start that the loop has not seen it run: that is waited for."""
+    end = asyncio.get_running_loop().time() + SEEN
+    while caller.kind == "service" and not robot.runs(caller.service):
+        left = end - asyncio.get_running_loop().time()
+        if left <= 0:
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(changed().wait(), left)
+
+
+def _requests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -> None:
     request = [needs("request")]
 
     @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)
@@ -161,6 +176,7 @@ def _requests(app: FastAPI, robot: Robot) -> None:
         """Request services, in place of an earlier request of the same id. Durable when answered."""
         ask = Ask(id, requester or caller.requester, tuple(dict.fromkeys(body.services)), body.reason,
                   priority=body.priority, ttl=duration(body.ttl, "ttl") or None)
+        await _seen(robot, caller, changed)
         await asyncio.wrap_future(robot.put_request(caller, ask))
         return JSONResponse({"id": id, "requester": ask.requester, "services": list(ask.services),
                              "reason": ask.reason, "priority": ask.priority, "ttl": ask.ttl})

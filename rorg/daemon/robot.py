@@ -147,16 +147,20 @@ class Robot:
         return self._change(caller, edit, "request", f"request '{request.id}' of {request.requester}: "
                             f"{', '.join(request.services)}", service=request.requester)
 
+    def runs(self, name: str) -> bool:
+        """Whether its container is seen to be alive."""
+        status = self.statuses().get(name)
+        return status is not None and bool(status.incarnation)
+
     def _incarnation(self, requester: str) -> str | None:
         """The run of the requester that a request belongs to; None for those that have no container."""
         service = self.catalog.services.get(requester)
         if service is None or service.meta:
             return None
-        status = self.statuses().get(requester)
-        if status is None or not status.incarnation:
+        if not self.runs(requester):
             raise Refused(f"request as {requester}", f"{requester} does not run, and a request belongs to a run of its "
                           "requester", "to request it first")
-        return status.incarnation
+        return self.statuses()[requester].incarnation
 
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""

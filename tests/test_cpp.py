@@ -1,0 +1,44 @@
+"""The C++ client against a running rorg, and its CMake package."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+
+import pytest
+from conftest import ROOT
+from robots import RealRobot
+
+TREE = {"camera": {"idle": {"action": "pause"}}, "lidar": {}, "arm": {"driver": {}, "conflicts": ["lidar"]}}
+CLIENT = ROOT / "clients/cpp"
+
+
+def test_every_call_does_what_it_says(cpp_programs, tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot.declare(TREE)
+    robot.wait(lambda: len(robot.containers()) == 3)
+    try:
+        done = subprocess.run([cpp_programs / "calls"], capture_output=True, text=True, timeout=60,
+                              env={**os.environ, "RORG_SOCKET": robot.socket()})
+        assert done.returncode == 0, done.stderr
+    finally:
+        robot.close()
+
+
+def test_it_is_a_cmake_package(tmp_path):
+    if not shutil.which("cmake"):
+        pytest.fail("cmake is needed") if os.environ.get("RORG_TEST_REQUIRE_DOCKER") else pytest.skip("no cmake here")
+    for step in (["cmake", "-S", CLIENT, "-B", tmp_path / "build"],
+                 ["cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix"]):
+        subprocess.run(step, check=True, capture_output=True)
+    user = tmp_path / "user"
+    user.mkdir()
+    (user / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(user CXX)\nfind_package(rorg REQUIRED)\n"
+        "add_executable(user main.cpp)\ntarget_link_libraries(user PRIVATE rorg::rorg)\n")
+    (user / "main.cpp").write_text("#include <rorg/rorg.hpp>\nint main() { rorg::Client client; }\n")
+    subprocess.run(["cmake", "-S", user, "-B", user / "build", f"-DCMAKE_PREFIX_PATH={tmp_path}/prefix"], check=True,
+                   capture_output=True)
+    subprocess.run(["cmake", "--build", user / "build"], check=True, capture_output=True)
+    assert subprocess.run([user / "build/user"]).returncode == 0
