@@ -195,3 +195,19 @@ def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):
     shell("request", "aa")
     assert "1.2 cores would be used of a budget of 1" in shell("request", "bb", code=5).stderr
     shell("request", "aa", "--id", "again")
+
+
+def test_wait_events_and_top_talk_to_the_running_rorg(shell):
+    shell("wait", "navigation", code=3)
+    shell.run()
+    shell("request", "navigation")
+    assert "navigation ready" in shell("wait", "navigation").stdout
+    assert "start navigation" in shell("events", "--tail", "30").stdout
+    lines = [json.loads(line) for line in shell("events", "-o", "json").stdout.splitlines()]
+    assert any(e["kind"] == "request" and e["author"] for e in lines)
+    assert "navigation" in shell("top", "--once").stdout
+    found = json.loads(shell("top", "-o", "json").stdout)
+    assert {r["service"] for r in found["services"]} == {"roscore", "navigation", "base"}
+    assert found["machine"]["cores"] >= 1
+    shell("hold", "navigation", "--for", "5m")
+    assert "held until" in shell("wait", "navigation", code=4).stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.cli.output import note
+from rorg.client import Client
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Finding, Memory, Progress
@@ -72,6 +73,18 @@ class Context:
         if file.diagnostics:
             raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "to mend it")
         return file.asked
+
+    def client(self) -> Client | None:
+        """A client of the rorg that runs on this state directory; None when none serves."""
+        path = self.state.run / "rorg.sock"
+        return Client(str(path), patience=2.0) if self.state.owner() and path.exists() else None
+
+    def serving(self, what: str) -> Client:
+        """The same, or Unreachable."""
+        found = self.client()
+        if found is None:
+            raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
+        return found
 
     def change(self, edit: Callable[[Asked], Asked]) -> None:
         """Changes what is asked of the robot, durably, and says so when nobody is there to do it."""

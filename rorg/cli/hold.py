@@ -32,6 +32,13 @@ def command(services: ServiceNames, duration: For = None, reason: Reason = "", e
     if not end and not duration:
         raise Invalid(f"hold {', '.join(names)}", "it must end by itself", "--for 10m")
     now = time.time()
+    told = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
+    client = context.client()
+    if client:
+        for name in names:
+            client.unhold(name) if end else client.hold(name, duration or 0.0, reason)
+        typer.echo(told)
+        return
 
     def edit(asked: Asked) -> Asked:
         kept = {n: h for n, h in asked.holds.items() if h.until > now and n not in names}
@@ -39,4 +46,4 @@ def command(services: ServiceNames, duration: For = None, reason: Reason = "", e
             **kept, **dict.fromkeys(names, Hold(now + (duration or 0.0), reason))})
 
     context.change(edit)
-    typer.echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
+    typer.echo(told)

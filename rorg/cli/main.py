@@ -11,7 +11,11 @@ import typer
 from rorg.errors import Exit, RorgError
 
 COMMANDS = ("validate", "diff", "apply", "run", "get", "describe", "why", "request", "release", "restart", "hold",
-            "suspend", "logs", "graph", "build", "demo", "completion")
+            "suspend", "wait", "events", "top", "logs", "graph", "build", "demo", "completion")
+
+CLIENT_CODES = {"forbidden": Exit.REFUSED, "refused": Exit.REFUSED, "not-ready": Exit.NOT_READY,
+                "unreachable": Exit.UNREACHABLE, "internal": Exit.INTERNAL}
+"""What the API answers, as exit codes."""
 
 app = typer.Typer(
     name="rorg", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
@@ -58,8 +62,18 @@ def run() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except Exception as bug:
+        _told_by_the_api(bug)
         if os.environ.get("RORG_TRACEBACK"):
             raise
         print(f"rorg: internal error: {type(bug).__name__}: {bug}\n"
               "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed.", file=sys.stderr)
         sys.exit(int(Exit.INTERNAL))
+
+
+def _told_by_the_api(error: Exception) -> None:
+    """Ends with the message of an error that the running rorg answered. The client is only looked for where a command
+    has imported it: that costs 20 ms."""
+    client = sys.modules.get("rorg.client")
+    if client and isinstance(error, client.Error):
+        print(f"rorg: {error}", file=sys.stderr)
+        sys.exit(int(CLIENT_CODES.get(error.code, Exit.USAGE)))

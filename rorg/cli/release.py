@@ -15,12 +15,26 @@ def command(
     state_dir: StateDirectory = None,
 ) -> None:
     """Give a request up. Releasing what is already released is fine."""
+    from rorg.cli.context import Context
     from rorg.cli.output import note
     from rorg.errors import Invalid
     from rorg.store.requests_file import Asked, RequestsFile
     from rorg.store.state_dir import StateDir, default_state_dir
 
     released: list[str] = []
+    client = Context(state_dir, None).client()
+    if client:
+        found = [r["requester"] for r in client.requests() if r["id"] == id and not r["standing"]
+                 and requester in ("", r["requester"])]
+        if len(found) > 1:
+            raise Invalid(f"release '{id}'", f"{' and '.join(sorted(found))} have a request of that id",
+                          "--as REQUESTER")
+        for name in found:
+            client.release(id, name)
+            typer.echo(f"request '{id}' of {name} released")
+        if not found:
+            note(f"there is no request '{id}'; nothing to release")
+        return
 
     def edit(asked: Asked) -> Asked:
         keys = {r.key for r in asked.requests if r.id == id and requester in ("", r.requester)}

@@ -22,6 +22,8 @@ def command(
     wait: Wait = False, timeout: Timeout = 60.0, state_dir: StateDirectory = None, engine: EngineName = None,
 ) -> None:
     """Ask for services; they run, with all that they need, until the request is released."""
+    from urllib.parse import quote, urlencode
+
     from rorg.cli.context import Context, unready
     from rorg.core.requests import problems
     from rorg.daemon.wiring import wall_clock
@@ -31,8 +33,17 @@ def command(
     from rorg.store.requests_file import Asked
 
     context = Context(state_dir, engine)
-    catalog = context.catalog()
     chosen = tuple(dict.fromkeys(services))
+    client = context.client()
+    if client:
+        name = id or chosen[0]
+        client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}", {
+            "services": list(chosen), "reason": reason, "priority": priority, "ttl": f"{ttl:g}s" if ttl else None})
+        typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
+        if wait:
+            client.wait(*chosen, timeout=timeout)
+        return
+    catalog = context.catalog()
     request = Request(id or chosen[0], requester, chosen, reason, _incarnation(context, catalog, requester),
                       priority=priority, ttl=ttl, renewed=wall_clock() if ttl else "")
 

@@ -19,6 +19,11 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
 
     if not end and not duration:
         raise Invalid("suspend", "it must end by itself", "--for 10m")
-    hold = None if end else Hold(time.time() + (duration or 0.0), reason)
-    Context(state_dir, None).change(lambda asked: replace(asked, suspended=hold))
+    context = Context(state_dir, None)
+    client = context.client()
+    if client:
+        client.unsuspend() if end else client.suspend(duration or 0.0, reason)
+    else:
+        hold = None if end else Hold(time.time() + (duration or 0.0), reason)
+        context.change(lambda asked: replace(asked, suspended=hold))
     typer.echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")

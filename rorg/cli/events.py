@@ -1,0 +1,34 @@
+"""rorg events"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rorg.cli.options import Output, StateDirectory
+
+
+def command(
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
+    tail: Annotated[int, typer.Option("--tail", min=0, help="Begin with the last so many.")] = 20,
+    output: Output = "table", state_dir: StateDirectory = None,
+) -> None:
+    """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure."""
+    import json
+
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form
+    from rorg.store.journal import Journal
+
+    check_form(output, ("table", "json"))
+    context = Context(state_dir, None)
+    client = context.serving("follow events") if follow else context.client()
+    found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
+    for event in found:
+        line = f"{event['at'][:19].replace('T', ' ')}  {event['message']}"
+        typer.echo(json.dumps(event) if output == "json" else line)
+
+
+def _last(journal: object, tail: int) -> list[dict]:
+    return journal.since(max(0, journal.last - tail))  # type: ignore[attr-defined]
