@@ -245,6 +245,8 @@ class Client:
         connection.request(method, path, data, {"content-type": "application/json"} if data else {})
         response = connection.getresponse()
         text = response.read()
+        if response.status == 503:
+            raise OSError(text.decode(errors="replace")[:200])  # it has just begun, or is full: later, then
         if response.status >= 400:
             _raise(response.status, text)
         kind = response.getheader("content-type", "")

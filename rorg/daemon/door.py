@@ -149,7 +149,7 @@ class Door:
         if self._asyncio is not None:
             with contextlib.suppress(RuntimeError):
                 self._asyncio.call_soon_threadsafe(self._turn)
-        declared = frozenset(n for n, s in self.robot.catalog.services.items() if s.may_request)
+        declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.may_request)
         if declared != self._declared and self._asyncio is not None:
             self._declared = declared
             asyncio.run_coroutine_threadsafe(self._serve_services(declared), self._asyncio)

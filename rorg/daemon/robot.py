@@ -16,7 +16,7 @@ from rorg.daemon.loop import Loop
 from rorg.daemon.rights import Caller, allow_request
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
-from rorg.errors import Invalid, Missing, Refused
+from rorg.errors import Invalid, Missing, Refused, Unreachable
 from rorg.host.load import machine
 from rorg.manifest.catalog import Catalog, Hold, Request, Service
 from rorg.manifest.diagnostics import nearest
@@ -42,13 +42,14 @@ class Robot:
 
     @property
     def decision(self) -> Decision:
-        if self.loop.decision is None:
-            raise Refused("answer", "the loop has not looked at anything yet", "again in a moment")
+        tree = self.loop.tree
+        if self.loop.decision is None or not (tree.loaded or tree.errors):
+            raise Unreachable("answer", "rorg has just begun and has not read its manifests yet", "again in a moment")
         return self.loop.decision
 
     @property
     def catalog(self) -> Catalog:
-        return self.loop.tree.desired.catalog
+        return self.decision.situation.desired.catalog
 
     def statuses(self) -> dict[str, Status]:
         """Of all declared services; computed once a decision."""

@@ -203,14 +203,15 @@ class Client {
         connection_->set_timeout(timeout.value_or(timeout_));
         try {
           const auto [status, text] = connection_->call(method, path, body);
+          if (status == 503) throw Unreachable("cannot reach rorg", text);  // it has just begun, or is full
           if (status >= 400) raise(status, text);
           return text.empty() ? json::Value() : json::parse(text);
         } catch (const Unreachable&) {
           connection_.reset();
           throw;
         }
-      } catch (const Unreachable& error) {
-        if (error.status != 0 || std::chrono::steady_clock::now() + pause > end) throw;
+      } catch (const Unreachable&) {
+        if (std::chrono::steady_clock::now() + pause > end) throw;
       }
       std::this_thread::sleep_for(pause);
       pause = std::min(pause * 2, Seconds(0.5));

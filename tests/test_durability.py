@@ -1,0 +1,124 @@
+"""What was acknowledged is there afterwards, whatever is killed when."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+
+from conftest import wait_for
+from robots import write_tree
+
+from rorg.client import Client, Error, NotFound
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
+
+SECONDS = float(os.environ.get("RORG_TEST_LONG", "12"))
+CLIENTS = 20
+
+
+class Caller(threading.Thread):
+    """Puts, renews and releases its own requests at random, and keeps book of what was acknowledged."""
+
+    def __init__(self, number: int, socket: str, until: float) -> None:
+        super().__init__(daemon=True)
+        self.number, self.until = number, until
+        self.client = Client(socket, timeout=5.0, patience=20.0)
+        self.dice = random.Random(number)
+        self.held: dict[str, str] = {}
+        """Id -> the reason that was acknowledged last."""
+        self.calls = 0
+        self.problems: list[str] = []
+
+    def run(self) -> None:
+        while time.monotonic() < self.until:
+            id = f"c{self.number}-{self.dice.randrange(3)}"
+            try:
+                self.step(id)
+                self.calls += 1
+            except Error as error:
+                self.problems.append(f"{type(error).__name__}: {error}")
+
+    def step(self, id: str) -> None:
+        match self.dice.randrange(4):
+            case 0 | 1:
+                reason = f"{self.calls}"
+                self.client.call("PUT", f"/v1/requests/{id}", {"services": ["camera"], "reason": reason, "ttl": "10m"})
+                self.held[id] = reason
+            case 2:
+                try:
+                    self.client.call("POST", f"/v1/requests/{id}/renew")
+                    assert id in self.held, f"{id} is there though it was released"
+                except NotFound:
+                    assert id not in self.held, f"{id} was lost"
+            case 3:
+                self.client.release(id)
+                self.held.pop(id, None)
+
+
+def test_every_acknowledged_change_survives_kill_9(tmp_path):
+    tree, state = write_tree(tmp_path / "tree", {"camera": {}}), StateDir(tmp_path / "state").prepare()
+    socket = str(state.run / "rorg.sock")
+
+    def start() -> subprocess.Popen:
+        return subprocess.Popen([sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(state.path),
+                                 "--engine", "process"], stderr=subprocess.DEVNULL)
+
+    daemon = start()
+    dice, restarts = random.Random(3), 0
+    try:
+        Client(socket, patience=20).services()
+        end = time.monotonic() + SECONDS
+        callers = [Caller(n, socket, end) for n in range(CLIENTS)]
+        for caller in callers:
+            caller.start()
+        while time.monotonic() < end - 3:
+            time.sleep(dice.uniform(0.5, 2.0))  # any moment of whatever they do
+            daemon.kill()
+            daemon.wait()
+            daemon = start()
+            restarts += 1
+        for caller in callers:
+            caller.join(60)
+            assert not caller.is_alive()
+            assert caller.problems == []
+            assert caller.calls > 5, "they carry on by themselves"
+        acknowledged = {id: reason for c in callers for id, reason in c.held.items()}
+        found = Client(socket, patience=20).requests()
+        assert {r["id"]: r["reason"] for r in found} == acknowledged
+        assert len(found) == len(acknowledged), "none twice"
+        file = RequestsFile(state.requests)
+        file.read()
+        assert {r.id: r.reason for r in file.asked.requests} == acknowledged
+        assert restarts >= 2
+        print(f"{sum(c.calls for c in callers)} calls, {restarts} restarts, {len(found)} requests held at the end")
+    finally:
+        daemon.kill()
+        daemon.wait()
+        from rorg.daemon.wiring import make_engine
+
+        engine = make_engine("process", state)
+        for container in engine.list():
+            engine.stop(container.id, "SIGKILL", 5.0)
+            engine.remove(container.id)
+
+
+def test_a_held_request_outlives_a_restart_of_rorg(tmp_path):
+    """The program that holds it notices nothing, and its service is not touched."""
+    from robots import RealRobot
+
+    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot.declare({"camera": {}})
+    try:
+        with robot.client().request("camera", wait=20, ttl=1.5) as request:
+            before = robot.container("camera").incarnation
+            robot.stop()
+            robot.start()
+            wait_for(lambda: robot.loop.renewals.get(("developer", request.id), 0) >= 2)
+            assert robot.container("camera").incarnation == before
+        robot.wait(lambda: "camera" not in robot.active())
+    finally:
+        robot.close()
