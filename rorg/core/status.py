@@ -50,6 +50,8 @@ class Status:
     """Why a person keeps it from being active."""
     lowered: bool = False
     """It leaves the CPU to others, because of pressure."""
+    ros_nodes: tuple[str, ...] = ()
+    """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -57,6 +59,7 @@ class Status:
             "wanted": self.wanted, "why": self.why, "container": self.container, "incarnation": self.incarnation,
             "started_at": self.started_at, "exits": self.exits, "pid": self.pid,
             "crashes": self.crashes, "rank": self.rank, "held": self.held, "lowered": self.lowered,
+            "ros_nodes": list(self.ros_nodes),
             "conditions": [{"type": c.type, "status": c.status, "reason": c.reason, "message": c.message}
                            for c in self.conditions],
         }
@@ -98,7 +101,13 @@ def _status(situation: Situation, service: Service, current: Container | None, p
     return Status(name, current.state if current else "none", sync, health, bool(causes), why, conditions,
                   current.id if current else "", current.incarnation if current and current.alive else "",
                   current.started_at if current else "", step.exits, current.pid if current else 0,
-                  step.crashes, situation.ranks.get(name, service.priority), held, name in situation.lowered)
+                  step.crashes, situation.ranks.get(name, service.priority), held, name in situation.lowered,
+                  ros_nodes(service))
+
+
+def ros_nodes(service: Service) -> tuple[str, ...]:
+    ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
+    return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
 
 
 def _stalled(step: Progress) -> str:

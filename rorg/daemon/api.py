@@ -34,8 +34,8 @@ MOST_BODY = 1 << 20
 """Bytes of a request's body."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem, "description": what, "content": {"application/problem+json": {}}}
-    for code, what in ((403, "may not"), (404, "no such thing"), (409, "refused"), (413, "too large"), (422, "invalid"),
-                       (503, "not now"), (504, "not ready"))}
+    for code, what in ((400, "no JSON"), (403, "may not"), (404, "no such thing"), (409, "refused"), (413, "too large"),
+                       (422, "invalid"), (503, "not now"), (504, "not ready"))}
 
 
 def problem(status: int, code: str, what: str, cause: str, remedy: str = "") -> JSONResponse:

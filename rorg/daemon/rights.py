@@ -15,14 +15,15 @@ from rorg.manifest.catalog import DEVELOPER, Catalog
 OPERATIONS = {
     "read": ("developer", "service"),
     "request": ("developer", "service"),
-    "restart": ("developer",),
+    "restart": ("developer", "service"),
     "hold": ("developer",),
     "suspend": ("developer",),
     "manifests": ("developer",),
     "plan": ("developer",),
     "events": ("developer",),
 }
-"""Operation -> the kinds of caller that may. A service may only request for itself, and only what its manifest says."""
+"""Operation -> the kinds of caller that may. A service may only request for itself, and
+only what its manifest says (`may_request`, `may_restart`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +95,21 @@ def allow_request(caller: Caller, requester: str, services: tuple[str, ...], cat
         return
     if requester != caller.service:
         raise Forbidden(f"request as {requester}", f"{caller.service} may only request for itself", "no requester")
+    _within(caller, "request", services, catalog)
+
+
+def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:
+    """Raises Forbidden where a service wants to restart what its manifest does not name."""
+    allow(caller, "restart")
+    if caller.kind == "service":
+        _within(caller, "restart", (name,), catalog)
+
+
+def _within(caller: Caller, verb: str, services: tuple[str, ...], catalog: Catalog) -> None:
     declared = catalog.services.get(caller.service)
-    allowed = {m for name in (declared.may_request if declared else ()) for m in catalog.members(name)}
+    named = getattr(declared, f"may_{verb}") if declared else ()
+    allowed = {m for name in named for m in catalog.members(name)}
     beyond = [s for s in services if not set(catalog.members(s)) <= allowed]
     if beyond:
-        raise Forbidden(f"request {', '.join(beyond)}", f"{caller.service} may request "
-                        f"{', '.join(sorted(allowed)) or 'nothing'}", f"may_request: [{beyond[0]}] in its manifest")
+        raise Forbidden(f"{verb} {', '.join(beyond)}", f"{caller.service} may {verb} "
+                        f"{', '.join(sorted(allowed)) or 'nothing'}", f"may_{verb}: [{beyond[0]}] in its manifest")

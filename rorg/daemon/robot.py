@@ -13,7 +13,7 @@ from rorg.core.decide import Decision
 from rorg.core.requests import problems
 from rorg.core.status import Status, statuses
 from rorg.daemon.loop import Loop
-from rorg.daemon.rights import Caller, allow_request
+from rorg.daemon.rights import Caller, allow_request, allow_restart
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
 from rorg.errors import Invalid, Missing, Refused, Unreachable
@@ -166,11 +166,21 @@ class Robot:
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
         allow_request(caller, key[0], (), self.catalog)
-        found = next((r for r in self.loop.requests.asked.requests if r.key == key), None)
+        found = self._asked(self.loop.requests.asked, key) or self._asked(self._on_disk(), key)
         if found is None:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
         self.loop.renewals[key] = self.loop.renewals.get(key, 0) + 1
         return request_json(found)
+
+    @staticmethod
+    def _asked(asked: Asked, key: tuple[str, str]) -> Request | None:
+        return next((r for r in asked.requests if r.key == key), None)
+
+    def _on_disk(self) -> Asked:
+        """What the file says: the loop may not have read yet what was acknowledged a moment ago."""
+        file = RequestsFile(self.loop.requests.path)
+        file.read()
+        return file.asked
 
     def release(self, caller: Caller, key: tuple[str, str]) -> Future[Asked]:
         """Gives a request up; what is released already is fine."""
@@ -180,6 +190,7 @@ class Robot:
                             f"request '{key[1]}' of {key[0]} released", service=key[0])
 
     def restart(self, caller: Caller, name: str, force: bool) -> Future[Asked]:
+        allow_restart(caller, name, self.catalog)
         names = [s.name for s in self.containers_of(self.members(name))]
         drivers = [n for n in names if self.catalog.services[n].driver]
         if drivers and not force:

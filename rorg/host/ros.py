@@ -70,21 +70,22 @@ def purge(master: str, local: Iterable[str]) -> list[str]:
             uri = call(master, "lookupNode", CALLER, node)
         except LookupError:
             continue
-        if urlparse(uri).hostname in local and _refuses(uri):
+        if urlparse(uri).hostname in local and not listens(uri):
             _unregister(master, node, uri, state)
             purged.append(node)
     return purged
 
 
-def _refuses(uri: str) -> bool:
+def listens(uri: str) -> bool:
+    """Whether anybody is there: only a refused connection says no. A paused program still accepts it."""
     where = urlparse(uri)
     try:
         socket.create_connection((where.hostname or "", where.port or 0), timeout=TIMEOUT).close()
     except ConnectionRefusedError:
-        return True
+        return False
     except OSError:
         pass
-    return False
+    return True
 
 
 def _unregister(master: str, node: str, uri: str, state: Any) -> None:

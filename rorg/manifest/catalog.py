@@ -67,6 +67,8 @@ class Service:
     """Resource -> units."""
     may_request: tuple[str, ...] = ()
     """Services and groups that it may request through the API."""
+    may_restart: tuple[str, ...] = ()
+    """Those that it may restart."""
     idle: Idle = Idle()
     ready: Probe | None = None
     live: Probe | None = None

@@ -118,10 +118,11 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
     for name, source in by_kind.get("Service", {}).items():
-        for index, other in enumerate(services[name].may_request):
-            if other not in known:
-                diagnostics.append(Diagnostic(source.where("spec", "may_request", index), f"unknown service '{other}'",
-                                              nearest(other, known)))
+        for field in ("may_request", "may_restart"):
+            for index, other in enumerate(getattr(services[name], field)):
+                if other not in known:
+                    diagnostics.append(Diagnostic(source.where("spec", field, index), f"unknown service '{other}'",
+                                                  nearest(other, known)))
     requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}

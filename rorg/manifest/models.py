@@ -85,6 +85,9 @@ class ServiceSpec(Strict):
     may_request: list[Name] = Field(
         default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
         description="Services and groups that this service may request by itself. Gives it rorg's socket.")
+    may_restart: list[Name] = Field(
+        default_factory=list, json_schema_extra={"x-rorg-change": "none"},
+        description="Services and groups that it may restart, beside requesting something.")
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )

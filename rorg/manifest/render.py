@@ -49,6 +49,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         conflicts=tuple(spec.conflicts),
         exclusive=dict(spec.exclusive),
         may_request=tuple(spec.may_request),
+        may_restart=tuple(spec.may_restart),
         idle=_idle(idle),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),

@@ -1,0 +1,78 @@
+"""The ROS 1 package with a real roscore: its node in a container, and callers that come and go."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import docker
+import pytest
+from conftest import ROOT, free_port
+from robots import RealRobot
+from test_ros import NODES, services
+
+PACKAGE = ROOT / "clients/ros1/rorg_ros"
+GENERATE = """set -e; cd /package
+for kind in msg srv; do
+  python3 /usr/lib/genpy/gen${kind}_py.py -p rorg_ros -I rorg_ros:/package/msg -I std_msgs:/usr/share/std_msgs/msg \\
+    -o /out/rorg_ros/$kind /package/$kind/*.$kind
+  python3 /usr/lib/genpy/gen${kind}_py.py --initpy -p rorg_ros -o /out/rorg_ros/$kind
+done"""
+
+
+@pytest.fixture
+def package(dockerd, ros_image, tmp_path):
+    """The package with its messages generated, as catkin would."""
+    out = tmp_path / "out"
+    shutil.copytree(PACKAGE / "src/rorg_ros", out / "rorg_ros")
+    shutil.copy(PACKAGE / "scripts/rorg_node.py", out)
+    api = docker.APIClient(dockerd.host, version="auto")
+    made = api.create_container(ros_image, ["bash", "-c", GENERATE], host_config=api.create_host_config(
+        network_mode="host", binds=[f"{PACKAGE}:/package:ro", f"{out}:/out"]))["Id"]
+    api.start(made)
+    code = api.wait(made)["StatusCode"]
+    said = api.logs(made).decode()
+    api.remove_container(made)
+    assert code == 0, said
+    return out
+
+
+def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, package, tmp_path):
+    master = f"http://localhost:{free_port()}"
+    robot = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
+    tree = services(ros_image, master, "camera", "arm")
+    ros = {"image": ros_image, "profile": "ros1", "container": {
+        "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge:/program"},
+        "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
+                    f"{tmp_path}:/told"]}}
+    tree["rorg_ros"] = {**ros, "command": "python3 /bridge/rorg_node.py", "ready": {"ros_node": "/rorg"},
+                        "may_request": ["camera"], "may_restart": ["camera"]}
+    tree["behaviour"] = {**ros, "command": "python3 /nodes/behaviour.py /told/told", "needs": ["rorg_ros"],
+                         "restart": "never"}
+    try:
+        robot.declare(tree)
+        robot.request("behaviour", id="run")
+        robot.wait(lambda: (tmp_path / "told").exists(), 60)
+        told = json.loads((tmp_path / "told").read_text())
+        assert told["request"] == [True, "requested camera"], "a node's name stands for its service"
+        assert told["query"] == [True, "camera", "Healthy"]
+        assert told["forbidden"][0] is False and "may request camera" in told["forbidden"][1]
+        assert told["restart"][0] is True and "may restart camera" in told["restart_arm"][1]
+        assert "camera" in told["status"]
+        assert {r.requester for r in robot.requests()} == {"developer", "rorg_ros"}
+        robot.kill("behaviour")
+        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
+    finally:
+        robot.close()
+
+
+def test_the_bridge_gives_up_what_a_caller_held_that_is_gone():
+    """Its logic, which the ROS 2 node shares, without any ROS."""
+    import sys
+
+    sys.path.insert(0, str(PACKAGE / "src"))
+    from rorg_ros.bridge import request_id
+
+    assert request_id("/tour/guide", "x y") == "tour.guide.x.y"
+    assert request_id("/", "") == "request"
+    assert len(request_id("/a" * 100, "b")) <= 64
