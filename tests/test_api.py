@@ -32,6 +32,7 @@ def robot(tmp_path):
     found.settle()
     yield found
     found.close()
+    assert not [t for t in threading.enumerate() if t.name == "door"], "the door's thread has ended"
 
 
 @pytest.fixture

@@ -84,9 +84,6 @@ class Door:
     def stop(self) -> None:
         self.robot.loop.decided = lambda: None
         self.server.should_exit = self.server.force_exit = True
-        if self._asyncio is not None:
-            with contextlib.suppress(RuntimeError):
-                self._asyncio.call_soon_threadsafe(self._event.set)
         if self._thread:
             self._thread.join(5)
         self.robot.committer.stop()
