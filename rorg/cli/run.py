@@ -30,6 +30,7 @@ def command(
     from rorg.cli.output import note
     from rorg.daemon.wiring import make_door, make_loop
     from rorg.errors import Invalid
+    from rorg.host.systemd import Watchdog, notify
 
     context = Context(state_dir, engine, directory, local=True)
     if not context.root.is_dir():
@@ -46,9 +47,14 @@ def command(
         door.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
     door.start()
     note(f"API on {door.directory / 'rorg.sock'}")
+    watchdog = Watchdog(loop.wake, lambda: loop.passes)
+    watchdog.start()
+    notify("READY=1")
     try:
         loop.run()
     finally:
+        notify("STOPPING=1")
+        watchdog.stop()
         door.stop()
     context.state.release()
     if loop.hung:
