@@ -15,6 +15,8 @@ from pydantic_core import PydanticUndefined
 
 import rorg.errors
 from rorg.cli.main import app
+from rorg.daemon.openapi import document as openapi
+from rorg.daemon.rights import OPERATIONS
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.models import SPECS
 
@@ -25,6 +27,15 @@ ABOUT_MANIFESTS = """# Manifests
 Every manifest has `apiVersion: rorg/v1`, `kind`, `metadata` (`name`, `description`, `labels`) and `spec`. Durations are
 written 20s, 1m30s, 250ms; memory 180Mi, 2Gi. A change of a `live` option is made in place, of a `recreate` one costs a
 new container, of a `none` one costs nothing. A live option that is added or taken back costs a new container too.
+"""
+
+ABOUT_API = """# API
+
+HTTP/1.1 and JSON on the unix socket `/run/rorg/rorg.sock`; as OpenAPI in
+[`schemas/openapi.json`](../../schemas/openapi.json). Errors are `application/problem+json` (RFC 9457) with `code`,
+`cause` and `remedy`; codes are forbidden (403), not-found (404), refused (409), too-large (413), invalid (400, 422),
+unreachable (503: it has just begun) and not-ready (504). Bodies have at most 1 MiB.
+
 """
 
 
@@ -107,9 +118,30 @@ def exit_codes() -> str:
     return text + "\nCtrl-C exits 130.\n"
 
 
+def api() -> str:
+    """Every route with the operation of the table of rights that it belongs to."""
+    text = NOTE + ABOUT_API
+    document = openapi()
+    for path, methods in document["paths"].items():
+        for method, route in methods.items():
+            text += f"## {method.upper()} {path}\n\n{route.get('description', route['summary'])}\n\n"
+            rows = [(p["name"], p["in"], p["schema"].get("description", p.get("description", "")))
+                    for p in route.get("parameters", [])]
+            body = route.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
+            model = document["components"]["schemas"].get(body.get("$ref", "").rpartition("/")[2], {})
+            rows += [(name, "body", field.get("description", ""))
+                     for name, field in model.get("properties", {}).items()]
+            if rows:
+                text += "| field | in | meaning |\n|---|---|---|\n"
+                text += "".join(f"| {name} | {where} | {meaning} |\n" for name, where, meaning in rows) + "\n"
+    text += "## Who may what\n\n| operation | callers |\n|---|---|\n"
+    return text + "".join(f"| {operation} | {', '.join(kinds)} |\n" for operation, kinds in OPERATIONS.items())
+
+
 def main() -> None:
     stale = []
-    for name, text in (("manifests.md", manifests()), ("cli.md", cli()), ("exit-codes.md", exit_codes())):
+    for name, text in (("manifests.md", manifests()), ("cli.md", cli()), ("exit-codes.md", exit_codes()),
+                       ("api.md", api())):
         path = HERE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             stale.append(name)

@@ -192,3 +192,73 @@ def test_an_idle_loop_over_200_services(dockerd, tmp_path):
         process.wait()
     finally:
         robot.close()
+
+
+def test_latency_of_the_api_from_cpp(cpp_programs, tmp_path):
+    """Beside 41 declared services. A put is durable (fsync) when it is answered."""
+    robot = RealRobot(tmp_path, "process", None)
+    write_tree(robot.tree, {"camera": {}, **{f"s{n:02}": {} for n in range(40)}})
+    log = (tmp_path / "log").open("w")
+    process = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(robot.tree), "--state-dir",
+                                str(robot.state.path), "--engine", "process"], stderr=log)
+    try:
+        wait_for(lambda: len(robot.containers()) == 41, 60)
+        time.sleep(2)
+        for what, clients, calls in (("query", 1, 3000), ("query", 50, 100), ("put", 1, 300), ("put", 50, 20)):
+            said = subprocess.check_output([cpp_programs / "latency", what, str(clients), str(calls)], text=True,
+                                           env={"RORG_SOCKET": robot.socket()})
+            median, p95 = map(float, said.split())
+            print(f"\n{what} from C++, {clients} client(s): median {median:.2f} ms, p95 {p95:.2f} ms", end="")
+    finally:
+        process.terminate()
+        process.wait()
+        robot.close()
+
+
+def test_fuzz_of_the_openapi_document(tmp_path):
+    """schemathesis over every route, by way of a bridge from loopback TCP to the socket."""
+    import shutil
+    import socket
+    import threading
+
+    import pytest
+
+    tool = Path(sys.executable).with_name("schemathesis")
+    if not tool.exists():
+        pytest.skip("`pip install schemathesis` first")
+    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot.declare({"camera": {}, "arm": {"driver": {}}}, groups={"seeing": {"services": ["camera"]}})
+    robot.wait(lambda: len(robot.containers()) == 2)
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def pump(one: socket.socket, other: socket.socket) -> None:
+        try:
+            shutil.copyfileobj(one.makefile("rb", buffering=0), other.makefile("wb", buffering=0))
+            other.shutdown(socket.SHUT_WR)
+        except OSError:
+            pass
+
+    def accept() -> None:
+        while True:
+            try:
+                outside, _ = listener.accept()
+            except OSError:
+                return
+            inside = socket.socket(socket.AF_UNIX)
+            inside.connect(robot.socket())
+            for pair in ((outside, inside), (inside, outside)):
+                threading.Thread(target=pump, args=pair, daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    try:
+        checks = ("not_a_server_error,status_code_conformance,content_type_conformance,response_schema_conformance,"
+                  "response_headers_conformance")
+        done = subprocess.run(
+            [tool, "run", str(ROOT / "schemas/openapi.json"), "--url", f"http://127.0.0.1:{listener.getsockname()[1]}",  # noqa: F405
+             "--max-examples", "300", "--phases", "fuzzing,coverage", "--checks", checks, "--exclude-path",
+             "/v1/events", "--seed", "7", "--request-timeout", "10"], capture_output=True, text=True, cwd=tmp_path)
+        print("\n".join(line for line in done.stdout.splitlines() if "generated" in line or "❌" in line), end="")
+        assert done.returncode == 0, done.stdout[-3000:]
+    finally:
+        listener.close()
+        robot.close()
