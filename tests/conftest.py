@@ -170,6 +170,34 @@ def ros_image(dockerd) -> str:
     return name
 
 
+ROS_PACKAGE = ROOT / "clients/ros1/rorg_ros"
+GENERATE = """set -e; cd /package
+for kind in msg srv; do
+  python3 /usr/lib/genpy/gen${kind}_py.py -p rorg_ros -I rorg_ros:/package/msg -I std_msgs:/usr/share/std_msgs/msg \\
+    -o /out/rorg_ros/$kind /package/$kind/*.$kind
+  python3 /usr/lib/genpy/gen${kind}_py.py --initpy -p rorg_ros -o /out/rorg_ros/$kind
+done"""
+
+
+@pytest.fixture
+def package(dockerd, ros_image, tmp_path):
+    """The package with its messages generated, as catkin would."""
+    out = tmp_path / "out"
+    shutil.copytree(ROS_PACKAGE / "src/rorg_ros", out / "rorg_ros")
+    shutil.copy(ROS_PACKAGE / "scripts/rorg_node.py", out)
+    import docker
+
+    api = docker.APIClient(dockerd.host, version="auto")
+    made = api.create_container(ros_image, ["bash", "-c", GENERATE], host_config=api.create_host_config(
+        network_mode="host", binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out"]))["Id"]
+    api.start(made)
+    code = api.wait(made)["StatusCode"]
+    said = api.logs(made).decode()
+    api.remove_container(made)
+    assert code == 0, said
+    return out
+
+
 @pytest.fixture(scope="session")
 def cpp_programs(tmp_path_factory):
     """The C++ client's programs, static, so that they run in any container."""

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import http.client
 import os
 import socket
+import ssl
 import subprocess
 import sys
 import sysconfig
 
 import docker
 import pytest
-from conftest import ROOT, wait_for
+from conftest import ROOT, free_port, wait_for
 from robots import RealRobot, write_tree
 
 from rorg.client import Client
@@ -75,3 +77,60 @@ def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, 
     finally:
         api.remove_container(made, force=True)
         robot.close()
+
+
+def certificate(folder, name: str, authority: str = "") -> None:
+    """NAME.pem and NAME.key, signed by the authority, or by itself."""
+    def openssl(*args: str) -> None:
+        subprocess.run(["openssl", *args], cwd=folder, check=True, capture_output=True)
+
+    kind, out = ("-new", f"{name}.csr") if authority else ("-x509", f"{name}.pem")
+    openssl("req", kind, "-newkey", "rsa:2048", "-nodes", "-keyout", f"{name}.key", "-out", out, "-subj", f"/CN={name}",
+            "-days", "2")
+    if authority:
+        (folder / "names").write_text("subjectAltName=IP:127.0.0.1\n")
+        openssl("x509", "-req", "-in", f"{name}.csr", "-CA", f"{authority}.pem", "-CAkey", f"{authority}.key", "-out",
+                f"{name}.pem", "-days", "2", "-CAcreateserial", "-extfile", "names")
+
+
+def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
+    for name, authority in (("authority", ""), ("stranger", ""), ("robot", "authority"), ("ada", "authority")):
+        certificate(tmp_path, name, authority)
+    tree, port = write_tree(tmp_path / "tree", {"camera": {}}), free_port()
+    base = [sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(tmp_path / "state"), "--engine",
+            "process", "--listen", f"127.0.0.1:{port}"]
+    refused = subprocess.run(base, capture_output=True, text=True)
+    assert refused.returncode == 2 and "only served with TLS and client certificates" in refused.stderr
+    process = subprocess.Popen([*base, "--tls-cert", tmp_path / "robot.pem", "--tls-key", tmp_path / "robot.key",
+                                "--tls-ca", tmp_path / "authority.pem"], stderr=subprocess.DEVNULL)
+
+    def ask(who: str, method: str = "GET", path: str = "/v1/services", body: str | None = None) -> int:
+        context = ssl.create_default_context(cafile=tmp_path / "authority.pem")
+        if who:
+            context.load_cert_chain(tmp_path / f"{who}.pem", tmp_path / f"{who}.key")
+        connection = http.client.HTTPSConnection("127.0.0.1", port, context=context, timeout=5)
+        connection.request(method, path, body, {"content-type": "application/json"})
+        return connection.getresponse().status
+
+    try:
+        Client(str(tmp_path / "state/run/rorg.sock"), patience=20).services()
+        assert ask("ada") == 200
+        for who in ("", "stranger"):
+            with pytest.raises((ssl.SSLError, OSError)):
+                ask(who)
+        with pytest.raises((http.client.HTTPException, OSError)):
+            plain = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+            plain.request("GET", "/v1/services")
+            plain.getresponse()
+        assert ask("ada", "PUT", "/v1/requests/look", '{"services": ["camera"]}') == 200
+        events = Client(str(tmp_path / "state/run/rorg.sock")).events(tail=50)
+        assert any(e["kind"] == "request" and e["author"] == "ada" for e in events)
+    finally:
+        process.terminate()
+        process.wait(20)
+        from rorg.daemon.wiring import make_engine
+        from rorg.store.state_dir import StateDir
+
+        engine = make_engine("process", StateDir(tmp_path / "state"))
+        for container in engine.list():
+            engine.stop(container.id, "SIGKILL", 5.0)

@@ -3,40 +3,12 @@
 from __future__ import annotations
 
 import json
-import shutil
 
-import docker
-import pytest
 from conftest import ROOT, free_port
 from robots import RealRobot
 from test_ros import NODES, services
 
 PACKAGE = ROOT / "clients/ros1/rorg_ros"
-GENERATE = """set -e; cd /package
-for kind in msg srv; do
-  python3 /usr/lib/genpy/gen${kind}_py.py -p rorg_ros -I rorg_ros:/package/msg -I std_msgs:/usr/share/std_msgs/msg \\
-    -o /out/rorg_ros/$kind /package/$kind/*.$kind
-  python3 /usr/lib/genpy/gen${kind}_py.py --initpy -p rorg_ros -o /out/rorg_ros/$kind
-done"""
-
-
-@pytest.fixture
-def package(dockerd, ros_image, tmp_path):
-    """The package with its messages generated, as catkin would."""
-    out = tmp_path / "out"
-    shutil.copytree(PACKAGE / "src/rorg_ros", out / "rorg_ros")
-    shutil.copy(PACKAGE / "scripts/rorg_node.py", out)
-    api = docker.APIClient(dockerd.host, version="auto")
-    made = api.create_container(ros_image, ["bash", "-c", GENERATE], host_config=api.create_host_config(
-        network_mode="host", binds=[f"{PACKAGE}:/package:ro", f"{out}:/out"]))["Id"]
-    api.start(made)
-    code = api.wait(made)["StatusCode"]
-    said = api.logs(made).decode()
-    api.remove_container(made)
-    assert code == 0, said
-    return out
-
-
 def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, package, tmp_path):
     master = f"http://localhost:{free_port()}"
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)

@@ -12,8 +12,9 @@ import time
 
 import pytest
 import yaml
-from conftest import ROOT, wait_for
+from conftest import ROOT, free_port, wait_for
 from robots import RealRobot
+from test_ros import NODES
 
 from rorg.engines.docker_build import DockerBuilder
 from rorg.host.build import build
@@ -153,12 +154,16 @@ def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, la
     else:
         programs = request.getfixturevalue("cpp_programs")
         command, mounts = ["/program/tour"], [f"{programs}/tour:/program/tour:ro"]
-    path = triton.tree / "services" / "behavioral.yaml"
-    manifest = yaml.safe_load(path.read_text())
-    manifest["spec"] |= {"image": "rorg-base", "command": [*command, str(steps), *words], "restart": "never",
-                         "profile": "common", "may_request": sorted({s for a in actions for s in a["requests"]}),
-                         "container": {"volumes": [*mounts, f"{steps}:{steps}"]}}
-    path.write_text(yaml.safe_dump(manifest))
+    edit(triton, "behavioral", image="rorg-base", command=[*command, str(steps), *words], restart="never",
+         profile="common", may_request=sorted({s for a in actions for s in a["requests"]}),
+         container={"volumes": [*mounts, f"{steps}:{steps}"]})
+    play(triton, steps, actions, "behavioral")
+
+
+def play(triton: RealRobot, steps, actions: list[dict], holder: str, also: tuple[str, ...] = ()) -> None:
+    """Steps a behaviour program through its actions, then kills it while it holds the last. `holder` is whose requests
+    they are; `also` what runs besides."""
+    always = {*CYCLE["always_on"], *also}
     triton.with_door = True
     triton.start()
     triton.wait(lambda: triton.loop.tree.loaded and triton.active() == set(CYCLE["always_on"]), 60)
@@ -169,12 +174,42 @@ def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, la
         except AssertionError:
             print(b"".join(triton.engine.logs(triton.container("behavioral").id, False, None)).decode())
             raise
-        triton.wait(lambda action=action: triton.active() == expected(action), 60)
+        triton.wait(lambda action=action: triton.active() == expected(action) | always, 60)
         if action is not actions[-1]:
             (steps / f"next-{action['name']}").touch()
-    assert [r.requester for r in triton.requests()] == ["developer", "behavioral"]
+    assert [r.requester for r in triton.requests()] == ["developer", holder]
     triton.kill("behavioral")
     killed = time.monotonic()
     triton.wait(lambda: [r.requester for r in triton.requests()] == ["developer"])
     assert time.monotonic() - killed < 2
-    triton.wait(lambda: triton.active() == set(CYCLE["always_on"]), 30)
+    triton.wait(lambda: triton.active() <= always, 30)
+
+
+def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, package):
+    """With a real roscore in place of the stand-in, and rorg's ROS node as one service more."""
+    steps = triton.tree.parent / "steps"
+    steps.mkdir()
+    master = f"http://localhost:{free_port()}"
+    actions = [a for a in CYCLE["actions"] if a["who"] == "behavioral"]
+    words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
+    edit(triton, "roscore", image=ros_image, command=f"roscore -p {master.rpartition(':')[2]}", profile="common",
+         ready={"ros_node": "/rosout"}, container={"environment": {"ROS_MASTER_URI": master}})
+    ros = {"environment": {"ROS_MASTER_URI": master, "ROS_HOSTNAME": "localhost", "PYTHONPATH": "/bridge:/program"},
+           "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
+                       f"{steps}:{steps}"]}
+    bridge = {"image": ros_image, "command": "python3 /bridge/rorg_node.py", "profile": "common", "needs": ["roscore"],
+              "ready": {"ros_node": "/rorg"}, "may_request": sorted({s for a in actions for s in a["requests"]}),
+              "container": ros}
+    (triton.tree / "services/rorg_ros.yaml").write_text(yaml.safe_dump(
+        {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge}))
+    edit(triton, "behavioral", image=ros_image, command=["python3", "/nodes/cycle.py", str(steps), *words],
+         restart="never", profile="common", needs=["rorg_ros"], container=ros)
+    play(triton, steps, actions, "rorg_ros", ("rorg_ros",))
+
+
+def edit(robot: RealRobot, name: str, **fields) -> None:
+    """Sets fields of a service's manifest."""
+    path = robot.tree / "services" / f"{name}.yaml"
+    manifest = yaml.safe_load(path.read_text())
+    manifest["spec"] |= fields
+    path.write_text(yaml.safe_dump(manifest))
