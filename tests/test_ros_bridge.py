@@ -21,6 +21,7 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
                         "may_request": ["camera"], "may_restart": ["camera"]}
     tree["behaviour"] = {**ros, "command": "python3 /nodes/behaviour.py /told/told", "needs": ["rorg_ros"],
                          "restart": "never"}
+    tree["cpp"] = {**ros, "command": "/bridge/caller /camera", "needs": ["rorg_ros"], "restart": "never"}
     try:
         robot.declare(tree)
         robot.request("behaviour", id="run")
@@ -33,6 +34,10 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         assert "camera" in told["status"]
         assert {r.requester for r in robot.requests()} == {"developer", "rorg_ros"}
         robot.kill("behaviour")
+        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
+        robot.request("cpp", id="run")
+        robot.wait(lambda: any(r.id == "caller.cpp" and r.services == ("camera",) for r in robot.requests()), 60)
+        robot.kill("cpp")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
     finally:
         robot.close()

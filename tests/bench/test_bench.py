@@ -255,7 +255,7 @@ def test_fuzz_of_the_openapi_document(tmp_path):
                   "response_headers_conformance")
         done = subprocess.run(
             [tool, "run", str(ROOT / "schemas/openapi.json"), "--url", f"http://127.0.0.1:{listener.getsockname()[1]}",  # noqa: F405
-             "--max-examples", "300", "--phases", "fuzzing,coverage", "--checks", checks, "--exclude-path",
+             "--max-examples", "400", "--phases", "fuzzing,coverage", "--checks", checks, "--exclude-path",
              "/v1/events", "--seed", "7", "--request-timeout", "10"], capture_output=True, text=True, cwd=tmp_path)
         print("\n".join(line for line in done.stdout.splitlines() if "generated" in line or "❌" in line), end="")
         assert done.returncode == 0, done.stdout[-3000:]
