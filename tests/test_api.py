@@ -167,7 +167,7 @@ def test_manifests_are_validated_written_and_committed(robot, client):
 def routes(robot) -> list[tuple[str, str, str]]:
     """(method, path, operation) of every route; each must have an operation."""
     found = []
-    for route in robot.door.config.app.routes:
+    for route in robot.door.app.routes:
         if not hasattr(route, "dependant"):
             continue
         marks = [d.call.operation for d in route.dependant.dependencies if hasattr(d.call, "operation")]
