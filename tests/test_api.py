@@ -202,6 +202,12 @@ def test_a_service_may_what_the_table_says_and_nothing_else(robot, client):
         assert (got != 403) == may, f"{method} {path} ({operation}): {got}"
 
 
+def test_nobody_of_the_machine_gets_to_the_sockets_of_services(robot):
+    wait_for(lambda: os.path.exists(robot.socket("behaviour")))
+    assert os.stat(robot.state.run / "services").st_mode & 0o777 == 0o700
+    assert os.stat(robot.socket()).st_mode & 0o777 == 0o660
+
+
 def test_a_stranger_may_nothing(robot):
     """Another user of the machine, for whom even the socket's mode has been opened."""
     if os.geteuid() != 0:

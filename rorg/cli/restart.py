@@ -31,11 +31,15 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
         if not typer.confirm(f"{', '.join(drivers)} moves hardware. Restart?", err=True):
             raise Refused(f"restart {service}", "you said no")
     asked_at = wall_clock()
-    context.change(lambda asked: replace(asked, restarts={**asked.restarts, **{n: asked_at for n in names}}))
+    client = context.client()
+    if client:
+        client.restart(service, force=True)
+    else:
+        context.change(lambda asked: replace(asked, restarts={**asked.restarts, **{n: asked_at for n in names}}))
     typer.echo(f"restart of {', '.join(names)} asked for")
     if wait and context.state.owner() is not None:
         def done(view: dict) -> str:
-            if any(view["restarts"].get(n) != asked_at for n in names):
+            if any(view["restarts"].get(n, "") < asked_at for n in names):
                 return "the request has not been read yet"
             active = {n for n in names if view["services"][n]["wanted"]}
             old = [n for n in active if view["services"][n]["started_at"] < asked_at]

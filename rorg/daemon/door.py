@@ -100,6 +100,11 @@ class Door:
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 65536) if hard > 0 else 65536, hard))
         self.directory.mkdir(parents=True, exist_ok=True, mode=0o755)
+        # Services' sockets are open to every user, since programs in containers run as any; so nobody else of this
+        # machine may get as far as to them. A container has its own directory mounted, whatever stands above it.
+        services = self.directory / "services"
+        services.mkdir(exist_ok=True)
+        services.chmod(0o700)
         main = self._listen(self.directory / NAME)
         self.robot.committer.start()
         started = threading.Event()
