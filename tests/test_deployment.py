@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import http.client
 import os
+import shutil
 import socket
 import ssl
 import subprocess
 import sys
-import sysconfig
 
 import docker
 import pytest
@@ -39,23 +39,37 @@ def test_systemd_hears_that_it_is_ready_alive_and_stopping(tmp_path):
         process.kill()
 
 
-def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, ros_image, tmp_path):
-    """With the mounts of docs/how-to/run.md; its packages come from this machine instead of an image's build, on a
-    Debian that has Python."""
-    if sys.version_info[:2] != (3, 11):
-        pytest.skip("the image's Python is 3.11, and takes only packages for that")
+@pytest.fixture
+def rorg_image(dockerd, ros_image, tmp_path) -> str:
+    """The image of images/rorg/Dockerfile, on a Debian that is there already."""
+    context = tmp_path / "context"
+    context.mkdir()
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, context)
+    for name in ("rorg", "images/rorg"):
+        shutil.copytree(ROOT / name, context / name, ignore=shutil.ignore_patterns("__pycache__"))
+    arguments = {"BASE": ros_image}
+    if os.environ.get("PIP_CERT"):
+        shutil.copy(os.environ["PIP_CERT"], context / "authority.pem")
+        arguments["PIP_CERT"] = "authority.pem"
+    api = docker.APIClient(dockerd.host, version="auto", timeout=600)
+    lines = list(api.build(path=str(context), dockerfile="images/rorg/Dockerfile", tag="rorg", buildargs=arguments,
+                           network_mode="host", decode=True, rm=True))
+    assert api.images("rorg"), lines[-5:]
+    return "rorg"
+
+
+def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, rorg_image, tmp_path):
+    """With the mounts of docs/how-to/run.md."""
     api = docker.APIClient(dockerd.host, version="auto")
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     write_tree(robot.tree, {"camera": {}, "lidar": {"always_on": True}})
     engine = str(dockerd.folder) if hasattr(dockerd, "folder") else "/var/run"
-    packages = sysconfig.get_path("purelib")
     made = api.create_container(
-        ros_image, ["python3", "-m", "rorg", "run", str(robot.tree), "--engine", "docker"],
-        environment={"RORG_STATE_DIR": str(robot.state.path), "DOCKER_HOST": dockerd.host,
-                     "PYTHONPATH": f"{ROOT}:{packages}"},
+        rorg_image, ["run", str(robot.tree), "--engine", "docker"],
+        environment={"RORG_STATE_DIR": str(robot.state.path), "DOCKER_HOST": dockerd.host},
         host_config=api.create_host_config(network_mode="host", pid_mode="host", binds=[
-            f"{engine}:{engine}", f"{tmp_path}:{tmp_path}", "/sys/fs/cgroup:/sys/fs/cgroup:ro",
-            f"{ROOT / 'rorg'}:{ROOT / 'rorg'}:ro", f"{packages}:{packages}:ro"]))["Id"]
+            f"{engine}:{engine}", f"{tmp_path}:{tmp_path}", "/sys/fs/cgroup:/sys/fs/cgroup:ro"]))["Id"]
     try:
         api.start(made)
         client = Client(robot.socket(), patience=30)
