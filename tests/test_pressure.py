@@ -178,7 +178,8 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, tmp_pa
         robot.request("drive", "map", id="work")
         robot.wait(lambda: robot.active() == {"drive", "map"})
         robot.settle()
-        before = {c.service: c.incarnation for c in robot.containers() if c.service in ("drive", "map")}
+        # Other programs of the machine count too, so on a busy one `map` may have to go as well; `drive` never.
+        before = {c.service: c.incarnation for c in robot.containers() if c.service == "drive"}
         robot.request("aa", "bb", id="load")
         robot.wait(lambda: {"aa", "bb"} <= robot.active())
         robot.wait(lambda: robot.status()["pressure"]["reason"] != "", 10)
@@ -186,9 +187,10 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, tmp_pa
         seen = wait_for(lambda: over(robot, budget) is False, 10, "under the budget")
         assert seen is not None
         assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
-        assert {"drive", "map"} <= robot.active()
+        assert "drive" in robot.active()
         robot.release("load")
         robot.wait(lambda: robot.status()["pressure"]["measures"] == [], 60)
+        robot.wait(lambda: robot.active() == {"drive", "map"})
         robot.wait(lambda: all(c.live.get("cpu_shares", 0) in (0, 1024) for c in robot.containers()))
         assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
     finally:
