@@ -184,7 +184,6 @@ class RequestsFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._stamp: tuple | None = None
-        self._text = ""
         self.asked = Asked()
         """The last good content."""
         self.diagnostics: list[Diagnostic] = []
@@ -192,20 +191,24 @@ class RequestsFile:
 
     def read(self) -> bool:
         """Looks at the file; True when its good content is new."""
-        try:
-            stat = self.path.stat()
-            stamp: tuple = (stat.st_ino, stat.st_mtime_ns, stat.st_size)
-        except FileNotFoundError:
-            stamp = ()
+        stamp = self._now()
         if stamp == self._stamp:
             return False
-        self._text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
+        text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
         self._stamp = stamp
-        asked, self.diagnostics = parse(self._text, str(self.path))
+        asked, self.diagnostics = parse(text, str(self.path))
         if asked is None or asked == self.asked:
             return False
         self.asked = asked
         return True
+
+    def _now(self) -> tuple:
+        """Changes with every version of the file."""
+        try:
+            stat = self.path.stat()
+        except FileNotFoundError:
+            return ()
+        return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
     def change(self, edit: Callable[[Asked], Asked]) -> Asked:
         """Applies `edit` to what the file says now and replaces it. Raises Invalid on a broken file, which a person
@@ -217,7 +220,7 @@ class RequestsFile:
             changed = edit(self.asked)
             if changed != self.asked:
                 write_atomic(self.path, render(changed))
-                self.read()
+                self.asked, self._stamp = changed, self._now()
                 ring(self.path.parent)
             return self.asked
 
