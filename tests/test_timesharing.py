@@ -77,17 +77,17 @@ def test_a_held_service_is_ceased_though_requested_and_its_dependants_wait_with_
     robot.settle()
     robot.request("navigation")
     active(robot, "roscore", "localization", "navigation")
-    robot.hold("localization", 1.5, "calibration")
+    robot.hold("localization", 4.0, "calibration")
     robot.wait(lambda: not {"localization", "navigation"} & robot.active())
-    robot.wait(lambda: "calibration" in robot.waits("navigation"))
-    assert robot.waits("navigation").startswith("localization held until")
+    robot.wait(lambda: robot.waits("navigation").startswith("localization held until")
+               and "calibration" in robot.waits("navigation"))
     active(robot, "roscore", "localization", "navigation")
 
 
 def test_while_suspended_nothing_changes_and_drift_is_shown(robot):
     robot.declare({"camera": {}})
     robot.settle()
-    robot.suspend(1.5, "maintenance")
+    robot.suspend(4.0, "maintenance")
     robot.request("camera")
     robot.wait(lambda: "maintenance" in robot.waits("rorg"))
     assert robot.active() == set()
