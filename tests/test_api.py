@@ -318,3 +318,36 @@ def test_the_async_client(robot):
             return (await client.service("camera"))["health"]
 
     assert asyncio.run(look()) == "Healthy"
+
+
+RESTLESS = """
+import sys, rorg.client as rorg
+while True:
+    with rorg.request("camera", wait=20):
+        pass
+"""
+
+
+def test_a_program_killed_at_any_moment_leaves_nothing_behind(tmp_path):
+    """It requests, waits and releases without a pause, and is killed at ten random moments of that."""
+    dice = random.Random(11)
+    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot.declare({"behaviour": {"may_request": ["camera"], "restart": "never",
+                                 "command": [sys.executable, "-c", RESTLESS],
+                                 "container": {"environment": {"PYTHONPATH": str(ROOT)}}},
+                   "camera": {}})
+    try:
+        for _ in range(10):
+            robot.request("behaviour", id="run")
+            robot.wait(lambda: any(r.requester == "behaviour" for r in robot.requests()))
+            pause = time.monotonic() + dice.uniform(0, 0.3)
+            wait_for(lambda pause=pause: time.monotonic() > pause)
+            robot.kill("behaviour")
+            killed = time.monotonic()
+            robot.wait(lambda: not any(r.requester == "behaviour" for r in robot.requests()))
+            assert time.monotonic() - killed < 2
+            robot.wait(lambda: "camera" not in robot.active())
+            robot.release("run")
+            robot.settle()
+    finally:
+        robot.close()

@@ -217,3 +217,16 @@ def test_put_and_release_can_be_said_twice(robot):
     for _ in range(2):
         robot.release()
     active(robot)
+
+
+def test_a_job_that_has_ended_runs_again_when_it_is_requested_again(robot):
+    """`restart: never` leaves one request's run at its end; the next request is another matter."""
+    robot.declare({"job": {"restart": "never"}})
+    robot.settle()
+    for _ in range(2):
+        robot.request("job")
+        active(robot, "job")
+        robot.kill("job")
+        robot.wait(lambda: robot.states()["job"] == "exited")
+        robot.release()
+        robot.settle()

@@ -49,7 +49,7 @@ class Progress:
     exited: str = ""
     """The incarnation whose exit was counted last."""
     stopped: str = ""
-    """The incarnation that we stopped ourselves: its exit is no failure."""
+    """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
     hung: str = ""
     """The incarnation that did not answer its `live` probe any more."""
     crashes: int = 0
@@ -114,6 +114,8 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         current = containers[0] if containers else None
         step = _fresh(_wanted(memory.of(name), name in found, now), current)
         step = _ceased(_run(step, current, now), current, now)
+        if name not in found and current is not None and current.state == "exited":
+            step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
         if name in found and name not in memory.in_flight:
             step = _exit(step, current, now, booted_at)
         step = _ready(step, service, findings.get((name, "ready")), now)
