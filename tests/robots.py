@@ -194,7 +194,8 @@ class RealRobot(VirtualRobot):
         try:
             wait_for(condition, seconds)
         except AssertionError:
-            raise AssertionError(f"not so: {self.states()}\n" + "\n".join(self.lines[-30:])) from None
+            waitings = self.status().get("plan", {}).get("waitings", [])
+            raise AssertionError(f"not so: {self.states()}\n{waitings}\n" + "\n".join(self.lines[-30:])) from None
 
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""

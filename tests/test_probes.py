@@ -13,6 +13,12 @@ import pytest
 from conftest import free_port, wait_for
 
 from rorg.core.decide import Target
+from rorg.core.observed import Container
+from rorg.engines.probe import Asker
+from rorg.engines.process import ProcessEngine
+from rorg.engines.protocol import Capabilities
+from rorg.errors import Unreachable
+from rorg.host import ros
 from rorg.host.probe import Prober
 from rorg.manifest.catalog import Probe
 
@@ -129,6 +135,97 @@ def test_what_hangs_again_and_again_is_restarted_with_growing_pauses(tmp_path):
     assert pauses == sorted(pauses) and pauses[-1] > 10
 
 
+class DeafEngine:
+    """One that cannot be asked, as during an upgrade of dockerd."""
+
+    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+
+    def exec(self, *args):
+        raise Unreachable("ask", "the engine does not answer", "again later")
+
+    inspect = log_since = exec
+
+
+@pytest.mark.parametrize("form", [("exec", ("true",)), ("engine", "healthy"), ("log", "serving")])
+def test_an_engine_that_cannot_be_asked_is_no_failure_of_the_service(form):
+    container = Container("c" * 64, "arm", "arm", "running", "2026-01-01T00:00:00Z")
+    probe = Probe(*form, interval=0.01, failures=3)
+    asked, ask = [], Asker(DeafEngine(), lambda service: container)
+    prober = Prober(time.monotonic, lambda: None, lambda key, target: (asked.append(key), ask(key, target))[1])
+    prober.start()
+    prober.watch({("arm", "live"): Target(probe, container.incarnation, 0.01)})
+    wait_for(lambda: len(asked) > 5)
+    found = prober.results()["arm", "live"]
+    prober.stop()
+    assert (found.failures, found.ok) == (0, False)
+    assert "cannot ask: the engine does not answer" in found.message
+
+
+def test_a_hang_that_passes_while_the_stop_must_wait_is_forgotten(tmp_path):
+    from robots import VirtualRobot
+
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"arm": {"always_on": True, "live": {"tcp": 80}, "interlock": {"file": "/allow"}}})
+    robot.settle()
+    before = robot.container("arm").incarnation
+    robot.sim.locked, robot.sim.hung = {"arm"}, {before}
+    robot.wait(lambda: "interlock" in robot.waits("arm"))
+    robot.sim.hung = set()
+    robot.wait(lambda: robot.waits("arm") == "")
+    robot.sim.locked = set()
+    robot.settle()
+    assert robot.container("arm").incarnation == before
+    assert robot.sim.memory.of("arm").exits == 0
+
+
+def test_a_log_line_that_is_read_in_halves_matches(tmp_path):
+    engine = ProcessEngine("test", tmp_path)
+    container = engine.create("x", {"image": "x"}, {"rorg.io/owner": "test", "rorg.io/service": "x",
+                                                    "rorg.io/spec": "", "rorg.io/declared": ""})
+    log, run = tmp_path / container / "log", Container(container, "x", "x", "running", "now")
+    ask = Asker(engine, lambda service: run)
+    target = Target(Probe("log", "serving on port [0-9]+"), run.incarnation, 1.0)
+    log.write_bytes(b"begins\nnow serv")
+    assert ask(("x", "ready"), target) != ""
+    log.write_bytes(b"begins\nnow serving on port 80\n")
+    assert ask(("x", "ready"), target) == ""
+
+
+def test_a_file_of_the_run_before_does_not_count(real_robot, tmp_path):
+    """A process of this machine leaves its files behind, as a stopped container does."""
+    spec = server(tmp_path, real_robot)
+    ready = spec["container"]["environment"]["READY_FILE"]
+    real_robot.declare({"server": {**spec, "ready": {"file": ready}}, "client": {"needs": ["server"]}})
+    real_robot.request("server")
+    real_robot.wait(lambda: "server" in real_robot.active())
+    tell(real_robot, "server", "SIGUSR1")
+    real_robot.wait(lambda: health(real_robot, "server") == "Healthy")
+    written = time.monotonic()
+    wait_for(lambda: time.monotonic() > written + 0.2, what="clocks tell the two runs apart")
+    before = real_robot.container("server").incarnation
+    real_robot.kill("server")
+    real_robot.wait(lambda: "server" in real_robot.active() and real_robot.container("server").incarnation != before)
+    real_robot.request("client", id="client")
+    real_robot.wait(lambda: "is older than this run" in real_robot.waits("client"))
+    tell(real_robot, "server", "SIGUSR1")
+    real_robot.wait(lambda: "client" in real_robot.active())
+
+
+def test_an_interlock_asked_every_few_seconds_still_allows(tmp_path):
+    from robots import RealRobot
+
+    robot = RealRobot(tmp_path, "process", None)
+    allow = tmp_path / "allow"
+    allow.touch()
+    try:
+        robot.declare({"base": {"ready": {"delay": "1700ms"}},
+                       "arm": {"needs": ["base"], "interlock": {"file": str(allow), "interval": "3s"}}})
+        robot.request("arm")
+        robot.wait(lambda: "arm" in robot.active(), 10)
+    finally:
+        robot.close()
+
+
 def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
     port = free_port()
     listener = socket.create_server(("127.0.0.1", port))
@@ -205,8 +302,21 @@ class Page(BaseHTTPRequestHandler):
         self.send_response(200 if self.path == "/fine" else 503)
         self.end_headers()
 
+    def do_POST(self) -> None:
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b"hello <world")
+
     def log_message(self, *args) -> None:
         pass
+
+
+def test_what_answers_no_xml_is_no_ros_master():
+    with HTTPServer(("127.0.0.1", 0), Page) as page:
+        threading.Thread(target=page.serve_forever, daemon=True).start()
+        with pytest.raises(OSError, match="ExpatError"):
+            ros.purge(f"http://127.0.0.1:{page.server_port}", ["127.0.0.1"])
+        page.shutdown()
 
 
 def test_an_http_probe_wants_2xx_or_3xx():

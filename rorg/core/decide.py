@@ -21,7 +21,7 @@ from rorg.manifest.catalog import Hold, Probe, Request
 from rorg.manifest.scalars import format_time
 
 FRESH = 1.0
-"""Seconds for which the answer of an interlock counts."""
+"""Seconds for which the answer of an interlock counts, beyond its interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     for name, service in inputs.desired.catalog.services.items():
         if service.interlock:
             said = inputs.findings.get((name, "interlock"))
-            fresh = said is not None and inputs.now - said.at <= FRESH
+            fresh = said is not None and inputs.now - said.at <= service.interlock.interval + FRESH
             answer = said.message if fresh else f"{service.interlock} is being asked"
             found[name] = "" if fresh and said.ok else answer
     return found

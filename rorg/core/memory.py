@@ -192,9 +192,13 @@ def _ready(step: Progress, service: Service, found: Finding | None, now: float) 
 
 
 def _live(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
-    """A service that was ready and does not answer any more counts as ended; the planner stops what is left of it."""
-    if service.live is None or step.hung == step.incarnation or not _fits(found, step):
+    """A service that was ready and does not answer any more counts as ended; the planner stops what is left of it.
+    When it answers again before that could be done, nothing had happened."""
+    if service.live is None or not _fits(found, step):
         return step
+    if step.hung == step.incarnation:
+        return step if not found.ok else replace(step, hung="", exits=step.exits - 1, crashes=step.crashes - 1,
+                                                 retry_verb="", retry_at=0.0, error="")
     if found.failures < service.live.failures:
         return step
     exits = step.exits + 1

@@ -226,9 +226,10 @@ class DockerEngine:
             try:
                 output = b"".join(chunk for _, chunk in frames_iter(stream, tty=False))
             except TimeoutError:
-                # It would go on for ever, and the next attempt would come on top.
+                # It would go on for ever, and the next attempt would come on top. An engine that hangs raises here.
+                program = api.exec_inspect(made)["Pid"]
                 with contextlib.suppress(OSError):
-                    os.kill(api.exec_inspect(made)["Pid"], signal.SIGKILL)
+                    os.kill(program, signal.SIGKILL)
                 return 124, f"no end within {timeout:g} s".encode()
             finally:
                 stream.close()

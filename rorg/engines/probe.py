@@ -9,7 +9,7 @@ from rorg.core.decide import Target
 from rorg.core.observed import Container
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
-from rorg.host.probe import ask_host
+from rorg.host.probe import CannotAsk, ask_host
 from rorg.manifest.catalog import Probe
 
 EXEC_TIMEOUT = 10.0
@@ -31,11 +31,11 @@ class Asker:
             return ask_host(probe)
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
-            return "it is not the same run any more"
+            raise CannotAsk("it is not the same run any more")
         try:
             return self._ask(service, role, probe, container)
         except RorgError as error:
-            return error.why
+            raise CannotAsk(error.why) from error
 
     def _ask(self, service: str, role: str, probe: Probe, container: Container) -> str:
         match probe.kind:
@@ -45,13 +45,14 @@ class Asker:
                 return "" if code == 0 else f"{probe} exits {code}" + (f": {said[-1][:200]}" if said else "")
             case "engine":
                 found = self.engine.inspect(container.id)
-                health = found.health if found else ""
+                if found is None:
+                    raise CannotAsk("its container is gone")
+                health = found.health
                 return "" if health == probe.target else f"the engine says {health or 'nothing of its health'}"
             case "log":
                 return self._log(service, probe, container)
             case "file":
-                inside = container.pid if self.engine.capabilities.isolation else 0
-                return ask_host(probe, inside, role)
+                return ask_host(probe, container.pid, role, self.engine.capabilities.isolation)
         return ask_host(probe)
 
     def _log(self, service: str, probe: Probe, container: Container) -> str:

@@ -270,10 +270,10 @@ class ProcessEngine:
         return read_log(self._folder(container) / "log", follow, tail)
 
     def log_since(self, container: str, place: str) -> tuple[bytes, str]:
-        """The place is an offset in its log."""
+        """The place is an offset in its log, behind the last whole line: a line that is being written comes again."""
         offset = int(place or self._record(container).get("log_from", 0))
         text = read_log_from(self._folder(container) / "log", offset)
-        return text, str(offset + len(text))
+        return text, str(offset + text.rfind(b"\n") + 1)
 
     def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
         record = self._record(container)

@@ -23,7 +23,11 @@ WORKERS = 8
 
 Key = tuple[str, str]
 Ask = Callable[[Key, Target], str]
-"""Asks once: empty when the answer is yes, else what was found."""
+"""Asks once: empty when the answer is yes, else what was found. Raises when the question could not be put."""
+
+
+class CannotAsk(Exception):
+    """Nothing was learnt of the service: who would have to be asked does not answer."""
 
 
 def ask_socket(probe: Probe) -> str:
@@ -42,19 +46,20 @@ def ask_socket(probe: Probe) -> str:
         return f"{probe}: {getattr(reason, 'strerror', None) or reason}"
 
 
-def ask_host(probe: Probe, pid: int = 0, role: str = "ready") -> str:
-    """Everything that needs no engine. `pid` is the first process of the container, whose file system is looked at;
-    0 for that of this machine."""
+def ask_host(probe: Probe, pid: int = 0, role: str = "ready", isolated: bool = False) -> str:
+    """Everything that needs no engine. `pid` is the first process of the container, 0 where there is none; its file
+    system is looked at where the engine gives it one of its own."""
     if probe.kind in ("tcp", "http"):
         return ask_socket(probe)
     if probe.kind == "file":
-        return _ask_file(str(probe.target), pid, role, probe.interval)
+        root = f"/proc/{pid}/root" if pid and isolated else ""
+        return _ask_file(str(probe.target), root, pid, role, probe.interval)
     return ros.probe(probe.kind, str(probe.target), probe.master)
 
 
-def _ask_file(path: str, pid: int, role: str, interval: float) -> str:
+def _ask_file(path: str, root: str, pid: int, role: str, interval: float) -> str:
     try:
-        written = os.stat(f"/proc/{pid}/root{path}" if pid else path).st_mtime
+        written = os.stat(root + path).st_mtime
     except OSError as error:
         return f"file {path}: {error.strerror}"
     if role == "ready" and pid and written < process_start(pid) - 0.05:
@@ -127,22 +132,25 @@ class Prober:
                 self._condition.wait(max(0.0, min(waits)) if waits else None)
 
     def _probe(self, key: Key, target: Target) -> None:
-        began = self.clock()
+        began, asked = self.clock(), True
         try:
             message = self.ask(key, target)
-        except Exception as bug:  # a probe that breaks must not end the probing
-            message = f"{type(bug).__name__}: {bug}"
+        except CannotAsk as error:
+            message, asked = f"cannot ask: {error}", False
+        except Exception as bug:  # a probe that breaks must neither end the probing nor the service
+            message, asked = f"cannot ask: {type(bug).__name__}: {bug}", False
         with self._condition:
             self._busy.discard(key)
-            if self._targets.get(key) == target:
-                old = self._results.get(key)
-                failures = 0 if not message else (old.failures if old else 0) + 1
-                self._results[key] = new = Finding(target.incarnation, not message, began, message, failures)
-                self._due[key] = began + target.every
-                told = old is None or old.ok != new.ok or old.message != new.message
-                told = told or failures == target.probe.failures
-            else:
-                told = False
+            told = self._targets.get(key) == target and self._learn(key, target, message, asked, began)
             self._condition.notify()
         if told:
             self.wake()
+
+    def _learn(self, key: Key, target: Target, message: str, asked: bool, began: float) -> bool:
+        """Notes a finding; whether it is news. What could not be asked is no failure of the service."""
+        old = self._results.get(key)
+        failures = 0 if not message else (old.failures if old else 0) + asked
+        self._results[key] = new = Finding(target.incarnation, not message, began, message, failures)
+        self._due[key] = began + target.every
+        return old is None or old.ok != new.ok or old.message != new.message or (
+            failures != old.failures and failures == target.probe.failures)

@@ -11,6 +11,7 @@ import xmlrpc.client
 from collections.abc import Iterable
 from typing import Any
 from urllib.parse import urlparse
+from xml.parsers.expat import ExpatError
 
 CALLER = "/rorg"
 TIMEOUT = 1.0
@@ -33,7 +34,7 @@ def call(uri: str, method: str, *args: Any, timeout: float = TIMEOUT) -> Any:
     """The value of a call that succeeded. Raises OSError when nobody answers, LookupError when the answer is no."""
     try:
         code, message, value = getattr(xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)), method)(*args)
-    except (xmlrpc.client.Error, http.client.HTTPException, ValueError) as error:
+    except (xmlrpc.client.Error, http.client.HTTPException, ExpatError, ValueError, TypeError) as error:
         raise OSError(f"{type(error).__name__}: {error}") from error
     if code != 1:
         raise LookupError(message)
