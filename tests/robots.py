@@ -79,7 +79,7 @@ class VirtualRobot:
         self.change(lambda asked: replace(asked, suspended=Hold(self.wall() + seconds, reason)))
 
     def wall(self) -> float:
-        return self.sim.now
+        return self.sim.wall
 
     def waits(self, service: str) -> str:
         """Why it waits, as the last pass said it."""

@@ -22,6 +22,7 @@ from rorg.core.pressure import Load, Pressure, Shed
 from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.container import LIVE
 from rorg.manifest.load import load_or_raise
+from rorg.manifest.scalars import parse_time
 from rorg.manifest.yaml_source import read_yaml
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
@@ -97,8 +98,9 @@ def test_plan(path, tmp_path):
                              incarnation=r.get("incarnation"), priority=r.get("priority"))
                      for r in case.get("requests", []))
     now = float(case["now"])
-    holds = {n: Hold(now + h["for"], h.get("reason", "")) for n, h in case.get("holds", {}).items()}
-    suspended = Hold(now + case["suspended"]["for"], case["suspended"]["reason"]) if "suspended" in case else None
+    wall = parse_time("2026-02-01T00:00:00Z") + now
+    holds = {n: Hold(wall + h["for"], h.get("reason", "")) for n, h in case.get("holds", {}).items()}
+    suspended = Hold(wall + case["suspended"]["for"], case["suspended"]["reason"]) if "suspended" in case else None
     findings = {(n, "interlock"): Finding("", said == "allows", now, said)
                 for n, said in case.get("interlocks", {}).items()}
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
@@ -106,7 +108,7 @@ def test_plan(path, tmp_path):
         desired=desire(catalog), requests=requests, restarts=case.get("restarts", {}),
         observed=Observed(tuple(containers), complete=case.get("complete", True)), findings=findings,
         memory=memory_of(case, containers), now=now, owner="robot", removals=case.get("removals", True), holds=holds,
-        suspended=suspended, wall=now, load=quiet))
+        suspended=suspended, wall=wall, load=quiet))
     assert decision.plan.text() == case["plan"]
     assert decision.violations == ()
     assert [f"{r.id}: {why}" for r, why in decision.settled.dropped] == case.get("dropped", [])

@@ -162,9 +162,9 @@ def disturb(robot: SimRobot, verb: str, name: str, specs: dict, root: Path, poli
         specs[name]["container"] = {"environment": {"N": str(robot.now)}}
         robot.declare(load_or_raise(write_tree(root, specs, policies={"policy": policy})))
     elif verb == "hold":
-        robot.asked = replace(asked, holds={name: Hold(robot.now + 4.0)})
+        robot.asked = replace(asked, holds={name: Hold(robot.wall + 4.0)})
     elif verb == "suspend":
-        robot.asked = replace(asked, suspended=Hold(robot.now + 4.0))
+        robot.asked = replace(asked, suspended=Hold(robot.wall + 4.0))
     elif verb in ("load", "unload"):
         robot.extra = (1.0, 2 << 30) if verb == "load" else (0.0, 0)
     else:

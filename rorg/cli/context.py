@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +14,14 @@ from rorg.cli.output import note
 from rorg.client import Client
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
-from rorg.core.memory import Finding, Memory, Progress
+from rorg.core.memory import Finding, Memory
 from rorg.core.observed import Observed
-from rorg.daemon.snapshot import snapshot
+from rorg.daemon.snapshot import recall, snapshot
 from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
 from rorg.store.requests_file import Asked, RequestsFile
@@ -106,7 +109,7 @@ class Context:
             return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
                                  holds=asked.holds, suspended=asked.suspended, wall=time.time()))
 
-        return look(self._ready(look(Memory()), desired))
+        return look(self._ready(look(recall(self.last())), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""
@@ -116,9 +119,12 @@ class Context:
         for name, step in progress.items():
             service = desired.catalog.services.get(name)
             ready = service.ready if service else None
-            if step.running_since is not None and (ready is None or ready.kind == "delay" or not ask(
-                    (name, "ready"), Target(ready, step.incarnation, 0.0))):
-                progress[name] = Progress(incarnation=step.incarnation, running_since=0.0, ready=True)
+            if step.running_since is None:
+                continue
+            with contextlib.suppress(CannotAsk):
+                if ready is None or ready.kind == "delay" or not ask(
+                        (name, "ready"), Target(ready, step.incarnation, 0.0)):
+                    progress[name] = replace(step, running_since=0.0, ready=True)
         return Memory(progress)
 
     def view(self) -> dict[str, Any]:

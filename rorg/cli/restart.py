@@ -39,8 +39,6 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     typer.echo(f"restart of {', '.join(names)} asked for")
     if wait and context.state.owner() is not None:
         def done(view: dict) -> str:
-            if any(view["restarts"].get(n, "") < asked_at for n in names):
-                return "the request has not been read yet"
             active = {n for n in names if view["services"][n]["wanted"]}
             old = [n for n in active if view["services"][n]["started_at"] < asked_at]
             return f"{old[0]} has not started again" if old else unready(view, active)

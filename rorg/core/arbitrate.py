@@ -6,11 +6,11 @@ A pure function of what is asked now, with no memory: the same requests always g
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from rorg.core.wanted import Wanted, wanted
 from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure, conflicting
+from rorg.manifest.references import conflicting
 from rorg.manifest.scalars import format_memory
 
 PROTECTED = 101
@@ -31,42 +31,79 @@ class Verdict:
 
 def arbitrate(catalog: Catalog, requests: Collection[Request], barred: Mapping[str, str]) -> Verdict:
     """`barred` are services that must not be active now whoever asks, with the reason (held, or shed). What needs a
-    service that gives way gives way too."""
-    admitted, queued = _within_budget(catalog, requests, barred)
+    service that gives way gives way too; a meta-service never does."""
+    budget = catalog.policy.budget
+    verdict = _contest(catalog, tuple(requests), barred)
+    if budget is None or budget.over != "queue" or not over_budget(catalog, verdict.wanted):
+        return verdict
+    return _within_budget(catalog, requests, barred)
+
+
+def _contest(catalog: Catalog, requests: tuple[Request, ...], barred: Mapping[str, str]) -> Verdict:
+    """Without a look at the budget: first whoever loses a contest goes out, one after another, then those come back,
+    the highest rank first, for whom there is room after all, since who won against them is out itself."""
     out: dict[str, str] = {}
     for name, why in barred.items():
         _give_way(catalog, out, name, why)
+    held, lost = dict(out), []
     while True:
-        found = wanted(catalog, admitted, out)
-        rank = ranks(catalog, found, admitted)
-        loser = _conflict(catalog, found, rank) or _overbooked(catalog, found, rank)
-        if loser is None:
+        found = wanted(catalog, requests, out)
+        rank = ranks(catalog, found, requests)
+        contest = _contested(catalog, found, rank)
+        if contest is None:
             break
-        _give_way(catalog, out, *loser)
-    if not out and not queued:
-        return Verdict(found, {}, rank, tuple(admitted))
-    asked = wanted(catalog, requests)
-    gave_way = {n: why for n, why in out.items() if n in asked}
-    gave_way |= {n: why for n, why in queued.items() if n not in found and n not in out}
-    return Verdict(found, gave_way, rank, tuple(admitted))
+        loser, why, winners = contest
+        without = wanted(catalog, requests, _give_way(catalog, dict(out), loser, why))
+        if any(w not in without for w in winners):
+            # Who asks for something does not give way to it: then nobody would ask for it any more.
+            winner = next(w for w in winners if w not in without)
+            loser, why = winner, _instead(catalog, loser, winner)
+        lost.append((-rank[loser], loser, why))
+        _give_way(catalog, out, loser, why)
+    for place in sorted(lost) if len(lost) > 1 else []:
+        others = dict(held)
+        for entry in lost:
+            if entry != place:
+                _give_way(catalog, others, *entry[1:])
+        more = wanted(catalog, requests, others)
+        if place[1] in more and set(found) <= set(more):
+            rank = ranks(catalog, more, requests)
+            if _contested(catalog, more, rank) is None:
+                lost.remove(place)
+                found, out = more, others
+    rank = ranks(catalog, found, requests)
+    asked = wanted(catalog, requests) if out else found
+    return Verdict(found, {n: why for n, why in out.items() if n in asked}, rank, requests)
 
 
-def _give_way(catalog: Catalog, out: dict[str, str], name: str, why: str) -> None:
-    out[name] = why
-    for other in catalog.services:
-        if other not in out and name in closure(catalog.services, [other]):
-            out[other] = f"{name} {why}"
+def _give_way(catalog: Catalog, out: dict[str, str], name: str, why: str) -> dict[str, str]:
+    """Adds a service and all that needs it to those that are out; returns these."""
+    if name in catalog.services and catalog.services[name].meta:
+        return out
+    out.setdefault(name, why)
+    pending = [name]
+    while pending:
+        need = pending.pop()
+        for other, service in catalog.services.items():
+            if need in service.needs and other not in out and not service.meta:
+                out[other] = f"{name} {why}"
+                pending.append(other)
+    return out
 
 
 def ranks(catalog: Catalog, found: Wanted, requests: Collection[Request]) -> dict[str, int]:
     """How much each wanted service matters: its priority, that of a request for it, or that of what requests or needs
     it, whichever is highest. Protected services are above all."""
-    asked = {(r.requester, r.id): r.priority for r in requests if r.priority is not None}
+    asked: dict[tuple[str, str, str], int] = {}
+    for request in requests:
+        for name in (m for s in request.services for m in catalog.members(s)) if request.priority is not None else ():
+            key = (request.requester, request.id, name)
+            asked[key] = max(request.priority or 0, asked.get(key, 0))
     rank: dict[str, int] = {}
     for name, causes in found.items():
         service = catalog.services[name]
         own = [0 if service.meta else PROTECTED if service.protected else service.priority]
-        own += [asked[c.by, c.request] for c in causes if (c.by, c.request) in asked]
+        own += [asked[c.by, c.request, name] for c in causes if (c.by, c.request, name) in asked]
         rank[name] = max(own)
     pending = list(found)
     while pending:
@@ -78,27 +115,44 @@ def ranks(catalog: Catalog, found: Wanted, requests: Collection[Request]) -> dic
     return rank
 
 
-def _conflict(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> tuple[str, str] | None:
+Contest = tuple[str, str, list[str]]
+"""Who gives way, why, and to whom."""
+
+
+def _contested(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
+    return _conflict(catalog, found, rank) or _overbooked(catalog, found, rank)
+
+
+def _conflict(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
     """Conflicts are refused when a request or a manifest arrives; what is left are requests that slept meanwhile, and
     conflicts declared later. The higher rank goes first, then the name."""
-    pairs = conflicting(catalog.services, found)
+    pairs = conflicting(catalog.services, [n for n in found if not catalog.services[n].meta])
     if not pairs:
         return None
     first, second = sorted(pairs[0], key=lambda n: (-rank[n], n))
-    return second, f"conflicts with {first}, which goes first"
+    return second, f"conflicts with {first}, which goes first", [first]
 
 
-def _overbooked(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> tuple[str, str] | None:
+def _overbooked(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
     """The lowest holder of an exclusive resource of which more is wanted than there is."""
-    for resource in sorted({r for n in found for r in catalog.services[n].exclusive}):
-        holders = sorted((n for n in found if resource in catalog.services[n].exclusive), key=lambda n: (-rank[n], n))
+    users = [n for n in sorted(found, key=lambda n: (-rank[n], n))
+             if catalog.services[n].exclusive and not catalog.services[n].meta]
+    for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
+        holders = [n for n in users if resource in catalog.services[n].exclusive]
         left = catalog.policy.resources.get(resource, 1)
         for index, name in enumerate(holders):
             left -= catalog.services[name].exclusive[resource]
             if left < 0:
                 others = ", ".join(holders[:index]) or "nobody: there are too few"
-                return name, f"waits for {resource}, which is taken by {others}"
+                return name, f"waits for {resource}, which is taken by {others}", holders[:index]
     return None
+
+
+def _instead(catalog: Catalog, holder: str, loser: str) -> str:
+    """Why the loser waits, in a contest turned round."""
+    shared = sorted(set(catalog.services[holder].exclusive) & set(catalog.services[loser].exclusive))
+    return f"waits for {shared[0]}, which is taken by {holder}, on whose behalf it is asked for" if shared else \
+        f"conflicts with {holder}, on whose behalf it is asked for"
 
 
 def expected(catalog: Catalog, names: Collection[str]) -> tuple[float, int]:
@@ -120,33 +174,26 @@ def over_budget(catalog: Catalog, names: Collection[str]) -> str:
     return ""
 
 
-def _within_budget(catalog: Catalog, requests: Collection[Request], barred: Mapping[str, str]
-                   ) -> tuple[list[Request], dict[str, str]]:
-    """Requests that fit into the budget, the higher priority first, then the older; and why the services of the
-    others wait. Only where the Policy says so: `over: queue`."""
-    budget = catalog.policy.budget
-    if budget is None or budget.over != "queue":
-        return list(requests), {}
-    names = set(wanted(catalog, ())) - set(barred)
+def _within_budget(catalog: Catalog, requests: Collection[Request], barred: Mapping[str, str]) -> Verdict:
+    """Requests that fit into the budget, the higher priority first, then the older; why the services of the others
+    wait. Only where the Policy says so: `over: queue`. What gives way takes no room."""
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
-    admitted: list[Request] = []
-    queued: dict[str, str] = {}
-    tried = True
-    while tried:
-        tried = False
-        for request in [r for r in waiting if r.requester in names]:
-            waiting.remove(request)
-            tried = True
-            more = closure(catalog.services, [m for s in request.services for m in catalog.members(s)]) - set(barred)
-            why = over_budget(catalog, names | more)
-            if why and not more <= names:
-                queued |= dict.fromkeys(sorted(more - names), f"waits for room: {why}")
-                continue
-            admitted.append(request)
-            names |= more
+    verdict, queued = _contest(catalog, (), barred), {}
+    while True:
+        request = next((r for r in waiting if r.requester in verdict.wanted), None)
+        if request is None:
             break
+        waiting.remove(request)
+        trial = _contest(catalog, (*verdict.requests, request), barred)
+        more, why = set(trial.wanted) - set(verdict.wanted), over_budget(catalog, trial.wanted)
+        if why and expected(catalog, more) != (0.0, 0):
+            queued |= dict.fromkeys(sorted(more), f"waits for room: {why}")
+        else:
+            verdict = trial
     # What nobody active asks for takes no room.
-    return admitted + waiting, queued
+    verdict = replace(verdict, requests=(*verdict.requests, *waiting))
+    return replace(verdict, gave_way={**verdict.gave_way, **{
+        n: why for n, why in queued.items() if n not in verdict.wanted and n not in verdict.gave_way}})
 
 
 def _priority(catalog: Catalog, request: Request) -> int:

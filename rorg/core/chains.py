@@ -45,10 +45,11 @@ class Chains:
         """All steps of a service, from what is observed to what is desired."""
         name, spec = service.name, service.spec or {}
         is_wanted = name in self.s.wanted
-        keep = is_wanted or service.idle.action != "remove"
         pairs = [(c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
                  for c in self.containers.get(name, [])]
-        current = next(((c, d) for c, d in pairs if not d.recreate), None) if keep else None
+        current = next(((c, d) for c, d in pairs if not d.recreate), None)
+        keep = is_wanted or self.keeps(service, current is not None)
+        current = current if keep else None
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         steps: list[Step] = []
         new_name = ""
@@ -69,6 +70,13 @@ class Chains:
         if current and is_wanted and any(s.verb == "stop" and s.container is current[0] for s in steps):
             return [replace(s, part_of="restart") if s.verb in ("stop", "start") else s for s in steps]
         return steps
+
+    @staticmethod
+    def keeps(service: Service, has_one: bool) -> bool:
+        """Whether it has a container while nobody wants it. One that was removed at the end of its idling is not made
+        again."""
+        ends_removed = service.idle.escalate is not None and service.idle.escalate[1] == "remove"
+        return service.idle.action != "remove" and (has_one or not ends_removed)
 
     def free_name(self, service: Service, stale: list[Container]) -> str:
         """The service's name, or one made of the digest while an older container of the service still has it."""
@@ -124,23 +132,25 @@ class Chains:
             return ""
         if container.started_at < self.s.restarts.get(service.name, ""):
             return "restart asked for"
-        if self.s.memory.of(service.name).hung == container.incarnation:
-            return self.s.memory.of(service.name).error
+        memory = self.s.memory.of(service.name)
+        if memory.hung == container.incarnation:
+            return memory.error
         for need in service.follows:
             current = next(iter(self.containers.get(need, [])), None)
             # Its readiness is waited for, since what ends now still wants to say goodbye to it.
-            if current and current.state == "running" and current.started_at > container.started_at \
+            if current and current.state == "running" and memory.followed.lost(need, container, current) \
                     and need not in self.moving and self.s.memory.of(need).ready:
                 return f"{need} was restarted"
         return ""
 
     def wake(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
         why = str(self.s.wanted[service.name][0])
+        start = {"asked": asked} if (asked := self.s.restarts.get(service.name)) else {}
         if container is None or any(s.verb == "stop" and s.container is container for s in steps):
-            return [Step("start", container, why)]
+            return [Step("start", container, why, args=start)]
         if container.state == "paused":
             return [Step("resume", container, why)]
-        if container.state in ("running", "restarting", "removing"):
+        if container.active:
             return []
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead")]
@@ -149,7 +159,7 @@ class Chains:
             return []
         if container.state == "exited" and step.exited == container.incarnation:
             why += f"; {step.error}"
-        return [Step("start", container, why)]
+        return [Step("start", container, why, args=start)]
 
     def cease(self, service: Service, container: Container) -> list[Step]:
         """A service that nobody wants: as its idle policy says. (Removal is chain()'s: nothing is kept then.)"""
@@ -178,13 +188,32 @@ class Chains:
 
     def contested(self, service: Service) -> bool:
         """It holds an exclusive resource, even when paused, that a wanted service waits for."""
-        return any(other in self.s.wanted and other != service.name and not any(
-            c.alive for c in self.containers.get(other, []))
-            for resource in service.exclusive for other in self.desired.sharers[resource])
+        for resource, units in service.exclusive.items():
+            sharers = [o for o in self.desired.sharers[resource] if o != service.name]
+            used = units + sum(self.units(o, resource) for o in sharers if self.alive(o))
+            there = self.desired.catalog.policy.resources.get(resource, 1)
+            if any(used + self.units(o, resource) > there for o in sharers
+                   if o in self.s.wanted and not self.alive(o) and not self.done(o)):
+                return True
+        return False
+
+    def units(self, name: str, resource: str) -> int:
+        return self.desired.catalog.services[name].exclusive[resource]
+
+    def alive(self, name: str) -> bool:
+        return any(c.alive for c in self.containers.get(name, []))
+
+    def done(self, name: str) -> bool:
+        """It ended, and its restart policy leaves it at that."""
+        current = next(iter(self.containers.get(name, [])), None)
+        service = self.desired.catalog.services[name]
+        return current is not None and self.s.memory.of(name).over(service, current)
 
 
 def away(container: Container, reason: str, service: Service | None = None) -> list[Step]:
     """Stop if it is alive, then remove."""
+    if container.state == "removing":
+        return []
     steps = [stop(container, reason, service)] if container.alive else []
     return [*steps, Step("remove", container, reason)]
 

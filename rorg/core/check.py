@@ -45,7 +45,7 @@ def check(plan: Plan, situation: Situation) -> list[str]:
 
 def _activation(action: Action, situation: Situation) -> list[str]:
     services, name = situation.desired.catalog.services, action.service
-    if name not in services:
+    if name not in services or services[name].meta:
         ok = situation.removals and action.verb in ("stop", "remove")
         return [] if ok else [f"{action}, which no manifest declares"]
     if action.verb in ("start", "resume"):

@@ -18,7 +18,7 @@ from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.wanted import urgent
 from rorg.manifest.catalog import Hold, Probe, Request
-from rorg.manifest.scalars import format_time
+from rorg.manifest.scalars import format_time, parse_time, stamp
 
 FRESH = 1.0
 """Seconds for which the answer of an interlock counts, beyond its interval."""
@@ -74,6 +74,8 @@ class Decision:
     """By (service, role)."""
     holds: Mapping[str, str] = field(default_factory=dict)
     """Services that a person holds now, each with the reason."""
+    served: Mapping[str, str] = field(default_factory=dict)
+    """Restarts that were asked for, and done."""
 
 
 def decide(inputs: Inputs) -> Decision:
@@ -81,7 +83,7 @@ def decide(inputs: Inputs) -> Decision:
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
-    holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall}
+    holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
     barred = {**{s.service: s.reason for s in inputs.memory.pressure.shed}, **holds}
     verdict = arbitrate(desired.catalog, requests, barred)
     memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
@@ -90,9 +92,10 @@ def decide(inputs: Inputs) -> Decision:
     if memory.pressure.shed != inputs.memory.pressure.shed:
         verdict = arbitrate(desired.catalog, requests, {
             **{s.service: s.reason for s in memory.pressure.shed}, **holds})
+    served = _served(inputs)
     situation = Situation(
         desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
-        inputs.restarts, inputs.removals, verdict.gave_way, verdict.ranks, _interlocks(inputs), relieved.lowered,
+        _due(inputs, served), inputs.removals, verdict.gave_way, verdict.ranks, _interlocks(inputs), relieved.lowered,
         relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed,
         _until("suspended", inputs.suspended)
         if inputs.suspended and inputs.suspended.until > inputs.wall else "")
@@ -103,11 +106,34 @@ def decide(inputs: Inputs) -> Decision:
     for action in chosen:
         memory = begin(memory, action, inputs.observed, now)
     return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan), holds)
+                    to_probe(situation, plan), holds, served)
+
+
+def _can_cease(desired: Desired, name: str) -> bool:
+    service = desired.catalog.services.get(name)
+    return service is not None and not service.meta
 
 
 def _until(word: str, hold: Hold) -> str:
     return f"{word} until {format_time(hold.until)}" + (f": {hold.reason}" if hold.reason else "")
+
+
+def _served(inputs: Inputs) -> dict[str, str]:
+    """Restarts after which the service was started, as it says or as we know: the engine's clock may be another."""
+    containers = inputs.observed.by_service()
+    found = {}
+    for name, asked in inputs.restarts.items():
+        current = next(iter(containers.get(name, [])), None)
+        since = current is not None and current.alive and current.started_at >= asked
+        if inputs.observed.complete and (since or inputs.memory.of(name).restarted == asked):
+            found[name] = asked
+    return found
+
+
+def _due(inputs: Inputs, served: Mapping[str, str]) -> dict[str, str]:
+    """Restarts to do now; one that is dated ahead waits for its time."""
+    now = stamp(inputs.wall)
+    return {name: asked for name, asked in inputs.restarts.items() if name not in served and asked <= now}
 
 
 def _interlocks(inputs: Inputs) -> dict[str, str]:
@@ -132,6 +158,7 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
                 float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout))
     times += [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
+    ends += [parse_time(asked) for asked in inputs.restarts.values()]
     times += [now + (end - inputs.wall) for end in ends]
     freed = relief(memory.in_flight, now)
     if freed is not None:

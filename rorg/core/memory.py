@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
 from rorg.core.backoff import STABLE, STALLED_AFTER, delay
+from rorg.core.digest import canonical
+from rorg.core.follow import Followed, follow
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
@@ -50,6 +52,9 @@ class Progress:
     """The incarnation whose exit was counted last."""
     stopped: str = ""
     """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
+    followed: Followed = Followed()
+    restarted: str = ""
+    """The last asked restart that was served: when it was asked for."""
     hung: str = ""
     """The incarnation that did not answer its `live` probe any more."""
     crashes: int = 0
@@ -114,6 +119,8 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         current = containers[0] if containers else None
         step = _fresh(_wanted(memory.of(name), name in found, now), current)
         step = _ceased(_run(step, current, now), current, now)
+        followed = follow(step.followed, service, current, by_service)
+        step = step if followed is step.followed else replace(step, followed=followed)
         if name not in found and current is not None and current.state == "exited":
             step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
         if name in found and name not in memory.in_flight:
@@ -215,8 +222,10 @@ def _fits(found: Finding | None, step: Progress) -> TypeGuard[Finding]:
 def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Memory:
     """An action is handed to a worker: its service gets no second one until the outcome."""
     step = memory.of(action.service)
-    state = tuple((c.id, c.state, c.name, c.incarnation) for c in observed.by_service().get(action.service, []))
-    signature = (action.verb, action.container, action.args.get("digest", ""), state)
+    containers = observed.by_service().get(action.service, [])
+    state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
+    signature = (action.verb, action.container, action.args.get("digest", ""), state,
+                 canonical(action.args.get("options", {})))
     attempts = step.attempts + 1 if signature == step.attempt else 1
     step = replace(step, attempt=signature, attempts=attempts)
     return replace(memory, progress={**memory.progress, action.service: step},
@@ -231,6 +240,8 @@ def finish(memory: Memory, action: Action, error: str, incarnation: str, now: fl
         step = replace(step, retry_verb=action.verb, retry_at=now + delay(step.attempts + 1), error=error)
     elif step.retry_verb == action.verb and not step.exits:
         step = replace(step, retry_verb="", retry_at=0.0, error="")
+    if action.verb == "start" and not error and "asked" in action.args:
+        step = replace(step, restarted=action.args["asked"])
     if action.verb == "stop" and not error:
         step = replace(step, stopped=incarnation)
     return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

@@ -69,16 +69,23 @@ class _Planner:
         if flight:
             self.blocked[name] = f"{flight.action.verb} under way for {format_seconds(self.s.now - flight.since)}"
             return
+        if any(c.state == "removing" for c in self.containers.get(name, [])):
+            self.blocked[name] = "the engine is removing its container"
+            self.waitings.append(Waiting(name, self.blocked[name]))
+            return
         self.emit(service, self.chains.of(service))
 
     def emit(self, service: Service, steps: list[Step]) -> None:
-        """Appends a chain's steps up to the first one that must wait."""
+        """Appends a chain's steps up to the first one that must wait. A name or an option that the engine refuses
+        holds nothing back."""
         name = service.name
         for step in steps:
             after = () if name not in self.last else (self.last[name],)
             linked, waiting = self.gate(service, step)
             if waiting:
                 self.waitings.append(waiting)
+                if step.verb in ("update", "rename") and not self.s.interlocks.get(name):
+                    continue
                 self.blocked[name] = waiting.reason
                 return
             self.last[name] = len(self.actions)

@@ -11,7 +11,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
 from rorg.manifest.catalog import Catalog, Request
 from rorg.manifest.diagnostics import nearest
-from rorg.manifest.references import conflicting
+from rorg.manifest.references import closure, conflicting, overbooked
 from rorg.manifest.scalars import format_seconds
 
 
@@ -112,6 +112,9 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     for a, b in conflicting(catalog.services, names):
         if (a, b) not in before:
             found.append((f"'{a}' and '{b}' conflict and would both be wanted", "`rorg why` for who wants which"))
+    own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
+    found += [(f"it does not fit: {why}", "to request them one after another, or `resources` in the Policy")
+              for why in overbooked(catalog, closure(catalog.services, own))]
     budget = catalog.policy.budget
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.lanes import Lanes
-from rorg.core.memory import Memory, finish
+from rorg.core.memory import finish
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros import RosPurger
+from rorg.daemon.snapshot import recall
 from rorg.daemon.tree import Tree
 from rorg.engines.execute import perform
 from rorg.engines.observe import Observer
@@ -27,18 +29,25 @@ from rorg.host.cgroups import reclaim
 from rorg.host.load import Meter, Sampler
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
-from rorg.manifest.catalog import Thresholds
+from rorg.manifest.catalog import Request, Thresholds
 from rorg.manifest.scalars import format_memory
 from rorg.store.bell import Bell
 from rorg.store.requests_file import Asked, RequestsFile
-from rorg.store.state_dir import StateDir
+from rorg.store.state_dir import StateDir, read_json
 
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb of which the engine's event, that comes first, tells all."""
+MANY = 1000
+"""Renewals to remember, beyond which those of requests that are gone are forgotten."""
 PATIENCE = 10.0
 """Seconds that the end of the loop waits for calls under way."""
+
+
+def _same(one: Request, other: Request) -> bool:
+    """They say the same, wherever in the file."""
+    return replace(one, where=other.where) == other
 
 
 class Loop:
@@ -60,12 +69,17 @@ class Loop:
                                lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
         self.bell = Bell(state.path, self._rung)
         self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
-        self.memory = Memory()
+        self.memory = recall(read_json(state.status))
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
+        self.renewing = threading.Lock()
+        """For `renewals` and `ending`: what was renewed is not dropped, and what is being dropped not renewed."""
         self.renewals: dict[tuple[str, str], int] = {}
-        """How often each request was renewed through the door."""
+        """The number of the last renewal of each request through the door; none is ever used twice."""
+        self.ending: set[tuple[str, str]] = set()
+        """Requests that are being dropped now."""
+        self._numbers = itertools.count(1)
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
         self._woken = threading.Event()
@@ -143,16 +157,16 @@ class Loop:
         self.passes += 1
         self._read_files()
         self._take_outcomes()
-        asked = self.requests.asked
+        asked, renewals = self.requests.asked, self._renewals()
         decision = decide(Inputs(
             desired=self.tree.desired, requests=asked.requests, restarts=asked.restarts,
             observed=self.observer.snapshot(), findings=self.prober.results(), memory=self.memory, now=self.clock(),
             owner=self.owner, removals=self.tree.removals, booted_at=self.booted_at,
             lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
-            suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=dict(self.renewals),
+            suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=renewals,
         ))
         self.memory, self.decision = decision.memory, decision
-        self._settle(decision)
+        self._settle(decision, renewals)
         for action in decision.begin:
             call = self.workers.submit(self._work, action)
             self._calls.add(call)
@@ -180,30 +194,50 @@ class Loop:
         for action, error in outcomes:
             self.memory = finish(self.memory, action, error, action.args.get("incarnation", ""), self.clock())
 
-    def _settle(self, decision: Decision) -> None:
-        """Writes down requests that were dropped or bound. The file is the truth: a person may have changed it since
-        it was read, so only these entries are touched."""
+    def renew(self, key: tuple[str, str]) -> None:
+        """Counts a renewal. The caller holds `renewing`."""
+        self.renewals[key] = next(self._numbers)
+
+    def _renewals(self) -> dict[tuple[str, str], int]:
+        with self.renewing:
+            if len(self.renewals) > MANY:
+                kept = {r.key for r in self.requests.asked.requests}
+                self.renewals = {key: n for key, n in self.renewals.items() if key in kept}
+            return dict(self.renewals)
+
+    def _settle(self, decision: Decision, renewals: Mapping[tuple[str, str], int]) -> None:
+        """Writes down which requests were dropped or bound, and which restarts are done. The file is the truth:
+        whoever changed an entry since it was read, or renewed it, has the last word."""
         settled = decision.settled
-        if not settled.dropped and not settled.bound:
+        if not (settled.dropped or settled.bound or decision.served):
             return
-        for request, _ in settled.dropped:
-            self.renewals.pop(request.key, None)
-        gone = {r.key: r.incarnation for r, _ in settled.dropped}
-        bound = {r.key: r for r in settled.bound}
+        gone = {r.key: r for r, _ in settled.dropped}
+        bound = {r.key: r.incarnation for r in settled.bound}
+        dropped: set[tuple[str, str]] = set()
 
         def edit(asked: Asked) -> Asked:
-            kept = [r for r in asked.requests if not (r.key in gone and r.incarnation == gone[r.key])]
-            return replace(asked, requests=tuple(
-                bound[r.key] if r.key in bound and r.incarnation is None else r for r in kept))
+            with self.renewing:
+                dropped.update(r.key for r in asked.requests if r.key in gone and _same(r, gone[r.key])
+                               and self.renewals.get(r.key) == renewals.get(r.key))
+                self.ending |= dropped
+            return replace(
+                asked, requests=tuple(
+                    replace(r, incarnation=bound[r.key]) if r.key in bound and r.incarnation is None else r
+                    for r in asked.requests if r.key not in dropped),
+                restarts={n: at for n, at in asked.restarts.items() if decision.served.get(n) != at})
 
         try:
             self.requests.change(edit)
         except (RorgError, OSError) as error:
             self.reporter.event("requests-not-written", str(error))
             return
+        finally:
+            with self.renewing:
+                self.ending -= dropped
         for request, why in settled.dropped:
-            self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
-                                service=request.requester, services=list(request.services))
+            if request.key in dropped:
+                self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
+                                    service=request.requester, services=list(request.services))
 
     # -- what the pass's helpers ask ---------------------------------------------------------------------------
 

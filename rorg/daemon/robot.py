@@ -144,7 +144,8 @@ class Robot:
                               "to release some")
             return asked.put(request)
 
-        self.loop.renewals[request.key] = self.loop.renewals.get(request.key, 0) + 1
+        with self.loop.renewing:
+            self.loop.renew(request.key)
         return self._change(caller, edit, "request", f"request '{request.id}' of {request.requester}: "
                             f"{', '.join(request.services)}", service=request.requester)
 
@@ -166,10 +167,11 @@ class Robot:
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
         allow_request(caller, key[0], (), self.catalog)
-        found = self._asked(self.loop.requests.asked, key) or self._asked(self._on_disk(), key)
-        if found is None:
-            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
-        self.loop.renewals[key] = self.loop.renewals.get(key, 0) + 1
+        with self.loop.renewing:
+            found = self._asked(self.loop.requests.asked, key) or self._asked(self._on_disk(), key)
+            if found is None or key in self.loop.ending:
+                raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
+            self.loop.renew(key)
         return request_json(found)
 
     @staticmethod
@@ -185,7 +187,6 @@ class Robot:
     def release(self, caller: Caller, key: tuple[str, str]) -> Future[Asked]:
         """Gives a request up; what is released already is fine."""
         allow_request(caller, key[0], (), self.catalog)
-        self.loop.renewals.pop(key, None)
         return self._change(caller, lambda asked: asked.without({key}), "release",
                             f"request '{key[1]}' of {key[0]} released", service=key[0])
 

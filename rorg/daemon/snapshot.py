@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rorg.core.decide import Decision
+from rorg.core.follow import Followed
+from rorg.core.memory import Memory, Progress
 from rorg.core.pressure import MEASURES
 from rorg.core.status import statuses
 from rorg.manifest.catalog import Request
@@ -22,9 +25,17 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "restarts": dict(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
+        "followed": {n: {"run": p.followed.run, "needs": dict(p.followed.needs)}
+                     for n, p in decision.memory.progress.items() if p.followed.run},
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
+
+
+def recall(view: Mapping[str, Any] | None) -> Memory:
+    """What of a loop's memory outlives it: on which runs of their needs services count. `view` is what it published."""
+    followed = (view or {}).get("followed") or {}
+    return Memory({name: Progress(followed=Followed(known["run"], known["needs"])) for name, known in followed.items()})
 
 
 def request_json(request: Request) -> dict[str, Any]:

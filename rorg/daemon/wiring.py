@@ -6,7 +6,6 @@ import os
 import time
 import uuid
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from rorg.daemon.reporter import Reporter
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid
+from rorg.manifest.scalars import stamp
 from rorg.store.state_dir import StateDir
 
 if TYPE_CHECKING:
@@ -39,14 +39,14 @@ def make_engine(name: str, state: StateDir) -> Engine:
 
 def wall_clock() -> str:
     """Now, ISO 8601 in UTC, as the engine writes times."""
-    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+    return stamp(time.time())
 
 
 def booted_at() -> str:
     """When this machine booted, ISO 8601 in UTC."""
     with open("/proc/stat", encoding="ascii") as file:
         seconds = next(int(line.split()[1]) for line in file if line.startswith("btime "))
-    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+    return stamp(seconds)
 
 
 def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:

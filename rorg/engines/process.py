@@ -16,7 +16,6 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from rorg.engines.process_table import MARK, boot_id, is_same, members, signal_g
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError
 from rorg.manifest.container import LIVE, ContainerOptions
+from rorg.manifest.scalars import stamp
 from rorg.store.files import write_atomic
 
 HONOURED = {"entrypoint", "environment", "working_dir", "stop_signal", "stop_grace_period", "container_name", "labels",
@@ -175,7 +175,7 @@ class ProcessEngine:
         facts = stat(child.pid)
         self._write({**record, "pid": child.pid, "log_from": log_from,
                      "ticks": facts[2] if facts else 0, "boot": boot_id(),
-                     "started_at": datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")})
+                     "started_at": stamp(time.time())})
 
     def _command(self, record: Mapping[str, Any]) -> tuple[Sequence[str], Mapping[str, str]]:
         spec = record["spec"]

@@ -83,6 +83,17 @@ def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[t
     return sorted(p for p in pairs if p[0] != p[1])  # type: ignore[misc]
 
 
+def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
+    """In words, the exclusive resources of which these services, all active, would use more than there are."""
+    used: dict[str, dict[str, int]] = {}
+    for name in sorted(n for n in names if n in catalog.services):
+        for resource, units in catalog.services[name].exclusive.items():
+            used.setdefault(resource, {})[name] = units
+    there = catalog.policy.resources
+    return [f"{', '.join(users)} use {sum(users.values())} of {there.get(resource, 1)} {resource}"
+            for resource, users in sorted(used.items()) if sum(users.values()) > there.get(resource, 1)]
+
+
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
     """Services that would have to be active together and must not: one service's needs, or all that is always on."""
     diagnostics = []
@@ -90,6 +101,13 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
             diagnostics.append(Diagnostic(_place(sources[name], "needs"),
                                           f"'{name}' needs both '{a}' and '{b}', which conflict", "to drop one"))
+        needs = catalog.services[name].needs
+        if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
+            continue  # it is said there
+        for found in overbooked(catalog, closure(catalog.services, [name])):
+            diagnostics.append(Diagnostic(_place(sources[name], "needs" if needs else "exclusive"),
+                                          f"'{name}' can never be active: {found}",
+                                          "fewer units, or `resources` in the Policy"))
     roots = [s.name for s in catalog.services.values() if s.always_on]
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
         source = sources[a if catalog.services[a].always_on else b]

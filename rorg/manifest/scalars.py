@@ -48,6 +48,20 @@ def format_time(epoch: float) -> str:
     return datetime.fromtimestamp(epoch, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
+def stamp(epoch: float) -> str:
+    """A point in time, in seconds since the epoch, as engines write it: ISO 8601, UTC. Two of them compare as text."""
+    return datetime.fromtimestamp(epoch, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def parse_time(value: object) -> float:
+    """Seconds since the epoch of an ISO 8601 time; UTC where it names no zone."""
+    try:
+        time = datetime.fromisoformat(str(value).replace("Z", "+00:00"))
+        return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{value!r} is not a time; write one such as 2026-01-31T12:00:00Z") from error
+
+
 def format_memory(count: float) -> str:
     """Bytes for people: 180Mi, 1.2Gi."""
     for size, unit in ((1 << 30, "Gi"), (1 << 20, "Mi"), (1 << 10, "Ki")):

@@ -17,7 +17,7 @@ from rorg.core.pressure import Load
 from rorg.engines.execute import perform
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Catalog
-from rorg.sim.engine import Faults, SimEngine, iso
+from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_file import Asked
 
 PROBE_AFTER = 0.1
@@ -52,6 +52,11 @@ class SimRobot:
     def declare(self, catalog: Catalog) -> None:
         self.desired = desire(catalog)
 
+    @property
+    def wall(self) -> float:
+        """Virtual now, in seconds since the epoch."""
+        return EPOCH + self.now
+
     def at(self, time: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._events, (time, next(self._numbers), do))
 
@@ -62,7 +67,8 @@ class SimRobot:
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
         self.memory = decision.memory
-        self.asked = replace(self.asked, requests=decision.settled.requests)
+        left = {n: at for n, at in self.asked.restarts.items() if n not in decision.served}
+        self.asked = replace(self.asked, requests=decision.settled.requests, restarts=left)
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
@@ -93,7 +99,7 @@ class SimRobot:
         return Inputs(
             self.desired, self.asked.requests, self.asked.restarts, observed, self._findings(), self.memory, self.now,
             self.owner, self.removals, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
-            holds=self.asked.holds, suspended=self.asked.suspended, wall=self.now, load=self._load(),
+            holds=self.asked.holds, suspended=self.asked.suspended, wall=self.wall, load=self._load(),
             renewals=self.renewals)
 
     def _findings(self) -> Mapping[tuple[str, str], Finding]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import yaml
 from rorg.errors import Invalid
 from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.diagnostics import Diagnostic, nearest
-from rorg.manifest.scalars import parse_duration
+from rorg.manifest.scalars import parse_duration, parse_time, stamp
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.store.bell import ring
 from rorg.store.files import locked, write_atomic
@@ -42,7 +41,10 @@ class Asked:
 
     def put(self, request: Request) -> Asked:
         """With this request, in place of the one with the same requester and id."""
-        return replace(self, requests=(*(r for r in self.requests if r.key != request.key), request))
+        if all(r.key != request.key for r in self.requests):
+            return replace(self, requests=(*self.requests, request))
+        # In its place: who came first is served first, however often it is renewed.
+        return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
 
     def without(self, keys: set[tuple[str, str]]) -> Asked:
         return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))
@@ -99,19 +101,22 @@ class _Reader:
         if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
             self.error(path, "must be a mapping with until and reason")
             return None
+        until = self.time((*path, "until"), value["until"])
+        return None if until is None else Hold(until, str(value.get("reason") or ""))
+
+    def time(self, path: tuple, value: Any) -> float | None:
         try:
-            until = datetime.fromisoformat(str(value["until"]).replace("Z", "+00:00"))
-        except ValueError:
-            self.error((*path, "until"), "must be a time such as 2026-01-31T12:00:00Z")
+            return parse_time(value)
+        except ValueError as error:
+            self.error(path, str(error))
             return None
-        return Hold(until.timestamp() if until.tzinfo else until.replace(tzinfo=UTC).timestamp(),
-                    str(value.get("reason") or ""))
 
     def restarts(self, value: Any) -> dict[str, str]:
-        if not isinstance(value, dict) or not all(isinstance(v, str) for v in value.values()):
-            self.error(("restarts",), "must map services to times such as 2026-01-31T12:00:00Z")
+        if not isinstance(value, dict):
+            self.error(("restarts",), "must map services to times", "NAME: 2026-01-31T12:00:00Z")
             return {}
-        return dict(value)
+        times = {name: self.time(("restarts", name), written) for name, written in value.items()}
+        return {str(name): stamp(at) for name, at in times.items() if at is not None}
 
     def ttl(self, path: tuple, value: Any) -> float | None:
         try:
@@ -174,8 +179,7 @@ def render(asked: Asked) -> str:
 
 
 def _hold(hold: Hold) -> dict[str, str]:
-    until = datetime.fromtimestamp(hold.until, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return {"until": until, **({"reason": hold.reason} if hold.reason else {})}
+    return {"until": stamp(hold.until), **({"reason": hold.reason} if hold.reason else {})}
 
 
 class RequestsFile:

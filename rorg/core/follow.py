@@ -1,0 +1,42 @@
+"""On which run of what it needs a run counts: so that a need that was restarted is told from one that was added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from rorg.core.observed import Container
+from rorg.manifest.catalog import Service
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """Of one run of a service: the runs of those needs whose restart restarts it (`needs: [{restart: true}]`)."""
+
+    run: str = ""
+    """Its own incarnation."""
+    needs: Mapping[str, str] = field(default_factory=dict)
+    """Need -> incarnation; "" for one that was restarted already when this was noticed."""
+
+    def lost(self, need: str, container: Container, now: Container) -> bool:
+        """The run of `container` counted on another run of the need than that of `now`."""
+        return self.run == container.incarnation and self.needs.get(need, now.incarnation) != now.incarnation
+
+
+def follow(known: Followed, service: Service, current: Container | None,
+           containers: Mapping[str, Sequence[Container]]) -> Followed:
+    """Notes what a run counts on, once for each need. Of a run that is new to us (its start, or rorg's) the order of
+    the starts tells: a service starts after what it needs. A need that is added later is taken as it is."""
+    if current is None or not current.alive:
+        return known
+    first = known.run != current.incarnation
+    needs = {} if first else {n: run for n, run in known.needs.items() if n in service.follows}
+    for need in service.follows:
+        found = next(iter(containers.get(need, ())), None)
+        if need in needs or found is None or not found.started_at:
+            continue
+        if first:
+            needs[need] = found.incarnation if found.started_at <= current.started_at else ""
+        elif found.alive:
+            needs[need] = found.incarnation
+    return known if not first and needs == known.needs else Followed(current.incarnation, needs)

@@ -1,0 +1,156 @@
+"""Restarts: done once for each time that they are asked for, spread only from a need that was restarted. Odd states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from robots import VirtualRobot
+from test_giving_way import later
+
+from rorg.manifest.scalars import stamp
+from rorg.store.requests_file import Asked, parse, render
+
+RESTART = {"needs": [{"service": "tf", "restart": True}]}
+
+
+@pytest.fixture
+def robot(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+def ask(robot, name: str, ahead: float = 0.0) -> None:
+    robot.change(lambda asked: replace(asked, restarts={**asked.restarts, name: stamp(robot.wall() + ahead)}))
+
+
+def starts(robot, name: str) -> int:
+    return sum(line.startswith(f"> start {name} ") for line in robot.log())
+
+
+def test_a_restart_is_done_once_and_then_forgotten(robot):
+    robot.declare({"arm": {"always_on": True}})
+    robot.settle()
+    later(robot, 5)
+    ask(robot, "arm")
+    robot.wait(lambda: starts(robot, "arm") == 2)
+    later(robot, 10)
+    assert starts(robot, "arm") == 2
+    assert robot.sim.asked.restarts == {}
+
+
+def test_a_restart_dated_ahead_waits_for_its_time_and_is_done_once(robot):
+    robot.declare({"arm": {"always_on": True}})
+    robot.settle()
+    ask(robot, "arm", 60.0)
+    later(robot, 50)
+    assert starts(robot, "arm") == 1
+    later(robot, 60)
+    assert starts(robot, "arm") == 2
+
+
+def test_an_engine_whose_clock_is_behind_restarts_once(robot):
+    robot.declare({"arm": {"always_on": True}})
+    robot.settle()
+    later(robot, 5)
+    engine, clock = robot.sim.engine, robot.sim.engine.clock
+    engine.clock = lambda: clock() - 3600
+    ask(robot, "arm")
+    robot.wait(lambda: starts(robot, "arm") == 2)
+    later(robot, 30)
+    assert starts(robot, "arm") == 2
+
+
+@pytest.mark.parametrize("value", ["soon", "2026-13-01", "{}", "[1]"])
+def test_a_restart_at_no_time_is_an_error(value):
+    asked, diagnostics = parse(f"restarts: {{arm: {value}}}\n", "requests.yaml")
+    assert asked is None
+    assert "is not a time" in str(diagnostics[0])
+
+
+def test_times_are_read_in_any_zone_and_written_in_one():
+    asked, _ = parse("restarts: {arm: 2026-01-31T13:00:00+01:00, leg: '2026-01-31T12:00:00Z'}\n", "requests.yaml")
+    assert set(asked.restarts.values()) == {"2026-01-31T12:00:00.000000Z"}
+    again, _ = parse(render(asked), "requests.yaml")
+    assert again == replace(Asked(), restarts=asked.restarts)
+
+
+@pytest.mark.parametrize("order", ["need first", "need later", "need new"])
+def test_a_need_that_is_added_restarts_nobody(robot, order):
+    tree = {"arm": {"always_on": True}, "tf": {"always_on": order != "need new"}}
+    robot.declare({**tree, "arm": {}} if order == "need first" else {**tree, "tf": {}})
+    robot.settle()
+    robot.declare(tree)
+    robot.settle()
+    before = robot.container("arm").incarnation
+    robot.declare({**tree, "arm": {"always_on": True, **RESTART}})
+    later(robot, 10)
+    assert robot.active() == {"arm", "tf"}
+    assert robot.container("arm").incarnation == before
+    robot.kill("tf")
+    robot.wait(lambda: robot.container("arm").incarnation != before and robot.active() == {"arm", "tf"})
+
+
+def test_following_a_need_that_is_there_already_restarts_nobody(robot):
+    tree = {"arm": {"always_on": True, "needs": ["tf"]}, "tf": {}}
+    robot.declare(tree)
+    robot.settle()
+    before = robot.container("arm").incarnation
+    robot.kill("tf")
+    robot.settle()
+    robot.declare({**tree, "arm": {"always_on": True, **RESTART}})
+    later(robot, 10)
+    assert robot.container("arm").incarnation == before
+
+
+def test_a_service_turned_into_a_meta_service_loses_its_container_and_nobody_else(robot):
+    robot.declare({"aa": {"always_on": True}, "bb": {"always_on": True}})
+    robot.settle()
+    robot.declare({"aa": {"type": "meta"}, "bb": {"always_on": True}})
+    robot.settle()
+    assert robot.states() == {"bb": "running"}
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_container_that_the_engine_is_removing_is_waited_for(robot, declared):
+    robot.declare({"aa": {"idle": {"action": "remove"}}, "bb": {"always_on": True}})
+    robot.request("aa")
+    robot.wait(lambda: robot.active() == {"aa", "bb"})
+    removing = robot.container("aa")
+    robot.sim.engine.containers[removing.id] = replace(removing, state="removing")
+    if not declared:
+        robot.release()
+        robot.declare({"bb": {"always_on": True}})
+    later(robot, 5)
+    assert "bb" in robot.active()
+    del robot.sim.engine.containers[removing.id]
+    robot.settle()
+    assert robot.active() == ({"aa", "bb"} if declared else {"bb"})
+
+
+def test_what_was_removed_at_the_end_of_its_idling_is_not_made_again(robot):
+    robot.declare({"cam": {"idle": {"action": "pause", "escalate": {"after": "3s", "action": "remove"}}}})
+    for _ in range(2):
+        robot.request("cam")
+        robot.wait(lambda: robot.active() == {"cam"})
+        robot.release()
+        robot.wait(lambda: robot.states() == {})
+        later(robot, 20)
+    assert sum(line.startswith("+ create") for line in robot.log()) <= 3
+    robot.request("cam")
+    robot.wait(lambda: robot.active() == {"cam"})
+
+
+def test_an_option_that_the_engine_refuses_holds_nothing_else_back(robot):
+    spec = {"idle": {"action": "pause"}, "container": {"cpu_shares": 512}}
+    robot.declare({"cam": spec})
+    robot.request("cam")
+    robot.wait(lambda: robot.active() == {"cam"})
+    robot.sim.faults.fail["update", "cam"] = ["no such cgroup"] * 1000
+    robot.declare({"cam": {**spec, "container": {"cpu_shares": 256}}})
+    robot.wait(lambda: "no such cgroup" in robot.waits("cam"))
+    robot.release()
+    robot.wait(lambda: robot.states()["cam"] == "paused", 5)
+    robot.request("cam")
+    robot.wait(lambda: robot.active() == {"cam"}, 5)
+    ask(robot, "cam")
+    robot.wait(lambda: starts(robot, "cam") == 2, 5)
