@@ -84,21 +84,23 @@ def decide(inputs: Inputs) -> Decision:
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
     holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
+    suspension, interlocks = inputs.suspended, _interlocks(inputs)
+    suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
     barred = {**{s.service: s.reason for s in inputs.memory.pressure.shed}, **holds}
     verdict = arbitrate(desired.catalog, requests, barred)
+    free = arbitrate(desired.catalog, requests, holds) if inputs.memory.pressure.shed else verdict
     memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
                      inputs.findings, now, inputs.booted_at)
-    memory, relieved = relieve(memory, desired, verdict, requests, barred, inputs.observed, inputs.load)
+    memory, relieved = relieve(memory, desired, verdict, free, inputs.observed, inputs.load, barred,
+                               [n for n, why in interlocks.items() if why], bool(suspended))
     if memory.pressure.shed != inputs.memory.pressure.shed:
         verdict = arbitrate(desired.catalog, requests, {
             **{s.service: s.reason for s in memory.pressure.shed}, **holds})
     served = _served(inputs)
     situation = Situation(
         desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
-        _due(inputs, served), inputs.removals, verdict.gave_way, verdict.ranks, _interlocks(inputs), relieved.lowered,
-        relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed,
-        _until("suspended", inputs.suspended)
-        if inputs.suspended and inputs.suspended.until > inputs.wall else "")
+        _due(inputs, served), inputs.removals, verdict.gave_way, verdict.ranks, interlocks, relieved.lowered,
+        relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed, suspended)
     plan = make_plan(situation)
     violations = tuple(check(plan, situation))
     held_back = violations or situation.suspended
@@ -168,7 +170,8 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
 
 def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
     """Readiness of wanted services that run, until they are ready (or always, where it can be lost); life of those
-    that are; interlocks of services that the plan wants to touch. A probe that is the clock needs nobody to ask."""
+    that are; interlocks of services that the plan wants to touch, or that measures against pressure may. A probe that
+    is the clock needs nobody to ask."""
     found: dict[tuple[str, str], Target] = {}
     containers = situation.observed.by_service()
     services = situation.desired.catalog.services
@@ -182,7 +185,10 @@ def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
             found[name, "ready"] = Target(service.ready, step.incarnation, every, current)
         if service.live and step.ready:
             found[name, "live"] = Target(service.live, step.incarnation, service.live.interval, current)
-    for name in {a.service for a in plan.actions} | {w.service for w in plan.waitings}:
+    touched = {a.service for a in plan.actions} | {w.service for w in plan.waitings}
+    if situation.memory.pressure.engaged:
+        touched |= set(situation.wanted)  # any of them may have to go
+    for name in touched:
         interlock = services[name].interlock if name in services else None
         if interlock:
             found[name, "interlock"] = Target(interlock, "", interlock.interval)

@@ -6,7 +6,7 @@ from the current sample.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rorg.manifest.catalog import Budget, Thresholds
@@ -20,6 +20,8 @@ that nobody writes, so that a rorg that was killed meanwhile still knows whose s
 FLAP = 60.0
 """Seconds within which a service that must be shed again has its time of calm doubled."""
 CALM_MOST = 300.0
+PATIENCE = 30.0
+"""Seconds that the next measure waits for what was shed to end. What takes longer is taken to hang."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +69,30 @@ class Pressure:
     restored: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Service -> (when it was put back, how long calm must last before the next time)."""
 
+    @property
+    def engaged(self) -> bool:
+        return bool(self.level or self.shed)
+
     def in_force(self, measure: str) -> bool:
         return self.level > MEASURES.index(measure)
 
 
+Victim = tuple[str, float, int]
+"""A service that could be shed, with the cores and bytes that it and all that goes with it use."""
+
+
 @dataclass(frozen=True, slots=True)
 class Chances:
-    """What could be done now: whether a measure would change anything, and whom to shed next."""
+    """What could be done now."""
 
     useful: frozenset[str] = frozenset()
     """Those of MEASURES that would change something now."""
-    next_shed: Callable[[tuple[str, ...]], tuple[str, float, int] | None] = lambda pressed: None
-    """(service, cores, bytes that it and all that goes with it use), given what is pressed."""
+    next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda pressed: None
+    """Whom to shed next, given what is pressed."""
+    settling: bool = False
+    """What was shed last still has to end."""
+    below: Callable[[str], Sequence[Victim]] = lambda service: ()
+    """Who runs and could be shed in place of a service, because it matters less; who matters least comes first."""
 
 
 NONE = Pressure()
@@ -117,13 +131,16 @@ def advance(state: Pressure, limits: Thresholds | None, budget: Budget | None, l
         return state
     state = replace(state, seen=load.at)
     over = pressed(limits, budget, load)
+    # A sample covers the time since the one before: only one that began after the last measure tells its effect.
+    tells = not state.engaged or load.at - state.changed_at >= 2 * limits.step - 0.01
+    tells = tells and not (chances.settling and load.at - state.changed_at < PATIENCE)
     if over:
         state = replace(state, pressed=tuple(over), reason="; ".join(over.values()), calm_since=None)
-        # A sample covers the time since the one before: only one that began after the last measure tells its effect.
-        return state if state.level and load.at - state.changed_at < 2 * limits.step - 0.01 else _more(
-            state, load, chances)
-    if not state.level:
+        return _more(state, load, chances) if tells else state
+    if not state.engaged:
         return replace(state, pressed=(), reason="")
+    if tells and (swapped := _swap(state, limits, budget, load, chances)):
+        return swapped
     if not calm(limits, budget, load):
         return replace(state, pressed=(), calm_since=None)
     since = load.at if state.calm_since is None else state.calm_since
@@ -145,12 +162,42 @@ def _more(state: Pressure, load: Load, chances: Chances) -> Pressure:
     chosen = chances.next_shed(state.pressed)
     if chosen is None:
         return replace(state, level=max(level, state.level))
-    name, cpu, memory = chosen
-    restored = dict(state.restored)
-    at, wait = restored.get(name, (float("-inf"), 0.0))
-    restored[name] = (at, min(2 * wait, CALM_MOST) if load.at - at < FLAP + wait else 0.0)
-    return replace(state, level=len(MEASURES), changed_at=load.at, restored=restored,
-                   shed=(*state.shed, Shed(name, cpu, memory, f"shed under pressure: {state.reason}")))
+    return _shed(replace(state, level=len(MEASURES)), chosen, f"shed under pressure: {state.reason}", load)
+
+
+def _shed(state: Pressure, victim: Victim, reason: str, load: Load) -> Pressure:
+    name, cpu, memory = victim
+    at, wait = state.restored.get(name, (float("-inf"), 0.0))
+    wait = min(2 * wait, CALM_MOST) if load.at - at < FLAP + wait else 0.0
+    return replace(state, changed_at=load.at, restored={**state.restored, name: (at, wait)},
+                   shed=(*state.shed, Shed(name, cpu, memory, reason)))
+
+
+def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load, chances: Chances) -> Pressure | None:
+    """Brings back what was shed and matters more by now than others that run, in their place: only where it fits
+    then, so that nobody is swapped to and fro."""
+    cores, memory = (limits.high * most for most in _budget(budget, load))
+    for shed in state.shed:
+        cpu, used, victims = load.cpu + shed.cpu, load.memory + shed.memory, []
+        for victim in chances.below(shed.service):
+            if cpu <= cores and used <= memory:
+                break
+            victims.append(victim)
+            cpu, used = cpu - victim[1], used - victim[2]
+        if not victims or cpu > cores or used > memory:
+            continue
+        wait = state.restored.get(shed.service, (0.0, 0.0))[1]
+        state = replace(state, shed=tuple(s for s in state.shed if s is not shed), calm_since=None,
+                        restored={**state.restored, shed.service: (load.at, max(wait, limits.calm))})
+        for victim in victims:
+            state = _shed(state, victim, f"shed under pressure, in place of {shed.service}, which matters more", load)
+        return state
+    return None
+
+
+def without(state: Pressure, services: Collection[str]) -> Pressure:
+    """Not shed any more, without waiting for room."""
+    return replace(state, shed=tuple(s for s in state.shed if s.service not in services))
 
 
 def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load) -> Pressure:
@@ -165,7 +212,8 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
             left = tuple(s for s in state.shed if s is not shed)
             return replace(state, shed=left, changed_at=load.at, calm_since=load.at,
                            restored={**state.restored, shed.service: (load.at, wait)})
-    if state.shed or load.at - since < limits.calm:
+    if not state.level or load.at - since < limits.calm:
         return state
-    level = state.level - 1
-    return replace(state, level=level, changed_at=load.at, calm_since=load.at, reason=state.reason if level else "")
+    # What does not fit stays away, but keeps nobody else away.
+    left = replace(state, level=state.level - 1, changed_at=load.at, calm_since=load.at)
+    return left if left.engaged else replace(left, reason="")

@@ -249,7 +249,7 @@ class Loop:
 
     def _load_matters(self, load: Load) -> bool:
         limits = self._limits()
-        return limits is not None and bool(self.memory.pressure.level or pressed(
+        return limits is not None and bool(self.memory.pressure.engaged or pressed(
             limits, self.tree.desired.catalog.policy.budget, load))
 
     def use(self) -> dict[str, tuple[float, int]]:
