@@ -6,24 +6,29 @@ Every pass is checked (see `invariants`), and so is the state in which the robot
 from __future__ import annotations
 
 import contextlib
+import copy
+import os
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
 from robots import write_tree
 
-from rorg.core.arbitrate import PROTECTED
+from rorg.core.arbitrate import PROTECTED, over_budget
 from rorg.core.observed import Container
+from rorg.core.plan import Action
 from rorg.core.requests import problems
-from rorg.errors import RorgError
-from rorg.manifest.catalog import Hold, Request
+from rorg.errors import Invalid, RorgError
+from rorg.manifest.catalog import Catalog, Hold, Request
 from rorg.manifest.load import load_or_raise
-from rorg.manifest.references import closure
-from rorg.sim.robot import SimRobot
+from rorg.manifest.references import closure, conflicting, overbooked
+from rorg.manifest.scalars import stamp
+from rorg.sim.robot import SimRobot, iso
 
 NAMES = [f"s{n}" for n in range(6)]
+EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES", "60"))
 QUIET = 100.0
 """Seconds at the end of every run in which nothing may happen any more."""
 REST = 200.0
@@ -32,26 +37,41 @@ REST = 200.0
 
 @st.composite
 def services(draw):
-    """Trees without cycles: a service needs only earlier ones."""
-    found = {}
+    """Trees without cycles, and without services that could never run: one needs only earlier ones, and nothing that
+    excludes it."""
+    found: dict[str, dict] = {}
     for index, name in enumerate(NAMES):
-        needs = draw(st.lists(st.sampled_from(NAMES[:index]), max_size=2, unique=True)) if index else []
+        earlier = draw(st.lists(st.sampled_from(NAMES[:index]), max_size=2, unique=True)) if index else []
+        exclusive = draw(st.sampled_from([[], [], [], ["gpu"], ["cam"], ["cam", "gpu"]]))
+        needs: list[str] = []
+        for need in earlier:
+            used = [r for n in {*below(found, [*needs, need])} for r in found[n]["exclusive"]] + exclusive
+            needs += [need] if len(used) == len(set(used)) else []
+        others = [n for n in NAMES[:index] if n not in below(found, needs)]
         idle = {"action": draw(st.sampled_from(["pause", "stop", "remove"])),
                 "linger": draw(st.sampled_from(["0s", "1s", "5s"])),
                 "min_active": draw(st.sampled_from(["0s", "2s"]))}
-        if draw(st.integers(0, 2)) == 0:
-            idle["escalate"] = {"after": "3s", "action": "stop"}
+        if idle["action"] != "remove" and draw(st.integers(0, 2)) == 0:
+            idle["escalate"] = {"after": "3s", "action": draw(st.sampled_from(["stop", "remove"]))
+                                if idle["action"] == "pause" else "remove"}
         found[name] = {
             "needs": [{"service": n, "restart": True} if draw(st.booleans()) else n for n in needs],
             "always_on": draw(st.integers(0, 5)) == 0, "idle": idle,
             "ready": draw(st.sampled_from([{"delay": "300ms"}, {"tcp": 1234}])),
             "live": draw(st.sampled_from([None, {"tcp": 1234}])),
+            "interlock": draw(st.sampled_from([None, None, None, {"file": "/allow"}])),
             "priority": draw(st.sampled_from([20, 50, 80])), "protected": draw(st.integers(0, 4)) == 0,
-            "exclusive": draw(st.sampled_from([[], [], ["gpu"]])),
+            "exclusive": exclusive, "conflicts": draw(st.sampled_from([[], [], [], others[:1]])),
             "resources": {"cpu": draw(st.sampled_from([0.1, 0.5])), "memory": draw(st.sampled_from(["1Mi", "1Gi"]))},
         }
         found[name] = {k: v for k, v in found[name].items() if v is not None}
     return found
+
+
+def below(specs: dict, names: list[str]) -> set[str]:
+    """The named services and all that they need."""
+    more = [n if isinstance(n, str) else n["service"] for name in names for n in specs[name]["needs"]]
+    return {*names, *below(specs, more)} if more else {*names}
 
 
 POLICIES = st.sampled_from([
@@ -59,129 +79,236 @@ POLICIES = st.sampled_from([
     {"budget": {"cpu": 2.0, "memory": "4Gi"}, "pressure": {"step": "2s", "calm": "4s", "admit": 30}},
     {"budget": {"cpu": 1.5, "over": "queue"}, "pressure": {"step": "1s", "calm": "2s"}, "resources": {"gpu": 2}},
 ])
-EVENTS = st.lists(st.tuples(
-    st.sampled_from(["request", "lease", "release", "kill", "pause", "hang", "freeze", "request_as", "replace", "hold",
-                     "suspend", "load", "unload"]),
-    st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)), max_size=14)
+VERBS = ("request", "request", "lease", "urgent", "release", "kill", "pause", "hang", "slow", "freeze", "thaw",
+         "request_as", "replace", "always_on", "needs", "hold", "suspend", "load", "unload", "lock", "unlock",
+         "restart", "restart_later", "outage", "refuse", "removing")
+EVENTS = st.lists(st.tuples(st.sampled_from(VERBS), st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)),
+                  max_size=16)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=EXAMPLES, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate),
+          suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 @given(services(), POLICIES, EVENTS)
 def test_every_robot_comes_to_rest_as_asked(specs, policy, events):
     with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        catalog = load_or_raise(write_tree(root, specs, policies={"policy": policy}))
-        robot = SimRobot(catalog)
+        world = World(Path(folder), specs, policy)
+        try:
+            robot = SimRobot(world.load())
+        except Invalid:
+            reject()  # by chance all of it could never be active together
         time = 0.0
         for verb, name, pause in events:
             time += pause
-            robot.at(time, lambda verb=verb, name=name: disturb(robot, verb, name, specs, root, policy))
+            robot.at(time, lambda verb=verb, name=name: disturb(robot, verb, name, world))
+        robot.at(time, lambda: robot.locked.clear())
         robot.at(time + REST, lambda: None)
-        robot.run(lambda r: invariants(r) and r.now >= time + REST, time + 2 * REST)
-        at_rest(robot, specs)
+        watch = Watch(robot, world)
+        robot.run(lambda r: watch.invariants() and r.now >= time + REST, time + 2 * REST)
+        at_rest(robot, world)
 
 
-def at_rest(robot: SimRobot, specs: dict) -> None:
-    situation = robot.decision.situation
+class World:
+    """What the manifests say, as it changes."""
+
+    def __init__(self, root: Path, specs: dict, policy: dict) -> None:
+        self.root, self.specs, self.policy = root, copy.deepcopy(specs), policy
+
+    def load(self) -> Catalog:
+        return load_or_raise(write_tree(self.root, self.specs, policies={"policy": self.policy}))
+
+    def change(self, robot: SimRobot, name: str, **changes) -> None:
+        """Changes a manifest, unless that would be refused."""
+        before = self.specs[name]
+        self.specs[name] = {**before, **changes}
+        try:
+            robot.declare(self.load())
+        except Invalid:
+            self.specs[name] = before
+
+
+def at_rest(robot: SimRobot, world: World) -> None:
+    situation, catalog = robot.decision.situation, robot.desired.catalog
     late = [call for call in robot.engine.calls if call[0] > robot.now - QUIET]
     assert not late, f"it does not come to rest: {late[:6]}"
-    wanted = {n for n in situation.wanted if n != "developer"}
+    wanted = {n for n in situation.wanted if not catalog.services[n].meta}
     waiting = {w.service for w in robot.decision.plan.waitings}
     assert robot.active() <= wanted
     assert wanted - robot.active() <= waiting, "wanted is served or explained"
     if not robot.memory.pressure.level:
-        assert robot.active() == wanted
+        assert robot.active() == wanted, robot.decision.plan.text()
     for name, state in robot.states().items():
         if name not in situation.wanted:
-            idle = specs[name]["idle"]
+            idle = world.specs[name]["idle"]
             allowed = {"pause": ("paused", "created", "exited"), "stop": ("created", "exited"), "remove": ()}
             assert state in allowed[idle["action"]], (name, state)
             assert not (state == "paused" and "escalate" in idle), f"{name} was never stopped"
     assert len(robot.engine.list()) == len(robot.states()), "two containers of a service"
-    for resource in ("gpu",):
-        holders = [n for n, s in robot.states().items() if s in ("running", "paused") and specs[n]["exclusive"]]
-        wanted_holders = [n for n in holders if n in situation.wanted]
-        assert len(wanted_holders) <= robot.desired.catalog.policy.resources.get(resource, 1)
+    nobody_waits_in_vain(robot)
 
 
-def invariants(robot: SimRobot) -> bool:
-    """Of one pass."""
-    decision, services = robot.decision, robot.desired.catalog.services
-    situation = decision.situation
-    told = {a.service for a in decision.plan.actions} | {w.service for w in decision.plan.waitings} | {
-        *robot.memory.in_flight}
-    states = robot.states()
-    for name in situation.wanted:
-        assert services[name].meta or states.get(name) == "running" or name in told, f"{name} is not explained"
-    for name in robot.active():
-        assert name in situation.wanted or name in told, f"{name} runs though nobody wants it"
-    for name, flight in robot.memory.in_flight.items():
-        if flight.action.verb in ("start", "resume") and flight.since == robot.now:
-            assert not situation.suspended and name not in decision.holds
+def nobody_waits_in_vain(robot: SimRobot) -> None:
+    """What gave way could not run beside what runs."""
+    situation, catalog = robot.decision.situation, robot.desired.catalog
+    services, budget = catalog.services, catalog.policy.budget
+    out = {*robot.decision.holds, *(s.service for s in robot.memory.pressure.shed)}
+    for name in situation.gave_way:
+        more = {n for n in closure(services, [name]) if not services[n].meta}
+        names = {*situation.wanted, *more}
+        in_the_way = more & out or overbooked(catalog, names) or conflicting(services, names)
+        too_much = budget and budget.over == "queue" and over_budget(catalog, names)
+        assert in_the_way or too_much, f"{name} waits for nothing: {situation.gave_way[name]}"
+
+
+class Watch:
+    """Checks every pass, and what changed since the one before."""
+
+    def __init__(self, robot: SimRobot, world: World) -> None:
+        self.robot, self.world = robot, world
+        self.shed: tuple = ()
+        self.begun: set[tuple] = set()
+
+    def invariants(self) -> bool:
+        robot, services = self.robot, self.robot.desired.catalog.services
+        situation = robot.decision.situation
+        told = {a.service for a in robot.decision.plan.actions} | {
+            w.service for w in robot.decision.plan.waitings} | {*robot.memory.in_flight}
+        states = robot.states()
+        if situation.observed.complete:
+            for name in situation.wanted:
+                assert services[name].meta or states.get(name) == "running" or name in told, f"{name}: not explained"
+            for name in robot.active():
+                assert name in situation.wanted or name in told, f"{name} runs though nobody wants it"
+            alive = {c.incarnation for c in robot.engine.list() if c.alive}
+            assert all(r.incarnation in alive for r in robot.decision.settled.requests if r.requester != "developer")
+        for name, flight in robot.memory.in_flight.items():
+            if (name, flight.since) not in self.begun:
+                self.begun.add((name, flight.since))
+                self.beginning(name, flight.action)
+        self.shedding()
+        return True
+
+    def beginning(self, name: str, action: Action) -> None:
+        """An action is begun just now."""
+        robot, services = self.robot, self.robot.desired.catalog.services
+        situation = robot.decision.situation
+        assert not situation.suspended and situation.observed.complete
+        assert name not in robot.locked or action.verb in ("create", "rename"), f"{action} against its interlock"
+        if action.verb in ("start", "resume"):
+            assert name not in robot.decision.holds
             for need in services[name].needs:
-                assert robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
-            for resource in services[name].exclusive:
-                alive = [c for c in robot.engine.list() if c.alive and c.service != name
-                         and resource in services[c.service].exclusive]
-                assert len(alive) < robot.desired.catalog.policy.resources.get(resource, 1), "more than there are"
-    alive = {c.incarnation for c in robot.engine.list() if c.alive}
-    assert all(r.incarnation in alive for r in decision.settled.requests if r.requester != "developer")
-    shed_well(robot)
-    return True
+                assert services[need].meta or robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
+            self.alone(name)
+        if action.reason.endswith(" was restarted"):
+            need = action.reason.split()[0]
+            run = next(c for c in robot.engine.list() if c.service == name)
+            since = [at for at, verb, other in robot.engine.calls if (verb, other) == ("start", need)]
+            assert len(since) > 1 and iso(since[-1]) > run.started_at, f"{need} was not restarted"
+
+    def alone(self, name: str) -> None:
+        """Nothing that is alive stands against its beginning."""
+        robot, catalog = self.robot, self.robot.desired.catalog
+        alive = {c.service for c in robot.engine.list() if c.alive and c.service in catalog.services} - {name}
+        for resource, units in catalog.services[name].exclusive.items():
+            used = sum(catalog.services[n].exclusive.get(resource, 0) for n in alive)
+            assert used + units <= catalog.policy.resources.get(resource, 1), f"more {resource} than there is"
+        active = {n for n in robot.active() if n in catalog.services}
+        assert not [p for p in conflicting(catalog.services, {*active, name}) if name in p]
+
+    def shedding(self) -> None:
+        """What was shed just now mattered least of all that could be shed, and no more important request held it."""
+        situation, state = self.robot.decision.situation, self.robot.memory.pressure
+        new, self.shed = [s.service for s in state.shed if s not in self.shed], state.shed
+        services = self.robot.desired.catalog.services
+        for shed in new:
+            assert not situation.suspended and not services[shed].protected
+            for name in situation.wanted:
+                assert shed not in services[name].needs, f"{name} needs {shed}"
+            askers = {r.requester for r in self.robot.decision.settled.requests}
+            needed = {n for w in situation.wanted for n in services[w].needs}
+            shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
+            spared = {*askers, *needed, *shields, *closure(services, [shed])}
+            others = [n for n, rank in situation.ranks.items() if rank < PROTECTED and not services[n].meta
+                      and n in self.robot.active() and n not in spared and not services[n].interlock]
+            assert all(situation.ranks[n] >= services[shed].priority for n in others), (shed, others)
 
 
-def shed_well(robot: SimRobot) -> None:
-    """What was shed just now mattered least of all that could be shed, and no more important request held it."""
-    situation, state = robot.decision.situation, robot.memory.pressure
-    if not state.shed or state.changed_at != robot.now:
-        return
-    services, shed = robot.desired.catalog.services, state.shed[-1].service
-    assert not services[shed].protected
-    for name in situation.wanted:
-        assert shed not in services[name].needs, f"{name} needs {shed}"
-    askers = {r.requester for r in robot.decision.settled.requests}
-    needed = {n for w in situation.wanted for n in services[w].needs}
-    shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
-    others = [n for n, rank in situation.ranks.items() if rank < PROTECTED and not services[n].meta
-              and n in robot.active() and n not in {*askers, *needed, *shields, *closure(services, [shed])}]
-    assert all(situation.ranks[n] >= services[shed].priority for n in others)
-
-
-def disturb(robot: SimRobot, verb: str, name: str, specs: dict, root: Path, policy: dict) -> None:
+def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
     """Something that happens to a robot. What is impossible at the moment does not happen."""
+    if verb in ("replace", "always_on", "needs"):
+        rewrite(robot, verb, name, world)
+    elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):
+        spoil(robot, verb, name, world)
+    elif verb in ("kill", "pause", "freeze", "thaw", "request_as", "removing"):
+        current = next((c for c in robot.engine.list() if c.service == name and (
+            c.alive or verb == "removing")), None)
+        if current:
+            meddle(robot, verb, current)
+    else:
+        ask(robot, verb, name)
+
+
+def ask(robot: SimRobot, verb: str, name: str) -> None:
+    """A person writes into the requests file."""
     asked = robot.asked
-    if verb in ("request", "lease"):
-        request = Request(name, "developer", (name,), ttl=5.0 if verb == "lease" else None, renewed=str(robot.now))
+    if verb in ("request", "lease", "urgent"):
+        request = Request(name, "developer", (name,), ttl=5.0 if verb == "lease" else None, renewed=str(robot.now),
+                          priority=90 if verb == "urgent" else None)
         if not problems(robot.desired.catalog, asked.requests, request):
             robot.asked = asked.put(request)
     elif verb == "release":
         robot.asked = asked.without({("developer", name)})
-    elif verb == "hang":
-        robot.faults.hang["start", name] = 10.0
-    elif verb == "replace":
-        specs[name]["container"] = {"environment": {"N": str(robot.now)}}
-        robot.declare(load_or_raise(write_tree(root, specs, policies={"policy": policy})))
     elif verb == "hold":
         robot.asked = replace(asked, holds={name: Hold(robot.wall + 4.0)})
     elif verb == "suspend":
         robot.asked = replace(asked, suspended=Hold(robot.wall + 4.0))
+    else:
+        at = stamp(robot.wall + {"restart": 0.0, "restart_later": 5.0}[verb])
+        robot.asked = replace(asked, restarts={**asked.restarts, name: at})
+
+
+def rewrite(robot: SimRobot, verb: str, name: str, world: World) -> None:
+    """A person writes a manifest."""
+    spec = world.specs[name]
+    if verb == "replace":
+        world.change(robot, name, container={"environment": {"N": str(robot.now)}})
+    elif verb == "always_on":
+        world.change(robot, name, always_on=not spec["always_on"])
+    else:
+        first = [{"service": n, "restart": True} for n in NAMES[:NAMES.index(name)][:1]]
+        world.change(robot, name, needs=[] if spec["needs"] else first)
+
+
+def spoil(robot: SimRobot, verb: str, name: str, world: World) -> None:
+    """Something around it goes wrong, or well again."""
+    if verb in ("hang", "slow"):
+        robot.faults.hang["start" if verb == "hang" else "stop", name] = 10.0
+    elif verb == "refuse":
+        robot.faults.fail["update", name] = ["no such cgroup"] * 3
+    elif verb == "outage":
+        robot.faults.unreachable = True
+        robot.at(robot.now + 3.0, lambda: setattr(robot.faults, "unreachable", False))
     elif verb in ("load", "unload"):
         robot.extra = (1.0, 2 << 30) if verb == "load" else (0.0, 0)
     else:
-        current = next((c for c in robot.engine.list() if c.service == name and c.alive), None)
-        if current:
-            meddle(robot, verb, current)
+        robot.locked = {name} if verb == "lock" and "interlock" in world.specs[name] else set()
 
 
 def meddle(robot: SimRobot, verb: str, current: Container) -> None:
-    """Something that happens to a container that is alive."""
+    """Something that happens to a container."""
     if verb == "request_as":
         other = NAMES[(NAMES.index(current.service) + 3) % len(NAMES)]
-        robot.asked = robot.asked.put(Request("r", current.service, (other,), incarnation=current.incarnation))
+        request = Request("r", current.service, (other,), incarnation=current.incarnation)
+        if not problems(robot.desired.catalog, robot.asked.requests, request):
+            robot.asked = robot.asked.put(request)
     elif verb == "kill":
         robot.engine.kill(current.id)
     elif verb == "freeze":
         robot.hung.add(current.incarnation)
+    elif verb == "thaw":
+        robot.hung.discard(current.incarnation)
+    elif verb == "removing":
+        robot.engine.containers[current.id] = replace(current, state="removing")
+        robot.at(robot.now + 2.0, lambda: robot.engine.containers.pop(current.id, None))
     elif verb == "pause":
         with contextlib.suppress(RorgError):
             robot.engine.pause(current.id)
