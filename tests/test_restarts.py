@@ -110,6 +110,27 @@ def test_a_service_turned_into_a_meta_service_loses_its_container_and_nobody_els
     assert robot.states() == {"bb": "running"}
 
 
+def test_an_interlock_outlives_its_manifest(robot):
+    arm = {"always_on": True, "interlock": {"file": "/allow"}, "container": {"stop_signal": "SIGINT"}}
+    robot.declare({"arm": arm, "cam": {"always_on": True}})
+    robot.settle()
+    robot.sim.locked = {"arm"}
+    robot.declare({"cam": {"always_on": True}})
+    later(robot, 10)
+    assert robot.active() == {"arm", "cam"}
+    assert "interlock" in robot.waits("arm")
+    robot.sim.locked = set()
+    robot.wait(lambda: robot.active() == {"cam"})
+
+
+def test_what_no_manifest_declares_any_more_is_stopped_as_it_was_declared(robot):
+    robot.declare({"arm": {"always_on": True, "container": {"stop_signal": "SIGINT", "stop_grace_period": "7s"}}})
+    robot.settle()
+    robot.declare({"cam": {}})
+    stop = next(a for a in robot.sim.step().plan.actions if a.verb == "stop")
+    assert (stop.args["signal"], stop.args["grace"]) == ("SIGINT", 7.0)
+
+
 @pytest.mark.parametrize("declared", [True, False])
 def test_a_container_that_the_engine_is_removing_is_waited_for(robot, declared):
     robot.declare({"aa": {"idle": {"action": "remove"}}, "bb": {"always_on": True}})

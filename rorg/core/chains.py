@@ -9,7 +9,7 @@ from typing import Any
 
 from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
-from rorg.core.digest import labels
+from rorg.core.digest import declared_of, labels
 from rorg.core.observed import Container
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.manifest.catalog import Service
@@ -88,7 +88,7 @@ class Chains:
         spec = service.spec or {}
         fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
         return Step("create", None, "changed" if stale else "no container", fields, {
-            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec),
+            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec, service.interlock),
             "digest": self.desired.digests[service.name],
         })
 
@@ -219,7 +219,7 @@ def away(container: Container, reason: str, service: Service | None = None) -> l
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
-    spec = (service.spec if service else None) or {}
+    spec = (service.spec if service else None) or declared_of(container.declared)
     return Step("stop", container, reason, args={
         "signal": spec.get("stop_signal", "SIGTERM"),
         "grace": spec.get("stop_grace_period", STOP_GRACE),

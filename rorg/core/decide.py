@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from rorg.core.arbitrate import arbitrate
 from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
+from rorg.core.digest import interlock_of
 from rorg.core.lanes import Lanes, relief, select
 from rorg.core.memory import Findings, Memory, advance, begin
 from rorg.core.observed import Container, Observed
@@ -141,13 +142,20 @@ def _due(inputs: Inputs, served: Mapping[str, str]) -> dict[str, str]:
 def _interlocks(inputs: Inputs) -> dict[str, str]:
     """What each interlock said just now: empty where it allows."""
     found = {}
-    for name, service in inputs.desired.catalog.services.items():
-        if service.interlock:
-            said = inputs.findings.get((name, "interlock"))
-            fresh = said is not None and inputs.now - said.at <= service.interlock.interval + FRESH
-            answer = said.message if fresh else f"{service.interlock} is being asked"
-            found[name] = "" if fresh and said.ok else answer
+    for name, interlock in _all_interlocks(inputs.desired, inputs.observed).items():
+        said = inputs.findings.get((name, "interlock"))
+        fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
+        answer = said.message if fresh else f"{interlock} is being asked"
+        found[name] = "" if fresh and said.ok else answer
     return found
+
+
+def _all_interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
+    """Those of the manifests; and of containers that no manifest declares any more, those that they were made with."""
+    services = desired.catalog.services
+    left = {c.service: found for c in observed.containers if c.interlock and (
+        c.service not in services or services[c.service].meta) and (found := interlock_of(c.interlock))}
+    return {**left, **{name: s.interlock for name, s in services.items() if s.interlock}}
 
 
 def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
@@ -188,8 +196,7 @@ def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
     touched = {a.service for a in plan.actions} | {w.service for w in plan.waitings}
     if situation.memory.pressure.engaged:
         touched |= set(situation.wanted)  # any of them may have to go
-    for name in touched:
-        interlock = services[name].interlock if name in services else None
-        if interlock:
+    for name, interlock in _all_interlocks(situation.desired, situation.observed).items():
+        if name in touched:
             found[name, "interlock"] = Target(interlock, "", interlock.interval)
     return found

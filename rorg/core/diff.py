@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
-from rorg.core.digest import declared_fields
+from rorg.core.digest import declared_fields, declared_of
 from rorg.core.observed import Container
 from rorg.manifest.catalog import Spec
 from rorg.manifest.container import LIVE
@@ -32,7 +31,7 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     was: Mapping[str, Any] = {}
     changed: list[str] = []
     if container.digest != digest:
-        was = _parse(container.declared)
+        was = declared_of(container.declared)
         changed = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
         if not was:
             # Without a readable record of what it was made from, only a new container is sure to be right. With one,
@@ -48,12 +47,3 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     }
     in_place = {"container_name", *(k for k in LIVE if k in was and k in spec)}
     return Difference(tuple(k for k in changed if k not in in_place), live)
-
-
-@lru_cache(maxsize=1024)
-def _parse(text: str) -> Mapping[str, Any]:
-    try:
-        value = json.loads(text)
-    except ValueError:
-        return {}
-    return value if isinstance(value, dict) else {}

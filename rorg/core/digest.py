@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC
-from rorg.manifest.catalog import Spec
+from rorg.core.observed import LABEL_DECLARED, LABEL_INTERLOCK, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC
+from rorg.manifest.catalog import Probe, Spec
 
 VERSION = "v1"
 
@@ -36,12 +37,34 @@ def declared_fields(spec: Spec) -> dict[str, Any]:
     return fields
 
 
-def labels(owner: str, service: str, spec: Spec) -> Mapping[str, str]:
+def labels(owner: str, service: str, spec: Spec, interlock: Probe | None = None) -> Mapping[str, str]:
     """What marks a container as ours and says what it was created from."""
+    locked = {LABEL_INTERLOCK: canonical([interlock.kind, interlock.target, interlock.interval])} if interlock else {}
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
         LABEL_SERVICE: service,
         LABEL_SPEC: digest(spec),
         LABEL_DECLARED: canonical(declared_fields(spec)),
+        **locked,
     }
+
+
+@lru_cache(maxsize=1024)
+def declared_of(label: str) -> Mapping[str, Any]:
+    """What the label rorg.io/declared says; empty where it cannot be read."""
+    try:
+        value = json.loads(label)
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+@lru_cache(maxsize=1024)
+def interlock_of(label: str) -> Probe | None:
+    """The interlock that the label rorg.io/interlock carries."""
+    try:
+        kind, target, interval = json.loads(label)
+        return Probe(str(kind), str(target), interval=float(interval))
+    except (ValueError, TypeError):
+        return None

@@ -10,6 +10,13 @@ LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
 LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
+LABEL_INTERLOCK = "rorg.io/interlock"
+
+
+def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
+    """What our labels say of a container, as fields of Container."""
+    return {"service": labels.get(LABEL_SERVICE, ""), "digest": labels.get(LABEL_SPEC, ""),
+            "declared": labels.get(LABEL_DECLARED, ""), "interlock": labels.get(LABEL_INTERLOCK, "")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +37,8 @@ class Container:
     """The label rorg.io/spec: the digest of what it was created from."""
     declared: str = ""
     """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
+    interlock: str = ""
+    """The label rorg.io/interlock: what had to allow touching it, for when no manifest says so any more."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """Options that the engine can change in place, as they are now."""
     pid: int = 0

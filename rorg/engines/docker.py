@@ -17,7 +17,7 @@ import urllib3
 from docker.errors import APIError, DockerException
 from docker.utils.socket import frames_iter
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
+from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.docker_body import create_body, live_options, update_body
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
@@ -101,9 +101,8 @@ class DockerEngine:
         except Unreachable as error:
             if "timed out" not in str(error):
                 raise
-        labels = row.get("Labels") or {}
-        return Container(row["Id"], row["Names"][0].lstrip("/"), labels.get(LABEL_SERVICE, ""), row["State"],
-                         digest=labels.get(LABEL_SPEC, ""), declared=labels.get(LABEL_DECLARED, ""))
+        return Container(row["Id"], row["Names"][0].lstrip("/"), state=row["State"],
+                         **from_labels(row.get("Labels") or {}))
 
     def _quick(self) -> docker.APIClient:
         """A second client of this thread, with little patience."""
@@ -264,17 +263,15 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
     return Container(
         id=data["Id"],
         name=data["Name"].lstrip("/"),
-        service=labels.get(LABEL_SERVICE, ""),
         state=state["Status"],
         started_at="" if started.startswith("0001-") else started,
         exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
         oom_killed=bool(state.get("OOMKilled")),
         error=state.get("Error") or "",
-        digest=labels.get(LABEL_SPEC, ""),
-        declared=labels.get(LABEL_DECLARED, ""),
         live=live_options(data.get("HostConfig") or {}),
         pid=state.get("Pid") or 0,
         health=(state.get("Health") or {}).get("Status", ""),
+        **from_labels(labels),
     )
 
 

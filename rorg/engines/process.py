@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
+from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.process_log import read_log, read_log_from
 from rorg.engines.process_table import MARK, boot_id, is_same, members, signal_group, stat
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
@@ -92,10 +92,9 @@ class ProcessEngine:
             return None
         state, code = self._state(record)
         return Container(
-            id=record["id"], name=record["name"], service=labels.get(LABEL_SERVICE, ""), state=state,
-            started_at=record.get("started_at", ""), exit_code=code, error="", digest=labels.get(LABEL_SPEC, ""),
-            declared=labels.get(LABEL_DECLARED, ""), live=record["live"],
-            pid=record.get("pid", 0) if state in ("running", "paused") else 0,
+            id=record["id"], name=record["name"], state=state, started_at=record.get("started_at", ""), exit_code=code,
+            live=record["live"], pid=record.get("pid", 0) if state in ("running", "paused") else 0,
+            **from_labels(labels),
         )
 
     def _state(self, record: Mapping[str, Any]) -> tuple[str, int | None]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC, Container
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
 from rorg.engines.protocol import Capabilities
 from rorg.errors import EngineError
 from rorg.manifest.container import LIVE
@@ -69,9 +69,7 @@ class SimEngine:
         container = next(self._ids)
         live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
         assert labels[LABEL_OWNER] == self.owner
-        self.containers[container] = Container(
-            container, name, labels[LABEL_SERVICE], "created", digest=labels[LABEL_SPEC],
-            declared=labels[LABEL_DECLARED], live=live)
+        self.containers[container] = Container(container, name, state="created", live=live, **from_labels(labels))
         return container
 
     def start(self, container: str) -> None:

@@ -112,7 +112,7 @@ class SimRobot:
                 hung = step.incarnation in self.hung
                 found[name, "live"] = Finding(step.incarnation, not hung, self.now, "no answer" if hung else "",
                                               1000 if hung else 0)
-        for name in self.desired.catalog.services:
+        for name in {*self.desired.catalog.services, *(c.service for c in self.engine.list())}:
             ok = name not in self.locked
             found[name, "interlock"] = Finding("", ok, self.now, "" if ok else "not allowed")
         return found
