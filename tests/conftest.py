@@ -171,29 +171,21 @@ def ros_image(dockerd) -> str:
 
 
 ROS_PACKAGE = ROOT / "clients/ros1/rorg_ros"
-GENERATE = """set -e; cd /package
-for kind in msg srv; do
-  python3 /usr/lib/genpy/gen${kind}_py.py -p rorg_ros -I rorg_ros:/package/msg -I std_msgs:/usr/share/std_msgs/msg \\
-    -o /out/rorg_ros/$kind /package/$kind/*.$kind
-  python3 /usr/lib/genpy/gen${kind}_py.py --initpy -p rorg_ros -o /out/rorg_ros/$kind
-  for file in /package/$kind/*; do
-    python3 /usr/lib/gencpp/gen_cpp.py $file -Irorg_ros:/package/msg -p rorg_ros -o /out/include/rorg_ros \\
-      -e /usr/share/gencpp
-  done
-done
+BUILD = """set -e
+mkdir -p /ws/src; cp -r /package /ws/src/rorg_ros; cd /ws
+catkin_make_isolated --install --install-space /out
 g++ -O1 -I/out/include /nodes/caller.cpp -o /out/caller $(pkg-config --cflags --libs roscpp)"""
 
 
 @pytest.fixture
 def package(dockerd, ros_image, tmp_path):
-    """The package with its messages generated, as catkin would; and a caller in C++."""
-    out = tmp_path / "out"
-    shutil.copytree(ROS_PACKAGE / "src/rorg_ros", out / "rorg_ros")
-    shutil.copy(ROS_PACKAGE / "scripts/rorg_node.py", out)
+    """The install space of the package, built by catkin; and a caller in C++."""
     import docker
 
+    out = tmp_path / "out"
+    out.mkdir()
     api = docker.APIClient(dockerd.host, version="auto")
-    made = api.create_container(ros_image, ["bash", "-c", GENERATE], host_config=api.create_host_config(
+    made = api.create_container(ros_image, ["bash", "-c", BUILD], host_config=api.create_host_config(
         network_mode="host", binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out",
                                     f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]))["Id"]
     api.start(made)

@@ -14,10 +14,10 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
     tree = services(ros_image, master, "camera", "arm")
     ros = {"image": ros_image, "profile": "ros1", "container": {
-        "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge:/program"},
+        "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
         "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
                     f"{tmp_path}:/told"]}}
-    tree["rorg_ros"] = {**ros, "command": "python3 /bridge/rorg_node.py", "ready": {"ros_node": "/rorg"},
+    tree["rorg_ros"] = {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
                         "may_request": ["camera"], "may_restart": ["camera"]}
     tree["behaviour"] = {**ros, "command": "python3 /nodes/behaviour.py /told/told", "needs": ["rorg_ros"],
                          "restart": "never"}

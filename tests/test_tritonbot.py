@@ -194,11 +194,12 @@ def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, pack
     words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
     edit(triton, "roscore", image=ros_image, command=f"roscore -p {master.rpartition(':')[2]}", profile="common",
          ready={"ros_node": "/rosout"}, container={"environment": {"ROS_MASTER_URI": master}})
-    ros = {"environment": {"ROS_MASTER_URI": master, "ROS_HOSTNAME": "localhost", "PYTHONPATH": "/bridge:/program"},
+    ros = {"environment": {"ROS_MASTER_URI": master, "ROS_HOSTNAME": "localhost",
+                           "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
            "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
                        f"{steps}:{steps}"]}
-    bridge = {"image": ros_image, "command": "python3 /bridge/rorg_node.py", "profile": "common", "needs": ["roscore"],
-              "ready": {"ros_node": "/rorg"}, "may_request": sorted({s for a in actions for s in a["requests"]}),
+    bridge = {"image": ros_image, "command": "/bridge/lib/rorg_ros/rorg_node.py", "profile": "common",
+              "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "may_request": sorted({s for a in actions for s in a["requests"]}),
               "container": ros}
     (triton.tree / "services/rorg_ros.yaml").write_text(yaml.safe_dump(
         {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge}))
