@@ -199,8 +199,8 @@ def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, pack
            "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
                        f"{steps}:{steps}"]}
     bridge = {"image": ros_image, "command": "/bridge/lib/rorg_ros/rorg_node.py", "profile": "common",
-              "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "may_request": sorted({s for a in actions for s in a["requests"]}),
-              "container": ros}
+              "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "container": ros,
+              "may_request": sorted({s for a in actions for s in a["requests"]})}
     (triton.tree / "services/rorg_ros.yaml").write_text(yaml.safe_dump(
         {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge}))
     edit(triton, "behavioral", image=ros_image, command=["python3", "/nodes/cycle.py", str(steps), *words],
