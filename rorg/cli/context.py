@@ -12,6 +12,7 @@ from typing import Any
 
 from rorg.cli.output import note
 from rorg.client import Client
+from rorg.client import Error as ClientError
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Finding, Memory
@@ -46,7 +47,16 @@ class Context:
         return read_json(self.state.status)
 
     def live(self) -> dict[str, Any] | None:
-        """What the running rorg publishes; None when none runs or it has not published yet."""
+        """What the running rorg says. Who may not talk to it can still read what it publishes."""
+        client = self.client()
+        if client:
+            with contextlib.suppress(ClientError):
+                return client.status()
+        return self.published()
+
+    def published(self) -> dict[str, Any] | None:
+        """What the running rorg publishes, a moment later, at no cost to it; None when none runs or it has not
+        published yet."""
         owner, status = self.state.owner(), self.last()
         return status if owner and status and status.get("pid") == owner.get("pid") else None
 
@@ -142,7 +152,7 @@ class Context:
         deadline = time.monotonic() + timeout
         why = "it has not said anything yet"
         while time.monotonic() < deadline:
-            view = self.live()
+            view = self.published()
             if view is None and self.state.owner() is None:
                 raise Unreachable(f"wait for {what}", "no rorg runs on this state directory", "`rorg run`")
             if view is not None:
