@@ -175,3 +175,15 @@ def test_an_option_that_the_engine_refuses_holds_nothing_else_back(robot):
     robot.wait(lambda: robot.active() == {"cam"}, 5)
     ask(robot, "cam")
     robot.wait(lambda: starts(robot, "cam") == 2, 5)
+
+
+def test_two_services_swap_their_names(robot):
+    names = {"aa": "left", "bb": "right"}
+    robot.declare({n: {"always_on": True, "container": {"container_name": c}} for n, c in names.items()})
+    robot.settle()
+    before = {c.service: c.incarnation for c in robot.containers()}
+    names = {"aa": "right", "bb": "left"}
+    robot.declare({n: {"always_on": True, "container": {"container_name": c}} for n, c in names.items()})
+    robot.settle()
+    assert {c.service: c.name for c in robot.containers()} == names
+    assert {c.service: c.incarnation for c in robot.containers()} == before

@@ -81,7 +81,7 @@ class Chains:
     def free_name(self, service: Service, stale: list[Container]) -> str:
         """The service's name, or one made of the digest while an older container of the service still has it."""
         if any(c.name == service.container_name for c in stale):
-            return f"{service.container_name}.{self.desired.digests[service.name].partition(':')[2][:8]}"
+            return self.passing_name(service)
         return service.container_name
 
     def create(self, service: Service, name: str, stale: list[tuple[Container, Difference]]) -> Step:
@@ -110,13 +110,22 @@ class Chains:
         elif shares is not None:
             why = "leaves the CPU to others" if shares == LOWERED_SHARES else "pressure is over"
             steps.append(Step("update", container, why, ("cpu_shares",), {"options": {"cpu_shares": shares}}))
-        if container.name != service.container_name:
-            steps.append(Step("rename", container, f"it is called {container.name}",
-                              args={"name": service.container_name}))
+        if container.name != service.container_name and container.name != (name := self.next_name(service)):
+            steps.append(Step("rename", container, f"it is called {container.name}", args={"name": name}))
         why = self.restart(service, container)
         if why:
             steps.append(stop(container, why, service))
         return steps
+
+    def next_name(self, service: Service) -> str:
+        """The name to take now: the service's own, or a passing one while another service's container has that, which
+        may be waiting for the name of this one."""
+        taken = any(c.name == service.container_name and c.service != service.name
+                    for c in self.s.observed.containers)
+        return self.passing_name(service) if taken else service.container_name
+
+    def passing_name(self, service: Service) -> str:
+        return f"{service.container_name}.{self.desired.digests[service.name].partition(':')[2][:8]}"
 
     def shares(self, service: Service, container: Container) -> int | None:
         """CPU shares to set because of pressure, or to put back after it; None for as they are."""

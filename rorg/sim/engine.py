@@ -90,6 +90,8 @@ class SimEngine:
         del self.containers[container]
 
     def rename(self, container: str, name: str) -> None:
+        if name in self.foreign or any(c.name == name for c in self.containers.values() if c.id != container):
+            raise EngineError(f"rename {container[:12]}", f"the name {name} is already in use", kind="name_taken")
         self._change("rename", container, (), name=name)
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
