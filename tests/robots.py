@@ -234,6 +234,7 @@ class RealRobot(VirtualRobot):
     def close(self) -> None:
         if self.loop:
             self.stop()
+        assert not [line for line in self.lines if "internal error" in line]
         for container in self.engine.list():
             if container.alive:
                 self.engine.stop(container.id, "SIGKILL", 5.0)

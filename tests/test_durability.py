@@ -117,7 +117,7 @@ def test_a_held_request_outlives_a_restart_of_rorg(tmp_path):
             before = robot.container("camera").incarnation
             robot.stop()
             robot.start()
-            wait_for(lambda: robot.loop.renewals.get(("developer", request.id), 0) >= 2)
+            wait_for(lambda: robot.loop.ledger.renewals().get(("developer", request.id), 0) >= 2)
             assert robot.container("camera").incarnation == before
         robot.wait(lambda: "camera" not in robot.active())
     finally:

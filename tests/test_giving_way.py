@@ -142,3 +142,67 @@ def test_a_hold_of_what_cannot_be_ceased_is_nothing(robot):
         robot.hold(name, 5.0)
         later(robot, 2)
     assert robot.active() == {"cam"}
+
+
+ARM = {"always_on": True}
+
+
+@pytest.mark.parametrize("rule", ["exclusive", "conflicts"])
+@pytest.mark.parametrize("fate", ["renamed", "meta"])
+def test_nothing_begins_beside_what_no_manifest_declares_any_more(robot, rule, fate):
+    """A manifest was renamed: the new arm waits until the old one has ended."""
+    rules = {"exclusive": ["can0"]} if rule == "exclusive" else {}
+    robot.declare({"old": {**ARM, **rules}, "new": {**rules, **({} if rules else {"conflicts": ["old"]})}})
+    robot.settle()
+    robot.sim.faults.hang["stop", "old"] = 5.0
+    robot.declare({"new": {**ARM, **rules}, **({"old": {"type": "meta"}} if fate == "meta" else {})})
+    robot.wait(lambda: "new" in robot.active(), 20)
+    assert robot.states() == {"new": "running"}
+
+
+def test_nor_beside_what_may_not_be_touched(robot):
+    robot.declare({"old": {**ARM, "exclusive": ["can0"], "interlock": {"file": "/allow"}}})
+    robot.settle()
+    robot.sim.locked = {"old"}
+    robot.declare({"new": {**ARM, "exclusive": ["can0"]}})
+    later(robot, 20)
+    assert robot.active() == {"old"}
+    assert "waits for can0, which old still uses" in robot.waits("new")
+    robot.sim.locked = set()
+    robot.wait(lambda: robot.active() == {"new"})
+
+
+def test_a_loser_lets_go_when_there_is_less_than_before(robot):
+    tree = {"aa": {"exclusive": ["cam"], "priority": 90}, "bb": {"exclusive": ["cam"], "idle": {"action": "pause"}}}
+    robot.declare(tree, policies={"policy": {"resources": {"cam": 2}}})
+    robot.request("aa", "bb")
+    robot.wait(lambda: len(robot.active()) == 2)
+    robot.declare(tree, policies={"policy": {"resources": {"cam": 1}}})
+    robot.wait(lambda: robot.states() == {"aa": "running", "bb": "exited"})
+
+
+def test_what_is_held_does_not_linger(robot):
+    robot.declare({"arm": {"idle": {"linger": "10m"}}})
+    robot.request("arm")
+    robot.wait(lambda: robot.active() == {"arm"})
+    robot.release()
+    later(robot, 1)
+    robot.hold("arm", 300.0, "somebody is in the cell")
+    robot.wait(lambda: robot.active() == set(), 2)
+
+
+@pytest.mark.parametrize("rival", [{"conflicts": ["map"]}, {"exclusive": ["gpu"]}, None])
+def test_nor_does_what_needs_something_that_must_go(robot, rival):
+    robot.declare({"map": {"exclusive": ["gpu"]}, "nav": {"needs": ["map"], "idle": {"linger": "10m"}},
+                   "rival": {"priority": 99, **(rival or {})}})
+    robot.request("nav")
+    robot.wait(lambda: robot.active() == {"map", "nav"})
+    robot.release()
+    later(robot, 1)
+    assert "nav" in robot.active()
+    if rival is None:
+        robot.hold("map", 300.0)
+        robot.wait(lambda: robot.active() == set(), 2)
+    else:
+        robot.request("rival", id="rival")
+        robot.wait(lambda: robot.active() == {"rival"}, 2)

@@ -1,4 +1,5 @@
-"""The moment at which a lease runs out, against renewals and changes of the file that come at the same moment.
+"""The requests file: the moment at which a lease runs out, against renewals and changes of the file that come at the
+same moment; and mistakes in it, which forget nothing and end nothing.
 
 The loop is stepped by hand, so that the order of things is certain.
 """
@@ -6,9 +7,12 @@ The loop is stepped by hand, so that the order of things is certain.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import pytest
 from conftest import wait_for
+from hypothesis import given
+from hypothesis import strategies as st
 from robots import write_tree
 
 from rorg.core.observed import Container, Observed
@@ -16,8 +20,9 @@ from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.daemon.wiring import make_engine, make_loop
 from rorg.errors import Missing
-from rorg.manifest.catalog import Request
-from rorg.store.requests_file import RequestsFile
+from rorg.manifest.catalog import Hold, Request
+from rorg.manifest.diagnostics import Where
+from rorg.store.requests_file import Asked, RequestsFile, parse, render
 from rorg.store.state_dir import StateDir
 
 DEVELOPER = Caller("developer")
@@ -27,7 +32,7 @@ class Stepped:
     """A loop without threads over an engine that shows what it is told, and the file as another process sees it."""
 
     def __init__(self, folder) -> None:
-        state = StateDir(folder / "state").prepare()
+        self.folder, state = folder, StateDir(folder / "state").prepare()
         self.loop = make_loop(write_tree(folder / "tree", {"camera": {}, "lidar": {}, "mission": {}}), state,
                               make_engine("process", state), lambda line: None)
         self.robot, self.file = Robot(self.loop, {}), RequestsFile(state.requests)
@@ -85,13 +90,13 @@ def test_what_was_renewed_while_the_pass_decided_is_not_dropped(stepped):
     stepped.put("camera", ttl=0.2)
     stepped.step()
     run_out(stepped, 0.25)
-    change = stepped.loop.requests.change
+    change = stepped.loop.ledger.file.change
 
     def renewed_first(edit):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
         return change(edit)
 
-    stepped.loop.requests.change = renewed_first
+    stepped.loop.ledger.file.change = renewed_first
     stepped.step(read=False)
     assert len(stepped.asked()) == 1
 
@@ -100,7 +105,7 @@ def test_what_is_being_dropped_cannot_be_renewed(stepped):
     stepped.put("camera", ttl=0.2)
     stepped.step()
     run_out(stepped, 0.25)
-    change = stepped.loop.requests.change
+    change = stepped.loop.ledger.file.change
 
     def renewed_amid(edit):
         def both(asked):
@@ -110,7 +115,7 @@ def test_what_is_being_dropped_cannot_be_renewed(stepped):
             return found
         return change(both)
 
-    stepped.loop.requests.change = renewed_amid
+    stepped.loop.ledger.file.change = renewed_amid
     stepped.step(read=False)
     assert stepped.asked() == ()
     with pytest.raises(Missing):
@@ -136,14 +141,108 @@ def test_a_request_that_is_replaced_while_it_is_bound_keeps_its_new_services(ste
     stepped.step()
     stepped.show(run)
     stepped.file.change(lambda asked: asked.put(Request("go", "mission", ("camera",))))
-    change = stepped.loop.requests.change
+    change = stepped.loop.ledger.file.change
 
     def replaced_first(edit):
-        stepped.loop.requests.change = change
+        stepped.loop.ledger.file.change = change
         stepped.file.change(lambda asked: asked.put(Request("go", "mission", ("lidar",))))
         return change(edit)
 
-    stepped.loop.requests.change = replaced_first
+    stepped.loop.ledger.file.change = replaced_first
     stepped.step()
     found, = stepped.asked()
     assert (found.services, found.incarnation) == (("lidar",), run.incarnation)
+
+
+def test_a_lease_that_ran_out_stays_so_while_that_cannot_be_written_down(stepped):
+    stepped.put("camera", ttl=0.2)
+    stepped.step()
+    run_out(stepped, 0.25)
+    good = stepped.file.path.read_text()
+    stepped.file.path.write_text(good + "requests: again\n")
+    for _ in range(3):
+        stepped.step()
+        assert "camera" not in stepped.loop.decision.situation.wanted
+        run_out(stepped, 0.1)
+    stepped.file.path.write_text(good)
+    stepped.step()
+    assert stepped.asked() == ()
+
+
+def again(stepped) -> Stepped:
+    """Another rorg on the same state directory."""
+    return Stepped(stepped.folder)
+
+
+def test_a_mistake_in_the_file_forgets_nothing_over_a_restart_of_rorg(stepped):
+    stepped.put("camera")
+    stepped.step()
+    good = stepped.file.path.read_text()
+    stepped.file.path.write_text(good + "requests: again\n")
+    stepped.step()
+    other = again(stepped)
+    other.step()
+    assert "camera" in other.loop.decision.situation.wanted
+    stepped.file.path.write_text("requests: []\n")
+    other.step()
+    assert "camera" not in other.loop.decision.situation.wanted
+    third = again(stepped)
+    third.step()
+    assert "camera" not in third.loop.decision.situation.wanted
+
+
+def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
+    stepped.file.path.write_text("requests: 5\n")
+    stepped.show(Container("c" * 64, "camera", "camera", "running", "2026-01-01T00:00:00Z"))
+    stepped.step()
+    decision = stepped.loop.decision
+    assert "try to mend it" in decision.situation.suspended
+    assert decision.plan.actions and not decision.begin
+    stepped.file.path.write_text("requests: [{id: x, services: [camera]}]\n")
+    stepped.step()
+    assert not stepped.loop.decision.situation.suspended
+
+
+@pytest.mark.parametrize("text", [
+    "requests: [{id: x, services: 5}]", "requests: [{id: x, services: true}]", "requests: [{id: x, services: {a: b}}]",
+    "restarts: {camera: 0001-01-01T00:00:00+14:00}", "holds: {camera: {until: 9999-12-31T23:59:59-14:00}}",
+    "restarts: {camera: year 0}", "requests: [{id: [x], services: [camera]}]", "suspended: {until: {}}",
+    "requests: [{id: x, services: [camera], ttl: 1e300s}]", "holds: 5", "restarts: [camera]",
+])
+def test_whatever_is_wrong_in_the_file_is_told_with_its_place_and_ends_nothing(stepped, text):
+    stepped.put("camera")
+    stepped.step()
+    stepped.file.path.write_text(text + "\n")
+    stepped.step()
+    assert stepped.loop.ledger.file.diagnostics
+    assert "requests.yaml:1" in str(stepped.loop.ledger.file.diagnostics[0])
+    assert "camera" in stepped.loop.decision.situation.wanted
+
+
+def test_a_hold_of_a_thousand_years_is_slept_through(stepped):
+    stepped.file.path.write_text("holds: {camera: {until: '9999-12-31T00:00:00Z'}}\n")
+    stepped.step()
+    stepped.loop.wake()
+    stepped.loop._sleep(stepped.loop.decision)
+
+
+TEXTS = st.one_of(st.text(max_size=12), st.sampled_from([
+    "12e4567", "0o17", "1_000", "0x1F", "1:30", "yes", "NO", "null", "~", "2026-01-31", ".5", "-", "a: b", "#x", "'",
+    "=", "!x", "&a", "*a", "1e3", "\n", " x ", "<<", "\x85", "\u2028", "\ufeff"]))
+
+
+@given(st.lists(st.builds(
+    Request, id=TEXTS.filter(bool), requester=TEXTS.filter(bool), services=st.lists(
+        TEXTS.filter(bool), min_size=1, max_size=3).map(tuple), reason=TEXTS,
+    incarnation=st.none() | TEXTS.filter(bool), priority=st.none() | st.integers(0, 100),
+    ttl=st.none() | st.floats(0.001, 1e8), renewed=TEXTS),
+    max_size=3, unique_by=lambda r: r.key), st.dictionaries(TEXTS.filter(bool), st.builds(
+        Hold, st.floats(0, 2e11), TEXTS), max_size=2))
+def test_what_is_written_is_read_again(requests, holds):
+    asked = Asked(tuple(requests), {}, holds, None)
+    again, diagnostics = parse(render(asked), "requests.yaml")
+    assert diagnostics == []
+    assert [replace(r, where=Where("")) for r in again.requests] == [
+        replace(r, ttl=r.ttl and pytest.approx(r.ttl)) for r in requests]
+    assert {n: (pytest.approx(h.until, abs=1e-3), h.reason) for n, h in again.holds.items()} == {
+        n: (h.until, h.reason) for n, h in holds.items()}

@@ -8,7 +8,9 @@ import pytest
 from robots import VirtualRobot
 from test_giving_way import later
 
+from rorg.core.memory import Memory
 from rorg.manifest.scalars import stamp
+from rorg.sim.engine import iso
 from rorg.store.requests_file import Asked, parse, render
 
 RESTART = {"needs": [{"service": "tf", "restart": True}]}
@@ -48,6 +50,19 @@ def test_a_restart_dated_ahead_waits_for_its_time_and_is_done_once(robot):
     assert starts(robot, "arm") == 2
 
 
+@pytest.mark.parametrize("seconds", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_restarts_nothing_twice_and_forgets_no_restart(robot, seconds):
+    robot.declare({"arm": {"always_on": True}})
+    robot.settle()
+    later(robot, 5)
+    robot.sim.clock_set = seconds
+    ask(robot, "arm")
+    robot.wait(lambda: starts(robot, "arm") == 2)
+    later(robot, 30)
+    assert starts(robot, "arm") == 2
+    assert robot.sim.asked.restarts == {}
+
+
 def test_an_engine_whose_clock_is_behind_restarts_once(robot):
     robot.declare({"arm": {"always_on": True}})
     robot.settle()
@@ -58,6 +73,98 @@ def test_an_engine_whose_clock_is_behind_restarts_once(robot):
     robot.wait(lambda: starts(robot, "arm") == 2)
     later(robot, 30)
     assert starts(robot, "arm") == 2
+
+
+@pytest.mark.parametrize("when", ["between the starts", "while both run"])
+def test_a_clock_set_back_is_no_restart_of_a_need(robot, when):
+    robot.declare({"arm": {"always_on": True, **RESTART}, "tf": {}})
+    if when == "between the starts":
+        robot.wait(lambda: starts(robot, "tf") == 1)
+    else:
+        robot.settle()
+        later(robot, 100)
+    robot.sim.clock_set = -600.0
+    later(robot, 30)
+    before = starts(robot, "arm")
+    robot.kill("arm")
+    later(robot, 60)
+    assert starts(robot, "arm") == before + 1
+
+
+def test_a_clock_set_back_to_before_the_boot_hides_no_exit(robot):
+    robot.declare({"job": {"restart": "never"}})
+    robot.sim.booted_at, robot.sim.clock_set = iso(-30), -600.0
+    robot.sim.faults.crash_after["job"], robot.sim.faults.exit_code = 2.0, 0
+    robot.request("job")
+    later(robot, 60)
+    assert starts(robot, "job") == 1
+
+
+def test_what_ended_with_the_machine_is_started_without_delay(robot):
+    robot.declare({"arm": {"always_on": True}})
+    robot.settle()
+    robot.kill("arm")
+    robot.sim.memory, robot.sim.booted_at = Memory(), iso(robot.now() + 1)
+    robot.wait(lambda: robot.active() == {"arm"}, 1)
+    assert robot.sim.memory.of("arm").crashes == 0
+
+
+def test_a_job_that_is_done_runs_again_when_its_restart_is_asked_for(robot):
+    robot.declare({"job": {"restart": "on-failure"}})
+    robot.sim.faults.crash_after["job"], robot.sim.faults.exit_code = 1.0, 0
+    robot.request("job")
+    later(robot, 10)
+    assert starts(robot, "job") == 1
+    ask(robot, "job")
+    later(robot, 10)
+    assert starts(robot, "job") == 2
+    assert robot.sim.asked.restarts == {}
+
+
+def test_a_crash_loop_keeps_its_pauses_whatever_else_fails(robot):
+    robot.declare({"cam": {"always_on": True, "container": {"cpu_shares": 512}}})
+    robot.settle()
+    robot.sim.faults.fail["update", "cam"] = ["no such cgroup"] * 1000
+    robot.declare({"cam": {"always_on": True, "container": {"cpu_shares": 256}}})
+    later(robot, 5)
+    robot.sim.faults.crash_after["cam"] = 0.5
+    robot.kill("cam")
+    later(robot, 120)
+    assert starts(robot, "cam") < 12
+
+
+def test_a_failure_that_nobody_needs_to_repeat_any_more_is_forgotten(robot):
+    robot.declare({"cam": {"always_on": True, "container": {"cpu_shares": 512}}})
+    robot.settle()
+    robot.sim.faults.fail["update", "cam"] = ["no such cgroup"] * 5
+    robot.declare({"cam": {"always_on": True, "container": {"cpu_shares": 256}}})
+    robot.wait(lambda: robot.sim.memory.of("cam").stalled)
+    robot.declare({"cam": {"always_on": True, "container": {"cpu_shares": 512}}})
+    robot.settle()
+    robot.sim.step()
+    assert not robot.sim.memory.of("cam").stalled
+    assert robot.sim.memory.of("cam").error == ""
+
+
+def test_an_option_that_may_not_be_set_now_blocks_nobody_else(robot):
+    arm = {"always_on": True, "interlock": {"file": "/allow"}, "container": {"cpu_shares": 512}}
+    robot.declare({"arm": arm, "monitor": {"needs": ["arm"]}})
+    robot.settle()
+    robot.sim.locked = {"arm"}
+    robot.declare({"arm": {**arm, "container": {"cpu_shares": 256}}, "monitor": {"needs": ["arm"]}})
+    robot.request("monitor")
+    robot.wait(lambda: robot.active() == {"arm", "monitor"}, 5)
+    assert robot.waits("arm") == "interlock: not allowed"
+
+
+def test_requests_of_a_service_turned_into_a_meta_service_end_with_its_container(robot):
+    robot.declare({"mission": {"always_on": True}, "cam": {}})
+    robot.settle()
+    robot.request("cam", id="look", by="mission")
+    robot.wait(lambda: "cam" in robot.active())
+    robot.declare({"mission": {"type": "meta"}, "cam": {}})
+    robot.wait(lambda: robot.active() == set())
+    assert robot.requests() == ()
 
 
 @pytest.mark.parametrize("value", ["soon", "2026-13-01", "{}", "[1]"])

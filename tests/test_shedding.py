@@ -151,3 +151,14 @@ def test_shares_that_go_up_and_down_often_are_no_failure(robot):
         robot.sim.extra = (0.5, 0)
         robot.wait(lambda: robot.container("log").live.get("cpu_shares") == 1024, 20)
         assert not robot.sim.memory.of("log").stalled
+
+
+def test_nothing_is_shed_while_the_engine_cannot_be_asked(crowd):
+    crowd.sim.faults.unreachable = True
+    crowd.sim.extra = (0.2, 0)
+    later(crowd, 100)
+    assert shed(crowd) == []
+    crowd.sim.faults.unreachable = False
+    crowd.wait(lambda: "n0" not in crowd.active(), 10)
+    later(crowd, 10)
+    assert shed(crowd) == ["n0"]

@@ -30,6 +30,7 @@ def command(
     from rorg.errors import Invalid, Refused
     from rorg.manifest.catalog import Request
     from rorg.manifest.references import closure
+    from rorg.manifest.scalars import format_duration
     from rorg.store.requests_file import Asked
 
     context = Context(state_dir, engine)
@@ -38,7 +39,8 @@ def command(
     if client:
         name = id or chosen[0]
         client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}", {
-            "services": list(chosen), "reason": reason, "priority": priority, "ttl": f"{ttl:g}s" if ttl else None})
+            "services": list(chosen), "reason": reason, "priority": priority,
+            "ttl": format_duration(ttl) if ttl else None})
         typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
         if wait:
             client.wait(*chosen, timeout=timeout)

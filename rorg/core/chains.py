@@ -9,7 +9,7 @@ from typing import Any
 
 from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
-from rorg.core.digest import declared_of, labels
+from rorg.core.digest import Rules, declared_of, labels, rules_of
 from rorg.core.observed import Container
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.manifest.catalog import Service
@@ -40,6 +40,9 @@ class Chains:
         self.s, self.desired, self.containers, self.moving = situation, situation.desired, containers, moving
         self.alarms: list[float] = []
         """Times at which something will be done that is no waiting of anybody's."""
+        services = situation.desired.catalog.services
+        self.undeclared = {n: cs for n, cs in containers.items() if n not in services or services[n].meta}
+        """Containers of services that no manifest declares, or not as having one."""
 
     def of(self, service: Service) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
@@ -88,9 +91,12 @@ class Chains:
         spec = service.spec or {}
         fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
         return Step("create", None, "changed" if stale else "no container", fields, {
-            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec, service.interlock),
+            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec, self.rules(service)),
             "digest": self.desired.digests[service.name],
         })
+
+    def rules(self, service: Service) -> Rules:
+        return Rules(service.interlock, service.exclusive, self.desired.conflicts[service.name])
 
     def clear(self, service: Service, stale: list[tuple[Container, Difference]], keep: bool) -> list[Step]:
         """The way out for containers that are not (or no longer) the service's one."""
@@ -139,7 +145,7 @@ class Chains:
         """Why the run of now must end though the service is wanted; empty when it may go on."""
         if not container.alive or service.name not in self.s.wanted:
             return ""
-        if container.started_at < self.s.restarts.get(service.name, ""):
+        if self.s.restarts.get(service.name) == container.incarnation:
             return "restart asked for"
         memory = self.s.memory.of(service.name)
         if memory.hung == container.incarnation:
@@ -154,7 +160,8 @@ class Chains:
 
     def wake(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
         why = str(self.s.wanted[service.name][0])
-        start = {"asked": asked} if (asked := self.s.restarts.get(service.name)) else {}
+        runs = {n: cs[0].incarnation for n in service.follows if (cs := self.containers.get(n)) and cs[0].started_at}
+        start = {"follows": runs} if runs else {}
         if container is None or any(s.verb == "stop" and s.container is container for s in steps):
             return [Step("start", container, why, args=start)]
         if container.state == "paused":
@@ -164,7 +171,7 @@ class Chains:
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead")]
         step = self.s.memory.of(service.name)
-        if step.over(service, container):
+        if step.over(service, container) and self.s.restarts.get(service.name) != container.incarnation:
             return []
         if container.state == "exited" and step.exited == container.incarnation:
             why += f"; {step.error}"
@@ -200,11 +207,17 @@ class Chains:
         for resource, units in service.exclusive.items():
             sharers = [o for o in self.desired.sharers[resource] if o != service.name]
             used = units + sum(self.units(o, resource) for o in sharers if self.alive(o))
+            used += sum(self.left_over(resource).values())
             there = self.desired.catalog.policy.resources.get(resource, 1)
-            if any(used + self.units(o, resource) > there for o in sharers
-                   if o in self.s.wanted and not self.alive(o) and not self.done(o)):
+            if any(used + (0 if self.alive(o) else self.units(o, resource)) > there for o in sharers
+                   if o in self.s.wanted and not self.done(o)):
                 return True
         return False
+
+    def left_over(self, resource: str) -> dict[str, int]:
+        """Services that no manifest declares any more, and still hold units of an exclusive resource."""
+        return {name: units for name, cs in self.undeclared.items()
+                if self.alive(name) and (units := rules_of(cs[0].rules).exclusive.get(resource, 0))}
 
     def units(self, name: str, resource: str) -> int:
         return self.desired.catalog.services[name].exclusive[resource]

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field, replace
 from rorg.core.arbitrate import arbitrate
 from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
-from rorg.core.digest import interlock_of
+from rorg.core.digest import rules_of
 from rorg.core.lanes import Lanes, relief, select
-from rorg.core.memory import Findings, Memory, advance, begin
+from rorg.core.memory import Findings, Memory, advance, begin, forget
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
 from rorg.core.pressure import Load
 from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
+from rorg.core.restarts import note_restarts
 from rorg.core.wanted import urgent
 from rorg.manifest.catalog import Hold, Probe, Request
 from rorg.manifest.scalars import format_time, parse_time, stamp
@@ -93,16 +94,19 @@ def decide(inputs: Inputs) -> Decision:
     memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
                      inputs.findings, now, inputs.booted_at)
     memory, relieved = relieve(memory, desired, verdict, free, inputs.observed, inputs.load, barred,
-                               [n for n, why in interlocks.items() if why], bool(suspended))
+                               [n for n, why in interlocks.items() if why],
+                               bool(suspended) or not inputs.observed.complete)
     if memory.pressure.shed != inputs.memory.pressure.shed:
         verdict = arbitrate(desired.catalog, requests, {
             **{s.service: s.reason for s in memory.pressure.shed}, **holds})
-    served = _served(inputs)
+    memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
     situation = Situation(
         desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
-        _due(inputs, served), inputs.removals, verdict.gave_way, verdict.ranks, interlocks, relieved.lowered,
-        relieved.hurry, relieved.stop_paused, relieved.shed, relieved.closed, suspended)
+        {n: due.run for n, due in (memory.restarts or {}).items()}, inputs.removals, verdict.gave_way,
+        frozenset(holds), verdict.ranks, interlocks, relieved.lowered, relieved.hurry, relieved.stop_paused,
+        relieved.shed, relieved.closed, suspended)
     plan = make_plan(situation)
+    memory = forget(memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
     violations = tuple(check(plan, situation))
     held_back = violations or situation.suspended
     chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, now))
@@ -121,24 +125,6 @@ def _until(word: str, hold: Hold) -> str:
     return f"{word} until {format_time(hold.until)}" + (f": {hold.reason}" if hold.reason else "")
 
 
-def _served(inputs: Inputs) -> dict[str, str]:
-    """Restarts after which the service was started, as it says or as we know: the engine's clock may be another."""
-    containers = inputs.observed.by_service()
-    found = {}
-    for name, asked in inputs.restarts.items():
-        current = next(iter(containers.get(name, [])), None)
-        since = current is not None and current.alive and current.started_at >= asked
-        if inputs.observed.complete and (since or inputs.memory.of(name).restarted == asked):
-            found[name] = asked
-    return found
-
-
-def _due(inputs: Inputs, served: Mapping[str, str]) -> dict[str, str]:
-    """Restarts to do now; one that is dated ahead waits for its time."""
-    now = stamp(inputs.wall)
-    return {name: asked for name, asked in inputs.restarts.items() if name not in served and asked <= now}
-
-
 def _interlocks(inputs: Inputs) -> dict[str, str]:
     """What each interlock said just now: empty where it allows."""
     found = {}
@@ -153,8 +139,8 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
 def _all_interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
     """Those of the manifests; and of containers that no manifest declares any more, those that they were made with."""
     services = desired.catalog.services
-    left = {c.service: found for c in observed.containers if c.interlock and (
-        c.service not in services or services[c.service].meta) and (found := interlock_of(c.interlock))}
+    left = {c.service: found for c in observed.containers if c.rules and (
+        c.service not in services or services[c.service].meta) and (found := rules_of(c.rules).interlock)}
     return {**left, **{name: s.interlock for name, s in services.items() if s.interlock}}
 
 
@@ -191,7 +177,7 @@ def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
         if service.ready and service.ready.kind != "delay" and (not step.ready or service.ready.failures):
             every = max(service.ready.interval, 1.0) if step.ready else service.ready.interval
             found[name, "ready"] = Target(service.ready, step.incarnation, every, current)
-        if service.live and step.ready:
+        if service.live and step.was_ready:
             found[name, "live"] = Target(service.live, step.incarnation, service.live.interval, current)
     touched = {a.service for a in plan.actions} | {w.service for w in plan.waitings}
     if situation.memory.pressure.engaged:

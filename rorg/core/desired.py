@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
@@ -75,7 +75,7 @@ def _located(catalog: Catalog, run: str) -> Catalog:
 @dataclass(frozen=True, slots=True)
 class Situation:
     """All that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` holds, for each service
-    that somebody asked to restart, when (ISO 8601, UTC)."""
+    that somebody asked to restart, the run that is to end by it."""
 
     desired: Desired
     wanted: Wanted
@@ -89,6 +89,8 @@ class Situation:
     """False while manifests do not load: then nothing that they do not name is removed."""
     gave_way: Mapping[str, str] = field(default_factory=dict)
     """Services that would be wanted but for something, each with the reason."""
+    barred: Collection[str] = frozenset()
+    """Services that must not be active now, whoever asks."""
     ranks: Mapping[str, int] = field(default_factory=dict)
     """How much each wanted service matters (see arbitrate)."""
     interlocks: Mapping[str, str] = field(default_factory=dict)

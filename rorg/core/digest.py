@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_INTERLOCK, LABEL_OWNER, LABEL_SERVICE, LABEL_SPEC
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_RULES, LABEL_SERVICE, LABEL_SPEC
 from rorg.manifest.catalog import Probe, Spec
 
 VERSION = "v1"
@@ -37,17 +38,32 @@ def declared_fields(spec: Spec) -> dict[str, Any]:
     return fields
 
 
-def labels(owner: str, service: str, spec: Spec, interlock: Probe | None = None) -> Mapping[str, str]:
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What others may rely on while a container is there, whatever has become of its manifest."""
+
+    interlock: Probe | None = None
+    exclusive: Mapping[str, int] = field(default_factory=dict)
+    conflicts: tuple[str, ...] = ()
+    """Whichever side declared them."""
+
+
+def labels(owner: str, service: str, spec: Spec, rules: Rules) -> Mapping[str, str]:
     """What marks a container as ours and says what it was created from."""
-    locked = {LABEL_INTERLOCK: canonical([interlock.kind, interlock.target, interlock.interval])} if interlock else {}
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
         LABEL_SERVICE: service,
         LABEL_SPEC: digest(spec),
         LABEL_DECLARED: canonical(declared_fields(spec)),
-        **locked,
+        **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
     }
+
+
+def _write_rules(rules: Rules) -> str:
+    lock = rules.interlock
+    return canonical({"interlock": [lock.kind, lock.target, lock.interval] if lock else None,
+                      "exclusive": dict(rules.exclusive), "conflicts": list(rules.conflicts)})
 
 
 @lru_cache(maxsize=1024)
@@ -61,10 +77,12 @@ def declared_of(label: str) -> Mapping[str, Any]:
 
 
 @lru_cache(maxsize=1024)
-def interlock_of(label: str) -> Probe | None:
-    """The interlock that the label rorg.io/interlock carries."""
+def rules_of(label: str) -> Rules:
+    """What the label rorg.io/rules says; nothing where it cannot be read."""
     try:
-        kind, target, interval = json.loads(label)
-        return Probe(str(kind), str(target), interval=float(interval))
-    except (ValueError, TypeError):
-        return None
+        value = json.loads(label)
+        lock = value["interlock"]
+        return Rules(Probe(str(lock[0]), str(lock[1]), interval=float(lock[2])) if lock else None,
+                     {str(k): int(v) for k, v in value["exclusive"].items()}, tuple(map(str, value["conflicts"])))
+    except (ValueError, TypeError, LookupError, AttributeError):
+        return Rules()

@@ -24,13 +24,15 @@ class Followed:
 
 
 def follow(known: Followed, service: Service, current: Container | None,
-           containers: Mapping[str, Sequence[Container]]) -> Followed:
-    """Notes what a run counts on, once for each need. Of a run that is new to us (its start, or rorg's) the order of
-    the starts tells: a service starts after what it needs. A need that is added later is taken as it is."""
+           containers: Mapping[str, Sequence[Container]], begun: Mapping[str, str] | None) -> Followed:
+    """Notes what a run counts on, once for each need: of a run that we began, what was there then (`begun`). Of one
+    that is new to us the order of the starts tells, by the engine's clock: a service starts after what it needs. A
+    need that is added later is taken as it is."""
     if current is None or not current.alive:
         return known
     first = known.run != current.incarnation
-    needs = {} if first else {n: run for n, run in known.needs.items() if n in service.follows}
+    needs = (begun or {}) if first else known.needs
+    needs = {n: run for n, run in needs.items() if n in service.follows}
     for need in service.follows:
         found = next(iter(containers.get(need, ())), None)
         if need in needs or found is None or not found.started_at:

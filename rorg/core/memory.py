@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
@@ -34,6 +34,19 @@ Findings = Mapping[tuple[str, str], Finding]
 
 
 @dataclass(frozen=True, slots=True)
+class Try:
+    """Of one verb of one service."""
+
+    signature: tuple = ()
+    """The action, and what was observed when it was begun."""
+    count: int = 0
+    """How often that same action was begun with nothing observed to change."""
+    at: float = 0.0
+    """Not to be begun again before this time."""
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """Of one service. Times are of the loop's monotonic clock, in seconds."""
 
@@ -44,6 +57,8 @@ class Progress:
     running_since: float | None = None
     """Since when its incarnation runs, as far as seen; a resume begins it anew."""
     ready: bool = False
+    was_ready: bool = False
+    """This run was ready once."""
     probe: str = ""
     """What the last probe said."""
     exits: int = 0
@@ -53,17 +68,14 @@ class Progress:
     stopped: str = ""
     """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
     followed: Followed = Followed()
-    restarted: str = ""
-    """The last asked restart that was served: when it was asked for."""
+    begun: Mapping[str, str] | None = None
+    """Once we begin a start, until it is seen to run: the runs of what it follows, as they were then."""
     hung: str = ""
     """The incarnation that did not answer its `live` probe any more."""
     crashes: int = 0
     """Unexpected ends since rorg runs, hung incarnations included."""
-    retry_verb: str = ""
-    retry_at: float = 0.0
-    attempt: tuple = ()
-    attempts: int = 0
-    """How often the same action was begun with nothing observed to change."""
+    tries: Mapping[str, Try] = field(default_factory=dict)
+    """By verb. What fails of one holds back no other."""
     error: str = ""
 
     def over(self, service: Service, container: Container) -> bool:
@@ -71,15 +83,35 @@ class Progress:
         return container.state == "exited" and self.exited == container.incarnation and (
             service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
 
+    def after(self, verb: str, at: float, error: str) -> Progress:
+        """With the next attempt of a verb put off."""
+        return replace(self, tries={**self.tries, verb: Try(at=at, error=error)}, error=error)
+
+    def but(self, *verbs: str) -> Mapping[str, Try]:
+        return {verb: tried for verb, tried in self.tries.items() if verb not in verbs}
+
     @property
     def stalled(self) -> bool:
-        return self.attempts >= STALLED_AFTER or self.exits >= STALLED_AFTER
+        return self.exits >= STALLED_AFTER or any(t.count >= STALLED_AFTER for t in self.tries.values())
+
+    @property
+    def retry_at(self) -> float:
+        """When the last of the attempts that were put off is due."""
+        return max((t.at for t in self.tries.values()), default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
     action: Action
     since: float
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """A restart that somebody asked for: when, and which run is to end by it ("": one that has ended already)."""
+
+    stamp: str
+    run: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +129,8 @@ class Memory:
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
     """By (requester, id)."""
     pressure: Pressure = CALM
+    restarts: Mapping[str, Due] | None = None
+    """Restarts that are asked for, by service; None until the first look at what is there."""
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)
@@ -119,8 +153,8 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         current = containers[0] if containers else None
         step = _fresh(_wanted(memory.of(name), name in found, now), current)
         step = _ceased(_run(step, current, now), current, now)
-        followed = follow(step.followed, service, current, by_service)
-        step = step if followed is step.followed else replace(step, followed=followed)
+        followed = follow(step.followed, service, current, by_service, step.begun)
+        step = step if followed is step.followed else replace(step, followed=followed, begun=None)
         if name not in found and current is not None and current.state == "exited":
             step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
         if name in found and name not in memory.in_flight:
@@ -138,26 +172,26 @@ def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
     if step.unwanted_since is not None:
         return step
     # Whoever asks for it again gets a fresh start.
-    return replace(step, unwanted_since=now, exits=0, exited="", retry_verb="", retry_at=0.0, attempts=0, attempt=(),
-                   error="")
+    return replace(step, unwanted_since=now, exits=0, exited="", tries={}, error="")
 
 
 def _fresh(step: Progress, current: Container | None) -> Progress:
     """Another container has no part in what the one before it did."""
     if not step.exited or current is None or step.exited.startswith(current.id[:12]):
         return step
-    return replace(step, exits=0, exited="", retry_verb="", retry_at=0.0, error="")
+    return replace(step, exits=0, exited="", tries={}, error="")
 
 
 def _run(step: Progress, current: Container | None, now: float) -> Progress:
     if current is None or current.state != "running":
         if step.running_since is None and not step.ready:
             return step
-        return replace(step, running_since=None, ready=False, probe="")
+        return replace(step, running_since=None, ready=False, was_ready=False, probe="")
     if step.running_since is None or step.incarnation != current.incarnation:
-        return replace(step, incarnation=current.incarnation, running_since=now, ready=False, probe="")
+        return replace(step, incarnation=current.incarnation, running_since=now, ready=False, was_ready=False,
+                       probe="")
     if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
-        return replace(step, exits=0, error="")
+        return replace(step, exits=0, tries=step.but("start"), error="")
     return step
 
 
@@ -168,25 +202,27 @@ def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
 
 
 def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
-    if current is None or current.state != "exited" or not current.started_at or current.started_at < booted_at:
+    if current is None or current.state != "exited" or not current.started_at:
         return step
     run = current.incarnation
     if run in (step.exited, step.stopped):
         return step
+    if current.started_at < booted_at and step.incarnation != run and step.begun is None:
+        return step  # the machine's boot ended it; unless we saw or began it, and the clock was set since
     exits = step.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
-    return replace(step, exits=exits, crashes=step.crashes + 1, exited=run, retry_verb="start",
-                   retry_at=now + delay(exits), error=f"ended with {why}", attempts=0, attempt=())
+    return replace(step, exits=exits, crashes=step.crashes + 1, exited=run).after(
+        "start", now + delay(exits), f"ended with {why}")
 
 
 def _ready(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
     if step.running_since is None:
         return step
     if service.ready is None:
-        return replace(step, ready=True) if not step.ready else step
+        return replace(step, ready=True, was_ready=True) if not step.ready else step
     if service.ready.kind == "delay":
         # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
-        return replace(step, ready=True) if not step.ready and now >= step.running_since + float(
+        return replace(step, ready=True, was_ready=True) if not step.ready and now >= step.running_since + float(
             service.ready.target) else step
     if not _fits(found, step):
         return step
@@ -194,7 +230,7 @@ def _ready(step: Progress, service: Service, found: Finding | None, now: float) 
         lost = service.ready.failures and found.failures >= service.ready.failures
         return replace(step, ready=False, probe=found.message) if lost else step
     if found.ok:
-        return replace(step, ready=True, probe="")
+        return replace(step, ready=True, was_ready=True, probe="")
     return replace(step, probe=found.message) if found.message != step.probe else step
 
 
@@ -205,12 +241,12 @@ def _live(step: Progress, service: Service, found: Finding | None, now: float) -
         return step
     if step.hung == step.incarnation:
         return step if not found.ok else replace(step, hung="", exits=step.exits - 1, crashes=step.crashes - 1,
-                                                 retry_verb="", retry_at=0.0, error="")
+                                                 tries=step.but("start"), error="")
     if found.failures < service.live.failures:
         return step
     exits = step.exits + 1
-    return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1, retry_verb="start",
-                   retry_at=now + delay(exits), error=f"did not answer ({found.message})", attempts=0, attempt=())
+    return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1).after(
+        "start", now + delay(exits), f"did not answer ({found.message})")
 
 
 def _fits(found: Finding | None, step: Progress) -> TypeGuard[Finding]:
@@ -219,15 +255,25 @@ def _fits(found: Finding | None, step: Progress) -> TypeGuard[Finding]:
             and found.at >= step.running_since)
 
 
+def forget(memory: Memory, busy: Collection[str]) -> Memory:
+    """Failed attempts of services for which there is nothing to do any more. `busy` are all others."""
+    done = {name: replace(step, tries={}, error=step.error if step.exits else "")
+            for name, step in memory.progress.items()
+            if step.tries and name not in busy and name not in memory.in_flight}
+    return replace(memory, progress={**memory.progress, **done}) if done else memory
+
+
 def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Memory:
     """An action is handed to a worker: its service gets no second one until the outcome."""
     step = memory.of(action.service)
     containers = observed.by_service().get(action.service, [])
     state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
-    signature = (action.verb, action.container, action.args.get("digest", ""), state,
-                 canonical(action.args.get("options", {})))
-    attempts = step.attempts + 1 if signature == step.attempt else 1
-    step = replace(step, attempt=signature, attempts=attempts)
+    signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
+    before = step.tries.get(action.verb, Try())
+    count = before.count + 1 if signature == before.signature else 1
+    step = replace(step, tries={**step.tries, action.verb: replace(before, signature=signature, count=count)})
+    if action.verb == "start":
+        step = replace(step, begun=action.args.get("follows", {}))
     return replace(memory, progress={**memory.progress, action.service: step},
                    in_flight={**memory.in_flight, action.service: InFlight(action, now)})
 
@@ -236,12 +282,15 @@ def finish(memory: Memory, action: Action, error: str, incarnation: str, now: fl
     """The outcome of an action. `error` is empty when it went well; `incarnation` is the one that a stop ended."""
     in_flight = {name: flight for name, flight in memory.in_flight.items() if name != action.service}
     step = memory.of(action.service)
-    if error or step.attempts >= STALLED_AFTER:
-        step = replace(step, retry_verb=action.verb, retry_at=now + delay(step.attempts + 1), error=error)
-    elif step.retry_verb == action.verb and not step.exits:
-        step = replace(step, retry_verb="", retry_at=0.0, error="")
-    if action.verb == "start" and not error and "asked" in action.args:
-        step = replace(step, restarted=action.args["asked"])
+    tried = step.tries.get(action.verb, Try())
+    if error or tried.count >= STALLED_AFTER:
+        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
+        step = replace(step, tries={**step.tries, action.verb: tried}, error=error)
+    elif tried.error and not step.exits:
+        step = replace(step, tries={**step.tries, action.verb: replace(tried, at=0.0, error="")})
+        step = replace(step, error=next((t.error for t in step.tries.values() if t.error), ""))
+    if action.verb == "start" and error:
+        step = replace(step, begun=None)
     if action.verb == "stop" and not error:
         step = replace(step, stopped=incarnation)
     return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

@@ -10,13 +10,13 @@ LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
 LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
-LABEL_INTERLOCK = "rorg.io/interlock"
+LABEL_RULES = "rorg.io/rules"
 
 
 def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
     """What our labels say of a container, as fields of Container."""
     return {"service": labels.get(LABEL_SERVICE, ""), "digest": labels.get(LABEL_SPEC, ""),
-            "declared": labels.get(LABEL_DECLARED, ""), "interlock": labels.get(LABEL_INTERLOCK, "")}
+            "declared": labels.get(LABEL_DECLARED, ""), "rules": labels.get(LABEL_RULES, "")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Container:
     """The label rorg.io/spec: the digest of what it was created from."""
     declared: str = ""
     """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
-    interlock: str = ""
-    """The label rorg.io/interlock: what had to allow touching it, for when no manifest says so any more."""
+    rules: str = ""
+    """The label rorg.io/rules: what of its manifest still counts when no manifest declares it any more."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """Options that the engine can change in place, as they are now."""
     pid: int = 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from rorg.core.chains import Chains, Step, away
 from rorg.core.desired import Situation
+from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
@@ -34,9 +35,11 @@ class _Planner:
         self.blocked: dict[str, str] = {}
         """Why a service's chain stops short, for those who wait for it."""
         self.chains = Chains(situation, self.containers, self.last)
+        self.leaving = self.leave_at_once()
+        """Unwanted services that do not linger."""
 
     def plan(self) -> Plan:
-        for name in sorted(set(self.containers) - {n for n, s in self.services.items() if not s.meta}):
+        for name in sorted(self.chains.undeclared):
             self.undeclared(name)
         for name in reversed(self.desired.order):
             if name not in self.s.wanted:
@@ -48,6 +51,18 @@ class _Planner:
         if self.s.suspended:
             self.waitings.append(Waiting("rorg", self.s.suspended))
         return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
+
+    def leave_at_once(self) -> set[str]:
+        """What is in somebody's way, or must not be active; and what needs that."""
+        found: set[str] = set()
+        for name in self.desired.order:
+            service = self.services[name]
+            if name not in self.s.wanted and (
+                    name in self.s.gave_way or name in self.s.barred
+                    or any(o in self.s.wanted for o in self.desired.conflicts.get(name, ()))
+                    or any(n in found for n in service.needs) or self.chains.contested(service)):
+                found.add(name)
+        return found
 
     def undeclared(self, name: str) -> None:
         """A service of ours that no manifest declares any more."""
@@ -83,8 +98,8 @@ class _Planner:
             after = () if name not in self.last else (self.last[name],)
             linked, waiting = self.gate(service, step)
             if waiting:
-                self.waitings.append(waiting)
-                if step.verb in ("update", "rename") and not self.s.interlocks.get(name):
+                self.waitings += [waiting] if waiting not in self.waitings else []
+                if step.verb in ("update", "rename"):
                     continue
                 self.blocked[name] = waiting.reason
                 return
@@ -106,13 +121,14 @@ class _Planner:
     def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
         """Actions that this step must follow, or what it waits for."""
         memory = self.s.memory.of(service.name)
-        asked = self.s.restarts.get(service.name, "")
-        impatient = step.verb == "start" and step.container is not None and step.container.started_at < asked
-        if memory.retry_verb == step.verb and memory.retry_at > self.s.now and not impatient:
-            wait = format_seconds(memory.retry_at - self.s.now)
+        asked = self.s.restarts.get(service.name)
+        impatient = step.verb == "start" and step.container is not None and step.container.incarnation == asked
+        tried = memory.tries.get(step.verb)
+        if tried and tried.at > self.s.now and not impatient:
+            wait = format_seconds(tried.at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
-            return (), Waiting(service.name, f"{step.verb} {word}: {memory.error or 'no effect'}; again in {wait}",
-                               memory.retry_at)
+            return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",
+                               tried.at)
         locked = self.s.interlocks.get(service.name, "") if step.verb not in ("create", "rename") else ""
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
@@ -133,7 +149,8 @@ class _Planner:
             reason = self.unready(need)
             if reason:
                 return (), Waiting(service.name, f"{need} {reason}", self.deadline(need))
-        for other in self.desired.conflicts.get(service.name, ()):
+        left = [n for n, cs in self.chains.undeclared.items() if service.name in rules_of(cs[0].rules).conflicts]
+        for other in (*self.desired.conflicts.get(service.name, ()), *left):
             if any(c.active for c in self.containers.get(other, [])):
                 if other not in self.last:
                     return (), Waiting(service.name, f"conflicts with {other}, which is active")
@@ -150,10 +167,11 @@ class _Planner:
         """Who must let go of an exclusive resource before this service can begin; a paused one still holds it."""
         users = [o for o in self.desired.sharers[resource] if o != service.name and any(
             c.alive for c in self.containers.get(o, []))]
-        used = service.exclusive[resource] + sum(self.services[o].exclusive[resource] for o in users)
+        left = self.chains.left_over(resource)
+        used = service.exclusive[resource] + sum(self.chains.units(o, resource) for o in users) + sum(left.values())
         if used <= self.desired.catalog.policy.resources.get(resource, 1):
             return []
-        return [o for o in users if o not in self.s.wanted] or users
+        return [*(o for o in users if o not in self.s.wanted), *left] or users
 
     def completed(self, need: str) -> bool:
         """It did what it was for, and ended well."""
@@ -197,13 +215,11 @@ class _Planner:
                     return (), Waiting(service.name, f"not wanted, but {dependant} needs it and is still active")
                 after.append(self.last[dependant])
         since = self.s.memory.of(service.name).unwanted_since
-        rivals = [o for o in self.desired.conflicts.get(service.name, ()) if o in self.s.wanted]
         until = (self.s.now if since is None else since) + service.idle.linger
         began = self.s.memory.of(service.name).running_since
         if began is not None:
             until = max(until, began + service.idle.min_active)
-        at_once = rivals or self.s.hurry or service.name in self.s.gave_way or self.chains.contested(service)
-        if until > self.s.now and not at_once:
+        if until > self.s.now and not self.s.hurry and service.name not in self.leaving:
             return (), Waiting(service.name, f"not wanted; lingers for {format_seconds(until - self.s.now)}", until)
         return tuple(after), None
 

@@ -50,11 +50,12 @@ def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed,
         asleep = any(c.state == "paused" for c in by_service.get(request.requester, [])[:1])
         if lease is None or lease.stamp != stamp or asleep or not observed.complete:
             lease = Lease(stamp, now + request.ttl)
+        # Kept in mind even when it has run out: should the drop not be written down, it stays so.
+        held[request.key] = lease
         if lease.until <= now:
             expired.append((request, f"its lease of {format_seconds(request.ttl)} ran out"))
-            continue
-        held[request.key] = lease
-        kept.append(request)
+        else:
+            kept.append(request)
     return Settled(tuple(kept), (*settled.dropped, *expired), settled.bound, held)
 
 
@@ -65,7 +66,8 @@ def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Obs
     by_service = observed.by_service()
     for request in requests:
         service = catalog.services.get(request.requester)
-        if request.standing or not observed.complete or (service and service.meta):
+        bodiless = service is not None and service.meta and request.incarnation is None
+        if request.standing or not observed.complete or bodiless:
             kept.append(request)
             continue
         containers = by_service.get(request.requester, [])

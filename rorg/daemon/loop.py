@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
-from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.lanes import Lanes
@@ -16,6 +15,7 @@ from rorg.core.memory import finish
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, pressed
+from rorg.daemon.ledger import Ledger
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros import RosPurger
 from rorg.daemon.snapshot import recall
@@ -29,25 +29,21 @@ from rorg.host.cgroups import reclaim
 from rorg.host.load import Meter, Sampler
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
-from rorg.manifest.catalog import Request, Thresholds
+from rorg.manifest.catalog import Thresholds
 from rorg.manifest.scalars import format_memory
 from rorg.store.bell import Bell
-from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb of which the engine's event, that comes first, tells all."""
-MANY = 1000
-"""Renewals to remember, beyond which those of requests that are gone are forgotten."""
+LONGEST = 3600.0
+"""Seconds of sleep at the most: a deadline may be centuries away."""
+AGAIN = 1.0
+"""Seconds after a pass that a bug has ended."""
 PATIENCE = 10.0
 """Seconds that the end of the loop waits for calls under way."""
-
-
-def _same(one: Request, other: Request) -> bool:
-    """They say the same, wherever in the file."""
-    return replace(one, where=other.where) == other
 
 
 class Loop:
@@ -57,7 +53,7 @@ class Loop:
                  clock: Callable[[], float], booted_at: str) -> None:
         self.tree, self.engine, self.reporter, self.owner = tree, engine, reporter, owner
         self.clock, self.booted_at = clock, booted_at
-        self.requests = RequestsFile(state.requests)
+        self.ledger = Ledger(state.requests, reporter)
         self.observer = Observer(engine, self.wake, lambda: self.tree.desired.catalog.policy.resync)
         self.prober = Prober(clock, self.wake, Asker(engine, self._container))
         self.sampler = Sampler(Meter(clock), lambda: limits.step if (limits := self._limits()) else None,
@@ -73,13 +69,6 @@ class Loop:
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
-        self.renewing = threading.Lock()
-        """For `renewals` and `ending`: what was renewed is not dropped, and what is being dropped not renewed."""
-        self.renewals: dict[tuple[str, str], int] = {}
-        """The number of the last renewal of each request through the door; none is ever used twice."""
-        self.ending: set[tuple[str, str]] = set()
-        """Requests that are being dropped now."""
-        self._numbers = itertools.count(1)
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
         self._woken = threading.Event()
@@ -107,8 +96,9 @@ class Loop:
         self._stopping = True
         self._woken.set()
 
-    def run(self, until: Callable[[Decision], bool] = lambda decision: False) -> None:
-        """Passes until stop() is called, or `until` says of a pass that this was all."""
+    def run(self, until: Callable[[Decision], bool] | None = None) -> None:
+        """Passes until stop() is called, or `until` says of a pass that this was all. Without it a bug in one pass is
+        told, and does not end the next ones: a robot without its loop would be worse."""
         self.prober.start()
         self.sampler.start()
         self.ros.start()
@@ -117,12 +107,24 @@ class Loop:
         self.observer.start()
         try:
             while not self._stopping:
-                decision = self.one_pass()
-                if until(decision):
+                try:
+                    decision = self.one_pass()
+                except Exception as bug:
+                    if until:
+                        raise
+                    self._tell_bug(bug)
+                    continue
+                if until and until(decision):
                     return
                 self._sleep(decision)
         finally:
             self._drain()
+
+    def _tell_bug(self, bug: Exception) -> None:
+        text = "".join(traceback.format_exception(bug)).strip()
+        self.reporter.when_new("bug", text, "internal-error", f"internal error in a pass, tried again: {text}")
+        self._woken.clear()
+        self._wait(self.clock() + AGAIN)
 
     def _sleep(self, decision: Decision) -> None:
         """Until something woke the loop or is due. Publishing is no reason for another pass."""
@@ -136,7 +138,7 @@ class Loop:
         self._woken.clear()
 
     def _wait(self, until: float | None) -> bool:
-        return self._woken.wait(None if until is None else max(0.0, until - self.clock()))
+        return self._woken.wait(None if until is None else min(LONGEST, max(0.0, until - self.clock())))
 
     def _drain(self) -> None:
         """Stops the threads. Calls under way are waited for, but not for ever: what they do is observed next time."""
@@ -157,7 +159,7 @@ class Loop:
         self.passes += 1
         self._read_files()
         self._take_outcomes()
-        asked, renewals = self.requests.asked, self._renewals()
+        asked, renewals = self.ledger.asked(), self.ledger.renewals()
         decision = decide(Inputs(
             desired=self.tree.desired, requests=asked.requests, restarts=asked.restarts,
             observed=self.observer.snapshot(), findings=self.prober.results(), memory=self.memory, now=self.clock(),
@@ -166,24 +168,21 @@ class Loop:
             suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=renewals,
         ))
         self.memory, self.decision = decision.memory, decision
-        self._settle(decision, renewals)
+        self.ledger.settle(decision, renewals)
         for action in decision.begin:
             call = self.workers.submit(self._work, action)
             self._calls.add(call)
             call.add_done_callback(self._calls.discard)
         self.prober.watch(decision.to_probe)
         self.ros.look(decision.situation)
-        self.reporter.report(decision, self.tree, self.requests)
+        self.reporter.report(decision, self.tree, self.ledger.file)
         self.decided()
         return decision
 
     def _read_files(self) -> None:
         if self._asked:
             self._asked = False
-            try:
-                self.requests.read()
-            except OSError as error:
-                self.reporter.event("requests-unreadable", str(error))
+            self.ledger.read()
         if self._files:
             self._files = False
             _, self._files = self.tree.read()
@@ -193,51 +192,6 @@ class Loop:
             outcomes, self._outcomes = self._outcomes, []
         for action, error in outcomes:
             self.memory = finish(self.memory, action, error, action.args.get("incarnation", ""), self.clock())
-
-    def renew(self, key: tuple[str, str]) -> None:
-        """Counts a renewal. The caller holds `renewing`."""
-        self.renewals[key] = next(self._numbers)
-
-    def _renewals(self) -> dict[tuple[str, str], int]:
-        with self.renewing:
-            if len(self.renewals) > MANY:
-                kept = {r.key for r in self.requests.asked.requests}
-                self.renewals = {key: n for key, n in self.renewals.items() if key in kept}
-            return dict(self.renewals)
-
-    def _settle(self, decision: Decision, renewals: Mapping[tuple[str, str], int]) -> None:
-        """Writes down which requests were dropped or bound, and which restarts are done. The file is the truth:
-        whoever changed an entry since it was read, or renewed it, has the last word."""
-        settled = decision.settled
-        if not (settled.dropped or settled.bound or decision.served):
-            return
-        gone = {r.key: r for r, _ in settled.dropped}
-        bound = {r.key: r.incarnation for r in settled.bound}
-        dropped: set[tuple[str, str]] = set()
-
-        def edit(asked: Asked) -> Asked:
-            with self.renewing:
-                dropped.update(r.key for r in asked.requests if r.key in gone and _same(r, gone[r.key])
-                               and self.renewals.get(r.key) == renewals.get(r.key))
-                self.ending |= dropped
-            return replace(
-                asked, requests=tuple(
-                    replace(r, incarnation=bound[r.key]) if r.key in bound and r.incarnation is None else r
-                    for r in asked.requests if r.key not in dropped),
-                restarts={n: at for n, at in asked.restarts.items() if decision.served.get(n) != at})
-
-        try:
-            self.requests.change(edit)
-        except (RorgError, OSError) as error:
-            self.reporter.event("requests-not-written", str(error))
-            return
-        finally:
-            with self.renewing:
-                self.ending -= dropped
-        for request, why in settled.dropped:
-            if request.key in dropped:
-                self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
-                                    service=request.requester, services=list(request.services))
 
     # -- what the pass's helpers ask ---------------------------------------------------------------------------
 

@@ -72,6 +72,10 @@ class Reporter:
         self._publish(decision, {**self.about, "tree": about_tree,
                                  "requests_errors": [str(d) for d in requests.diagnostics]})
 
+    def when_new(self, key: str, value: Any, kind: str, message: str) -> None:
+        """An event, unless the last one of this key said the same."""
+        self._when_new(key, value, lambda _: self.event(kind, message), None)
+
     def _when_new(self, key: str, value: Any, tell: Callable[[Any], None], subject: Any) -> None:
         first = key not in self._said
         if first or self._said[key] != value:

@@ -35,7 +35,7 @@ class Robot:
 
     def __init__(self, loop: Loop, about: Mapping[str, Any]) -> None:
         self.loop, self.about = loop, about
-        self.committer = Committer(RequestsFile(loop.requests.path))
+        self.committer = Committer(RequestsFile(loop.ledger.file.path))
         self._cached: tuple[Decision | None, dict[str, Status], dict[str, bytes]] = (None, {}, {})
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ class Robot:
         return snapshot(self.decision, {**self.about, "tree": {
             "root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint, "revision": tree.revision,
             "errors": [d.as_json() for d in tree.errors]},
-            "requests_errors": [str(d) for d in self.loop.requests.diagnostics]})
+            "requests_errors": [str(d) for d in self.loop.ledger.file.diagnostics]})
 
     def requests(self) -> list[dict[str, Any]]:
         """All requests, with the seconds that are left of their leases."""
@@ -144,8 +144,7 @@ class Robot:
                               "to release some")
             return asked.put(request)
 
-        with self.loop.renewing:
-            self.loop.renew(request.key)
+        self.loop.ledger.note(request.key)
         return self._change(caller, edit, "request", f"request '{request.id}' of {request.requester}: "
                             f"{', '.join(request.services)}", service=request.requester)
 
@@ -167,22 +166,10 @@ class Robot:
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
         allow_request(caller, key[0], (), self.catalog)
-        with self.loop.renewing:
-            found = self._asked(self.loop.requests.asked, key) or self._asked(self._on_disk(), key)
-            if found is None or key in self.loop.ending:
-                raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
-            self.loop.renew(key)
+        found = self.loop.ledger.renew(key)
+        if found is None:
+            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
         return request_json(found)
-
-    @staticmethod
-    def _asked(asked: Asked, key: tuple[str, str]) -> Request | None:
-        return next((r for r in asked.requests if r.key == key), None)
-
-    def _on_disk(self) -> Asked:
-        """What the file says: the loop may not have read yet what was acknowledged a moment ago."""
-        file = RequestsFile(self.loop.requests.path)
-        file.read()
-        return file.asked
 
     def release(self, caller: Caller, key: tuple[str, str]) -> Future[Asked]:
         """Gives a request up; what is released already is fine."""

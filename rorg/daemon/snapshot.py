@@ -22,7 +22,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
         "suspended": situation.suspended,
         "requests": [request_json(r) for r in requests],
-        "restarts": dict(situation.restarts),
+        "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
         "followed": {n: {"run": p.followed.run, "needs": dict(p.followed.needs)}

@@ -40,8 +40,8 @@ class Tree:
             for name in files:
                 try:
                     stat = os.stat(os.path.join(folder, name))
-                except FileNotFoundError:
-                    continue
+                except OSError:
+                    continue  # gone, or a link that leads nowhere: reading the tree says so
                 found.append((folder, name, stat.st_mtime_ns, stat.st_size, stat.st_ino))
         return tuple(sorted(found))
 

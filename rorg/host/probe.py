@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import os
 import socket
 import threading
@@ -11,7 +12,7 @@ import urllib.request
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.decide import Target
+from rorg.core.decide import FRESH, Target
 from rorg.core.memory import Finding
 from rorg.host import ros
 from rorg.manifest.catalog import Probe
@@ -26,6 +27,10 @@ Ask = Callable[[Key, Target], str]
 """Asks once: empty when the answer is yes, else what was found. Raises when the question could not be put."""
 
 
+DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+"""Past every proxy: what is asked are programs of this robot."""
+
+
 class CannotAsk(Exception):
     """Nothing was learnt of the service: who would have to be asked does not answer."""
 
@@ -37,8 +42,10 @@ def ask_socket(probe: Probe) -> str:
             host, _, port = str(probe.target).rpartition(":")
             with socket.create_connection((host, int(port)), timeout=TIMEOUT):
                 return ""
-        with urllib.request.urlopen(str(probe.target), timeout=TIMEOUT):
+        with DIRECT.open(str(probe.target), timeout=TIMEOUT):
             return ""
+    except http.client.HTTPException as error:
+        return f"{probe}: {type(error).__name__}"
     except urllib.error.HTTPError as error:
         return f"{probe.target} answers {error.code}"
     except OSError as error:
@@ -152,5 +159,9 @@ class Prober:
         failures = 0 if not message else (old.failures if old else 0) + asked
         self._results[key] = new = Finding(target.incarnation, not message, began, message, failures)
         self._due[key] = began + target.every
-        return old is None or old.ok != new.ok or old.message != new.message or (
-            failures != old.failures and failures == target.probe.failures)
+        if old is None or old.ok != new.ok or old.message != new.message:
+            return True
+        if key[1] == "interlock":
+            # The loop takes an answer that is too old for none, so the same answer is news then.
+            return self.clock() - old.at > target.probe.interval + FRESH
+        return failures != old.failures and failures == target.probe.failures

@@ -24,6 +24,11 @@ def parse_duration(value: object) -> float:
     return sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
 
 
+def format_duration(seconds: float) -> str:
+    """The same, written so that parse_duration reads it."""
+    return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"
+
+
 def parse_memory(value: object) -> int:
     """Bytes of "180Mi", "512m" or 1048576. Every unit is a power of 1024, as in Compose; -1 means no limit."""
     if isinstance(value, int) and not isinstance(value, bool) and value >= -1:
@@ -57,7 +62,9 @@ def parse_time(value: object) -> float:
     """Seconds since the epoch of an ISO 8601 time; UTC where it names no zone."""
     try:
         time = datetime.fromisoformat(str(value).replace("Z", "+00:00"))
-        return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+        epoch = (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+        stamp(epoch)
+        return epoch
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{value!r} is not a time; write one such as 2026-01-31T12:00:00Z") from error
 

@@ -34,7 +34,8 @@ class Faults:
     fail: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     """Messages of the next failures, used up one by one."""
     crash_after: dict[str, float] = field(default_factory=dict)
-    """Service -> seconds after each start until it exits with 1."""
+    """Service -> seconds after each start until it exits."""
+    exit_code: int = 1
     unreachable: bool = False
 
 

@@ -7,11 +7,11 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.lanes import Lanes
 from rorg.core.memory import Finding, Memory, finish
-from rorg.core.observed import Observed
+from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
 from rorg.engines.execute import perform
@@ -30,7 +30,9 @@ class SimRobot:
     def __init__(self, catalog: Catalog, owner: str = "sim") -> None:
         self.now = 0.0
         self.faults = Faults()
-        self.engine = SimEngine(owner, lambda: self.now, self.faults)
+        self.clock_set = 0.0
+        """Seconds by which the machine's clock was set since."""
+        self.engine = SimEngine(owner, lambda: self.now + self.clock_set, self.faults)
         self.owner = owner
         self.desired: Desired = desire(catalog)
         self.asked = Asked()
@@ -44,7 +46,11 @@ class SimRobot:
         """(cores, bytes) that other programs of the machine use."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
+        self._seen: tuple[Container, ...] = ()
+        self._asked: Mapping[tuple[str, str], Target] = {}
+        """What the last pass wanted to be probed."""
         self.removals = True
+        self.booted_at = ""
         self.log: list[tuple[float, str]] = []
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._numbers = itertools.count()
@@ -55,7 +61,7 @@ class SimRobot:
     @property
     def wall(self) -> float:
         """Virtual now, in seconds since the epoch."""
-        return EPOCH + self.now
+        return EPOCH + self.now + self.clock_set
 
     def at(self, time: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._events, (time, next(self._numbers), do))
@@ -63,7 +69,7 @@ class SimRobot:
     def step(self) -> Decision:
         """One pass now."""
         decision = decide(self.inputs())
-        self.decision = decision
+        self.decision, self._asked = decision, decision.to_probe
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
         self.memory = decision.memory
@@ -90,31 +96,33 @@ class SimRobot:
     def _crash(self, container: str, run: str) -> None:
         found = self.engine.containers.get(container)
         if found and found.alive and found.incarnation == run:
-            self.engine.kill(container, 1)
+            self.engine.kill(container, self.faults.exit_code)
 
     def inputs(self) -> Inputs:
         """What a pass would read now."""
-        observed = Observed((), False, "the engine does not answer") if self.faults.unreachable else Observed(
-            tuple(self.engine.list()))
+        if not self.faults.unreachable:
+            self._seen = tuple(self.engine.list())
+        observed = Observed(self._seen, not self.faults.unreachable,
+                            "the engine does not answer" if self.faults.unreachable else "")
         return Inputs(
             self.desired, self.asked.requests, self.asked.restarts, observed, self._findings(), self.memory, self.now,
-            self.owner, self.removals, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
+            self.owner, self.removals, self.booted_at, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
             holds=self.asked.holds, suspended=self.asked.suspended, wall=self.wall, load=self._load(),
             renewals=self.renewals)
 
     def _findings(self) -> Mapping[tuple[str, str], Finding]:
+        """Answers to what the last pass asked."""
         found = {}
-        for name, step in self.memory.progress.items():
-            if step.running_since is not None:
-                since = self.now - step.running_since
-                ok = since >= self.ready_after.get(name, PROBE_AFTER)
-                found[name, "ready"] = Finding(step.incarnation, ok, self.now, "" if ok else "no answer")
-                hung = step.incarnation in self.hung
-                found[name, "live"] = Finding(step.incarnation, not hung, self.now, "no answer" if hung else "",
-                                              1000 if hung else 0)
-        for name in {*self.desired.catalog.services, *(c.service for c in self.engine.list())}:
-            ok = name not in self.locked
-            found[name, "interlock"] = Finding("", ok, self.now, "" if ok else "not allowed")
+        for (name, role), target in self._asked.items():
+            step = self.memory.of(name)
+            if role == "interlock":
+                ok = name not in self.locked
+                found[name, role] = Finding("", ok, self.now, "" if ok else "not allowed")
+            elif step.running_since is not None and step.incarnation == target.incarnation:
+                late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
+                ok = step.incarnation not in self.hung and not (role == "ready" and late)
+                found[name, role] = Finding(step.incarnation, ok, self.now, "" if ok else "no answer",
+                                            0 if ok else 1000)
         return found
 
     def _load(self) -> Load | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,8 +12,8 @@ import yaml
 
 from rorg.errors import Invalid
 from rorg.manifest.catalog import Hold, Request
-from rorg.manifest.diagnostics import Diagnostic, nearest
-from rorg.manifest.scalars import parse_duration, parse_time, stamp
+from rorg.manifest.diagnostics import Diagnostic, Where, nearest
+from rorg.manifest.scalars import format_duration, parse_duration, parse_time, stamp
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.store.bell import ring
 from rorg.store.files import locked, write_atomic
@@ -23,7 +24,22 @@ HEADER = """\
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
 # service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
 """
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+SPARE = ".requests.last-good.yaml"
+PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
+"""Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
+on what else a number, a time or a truth value looks like."""
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    pass
+
+
+def _text(dumper: _Dumper, text: str) -> yaml.Node:
+    style = None if PLAIN.fullmatch(text) else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
 _KEYS = ("requests", "restarts", "holds", "suspended")
 
@@ -137,7 +153,7 @@ class _Reader:
             if not entry.get(key):
                 self.error(path, f"'{key}' is missing")
         services = entry.get("services")
-        if isinstance(services, str) or (services and not all(isinstance(s, str) for s in services)):
+        if services and not (isinstance(services, list) and all(isinstance(s, str) for s in services)):
             self.error((*path, "services"), "must be a list of names", "[NAME]")
         for key in ("id", "requester", "reason", "incarnation", "renewed"):
             if not isinstance(entry.get(key, ""), str | None):
@@ -164,7 +180,7 @@ def render(asked: Asked) -> str:
         if request.priority is not None:
             entry["priority"] = request.priority
         if request.ttl is not None:
-            entry["ttl"] = f"{request.ttl:g}s"
+            entry["ttl"] = format_duration(request.ttl)
         if request.renewed:
             entry["renewed"] = request.renewed
         entries.append(entry)
@@ -175,7 +191,8 @@ def render(asked: Asked) -> str:
         content["holds"] = {name: _hold(hold) for name, hold in asked.holds.items()}
     if asked.suspended:
         content["suspended"] = _hold(asked.suspended)
-    return HEADER + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+    return HEADER + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120,
+                              allow_unicode=True)
 
 
 def _hold(hold: Hold) -> dict[str, str]:
@@ -190,6 +207,8 @@ class RequestsFile:
         self._stamp: tuple | None = None
         self.asked = Asked()
         """The last good content."""
+        self.good = False
+        """Whether any content was good yet."""
         self.diagnostics: list[Diagnostic] = []
         """What is wrong with the content of now; the last good one counts meanwhile."""
 
@@ -200,11 +219,28 @@ class RequestsFile:
             return False
         text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
         self._stamp = stamp
-        asked, self.diagnostics = parse(text, str(self.path))
-        if asked is None or asked == self.asked:
+        try:
+            asked, self.diagnostics = parse(text, str(self.path))
+        except Exception as bug:  # whatever somebody wrote into it, the robot goes on
+            where = Where(str(self.path))
+            asked, self.diagnostics = None, [Diagnostic(where, f"cannot be read: {type(bug).__name__}: {bug}")]
+        if asked is None:
             return False
+        self.good, changed = True, asked != self.asked
         self.asked = asked
-        return True
+        return changed
+
+    def keep(self) -> None:
+        """While the file is broken, its last good content lies beside it, so that a restart of rorg forgets nothing."""
+        spare = self.path.with_name(SPARE)
+        if not self.diagnostics:
+            spare.unlink(missing_ok=True)
+        elif self.good:
+            write_atomic(spare, render(self.asked))
+        elif spare.exists():
+            asked, _ = parse(spare.read_text(encoding="utf-8"), str(spare))
+            if asked is not None:
+                self.asked, self.good = asked, True
 
     def _now(self) -> tuple:
         """Changes with every version of the file."""
