@@ -88,7 +88,7 @@ class _Reader:
                 self.error(key_node, "a key must be plain text")
                 continue
             key = key_node.value
-            if key == "<<":
+            if key == "<<" and not key_node.style:
                 self.error(key_node, "merge keys (<<) are not part of YAML 1.2", "a Profile for what services share")
                 continue
             if key in result:
