@@ -7,6 +7,7 @@ import os
 import socket
 import threading
 import time
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
@@ -226,6 +227,37 @@ def test_an_interlock_asked_every_few_seconds_still_allows(tmp_path):
         robot.close()
 
 
+def test_an_interlock_that_takes_its_time_still_allows(tmp_path):
+    """Its answer is too old for a while before the next, equal one comes."""
+    answers = []
+    prober = Prober(time.monotonic, lambda: answers.append(1), lambda key, target: slowly(0.9))
+    prober.start()
+    prober.watch({("arm", "interlock"): Target(Probe("http", "x", interval=0.25), "", 0.25)})
+    wait_for(lambda: len(answers) >= 3, what="the same answer is news when the one before is too old")
+    prober.stop()
+
+
+def slowly(seconds: float) -> str:
+    began = time.monotonic()
+    wait_for(lambda: time.monotonic() > began + seconds)
+    return ""
+
+
+def test_a_service_that_lost_its_readiness_is_still_asked_whether_it_lives(tmp_path):
+    from robots import VirtualRobot
+
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"server": {"always_on": True, "ready": {"tcp": 80, "failures": 2}, "live": {"tcp": 80}}})
+    robot.wait(lambda: robot.sim.memory.of("server").ready)
+    before = robot.container("server").incarnation
+    targets = robot.sim.decision.to_probe
+    assert {role for _, role in targets} == {"ready", "live"}
+    robot.sim.memory = replace(robot.sim.memory, progress={
+        "server": replace(robot.sim.memory.of("server"), ready=False)})
+    robot.sim.hung = {before}
+    robot.wait(lambda: robot.container("server").incarnation != before, 5)
+
+
 def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
     port = free_port()
     listener = socket.create_server(("127.0.0.1", port))
@@ -319,7 +351,7 @@ def test_what_answers_no_xml_is_no_ros_master():
         page.shutdown()
 
 
-def test_an_http_probe_wants_2xx_or_3xx():
+def test_an_http_probe_wants_2xx_or_3xx(monkeypatch):
     from rorg.host.probe import ask_host
 
     with HTTPServer(("127.0.0.1", 0), Page) as page:
@@ -327,8 +359,24 @@ def test_an_http_probe_wants_2xx_or_3xx():
         url = f"http://127.0.0.1:{page.server_port}"
         assert ask_host(Probe("http", f"{url}/fine")) == ""
         assert ask_host(Probe("http", f"{url}/ill")) == f"{url}/ill answers 503"
+        monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{free_port()}")
+        assert ask_host(Probe("http", f"{url}/fine")) == "", "a robot's own programs are behind no proxy"
         page.shutdown()
     assert "refused" in ask_host(Probe("http", f"{url}/fine"))
+
+
+def test_a_server_that_does_not_speak_http_has_answered():
+    from rorg.host.probe import ask_host
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        def answer() -> None:
+            connection, _ = listener.accept()
+            connection.recv(1000)
+            connection.sendall(b"SSH-2.0-hello\r\n")
+            connection.close()
+
+        threading.Thread(target=answer, daemon=True).start()
+        assert "BadStatusLine" in ask_host(Probe("http", f"http://127.0.0.1:{listener.getsockname()[1]}"))
 
 
 def test_300_probed_services_do_not_load_the_machine():

@@ -40,7 +40,8 @@ def manifest_files(root: Path) -> list[Path]:
     """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
     folders = [root] + [root / folder for folder in FOLDERS]
     found = [p for f in folders if f.is_dir() for p in f.iterdir()]
-    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and p.is_file())
+    # A link that leads nowhere counts: what cannot be read is a mistake, not a service that nobody declares any more.
+    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not p.is_dir())
 
 
 def stray_manifests(root: Path) -> list[Diagnostic]:
@@ -48,7 +49,7 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     strays = []
     for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != "."):
         for path in sorted(folder.glob("*.y*ml")):
-            if re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+            if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
                 message = f"a manifest in '{folder.name}/', which is not read"
                 strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(folder.name, FOLDERS)}"))
     return strays
@@ -61,12 +62,18 @@ def read_tree(root: Path, overlay: Mapping[Path, str | None] | None = None
     None for one that would be gone. Raises OSError for an unreadable tree."""
     sources: list[Source] = []
     broken: set[str] = set()
-    texts = {path: path.read_text(encoding="utf-8", errors="replace") for path in manifest_files(root)}
-    for path, text in (overlay or {}).items():
-        texts.pop(path, None)
-        if text is not None:
-            texts[path] = text
+    files = {path: None for path in manifest_files(root)} | dict(overlay or {})
     diagnostics = stray_manifests(root)
+    texts: dict[Path, str] = {}
+    for path, text in files.items():
+        if path in (overlay or {}) and text is None:
+            continue
+        try:
+            texts[path] = path.read_text(encoding="utf-8", errors="replace") if text is None else text
+        except OSError as error:
+            diagnostics.append(Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}",
+                                          "to mend or delete it"))
+            broken.add(path.stem)
     for path, text in texts.items():
         source, found = read_source(text, path, str(path))
         diagnostics += found

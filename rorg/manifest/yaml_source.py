@@ -15,6 +15,8 @@ import yaml
 from rorg.manifest.diagnostics import Diagnostic, Where
 
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+MAX_DEPTH = 50
+"""The parser's own recursion ends in a crash some ten thousand levels down."""
 MAX_NODES = 100_000
 """An alias bomb grows past any robot's manifest long before this many nodes."""
 
@@ -121,10 +123,25 @@ class _Reader:
             return text
 
 
+def _check_depth(text: str) -> None:
+    """Raises YAMLError when it is nested too deep. Every level takes one of these characters."""
+    if sum(map(text.count, "[{-:?")) <= MAX_DEPTH:
+        return
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                raise yaml.MarkedYAMLError(problem=f"nested more than {MAX_DEPTH} deep", problem_mark=event.start_mark)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
 def read_yaml(text: str, file: str) -> tuple[Document | None, list[Diagnostic]]:
     """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened."""
     reader = _Reader(file)
     try:
+        _check_depth(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
