@@ -100,9 +100,19 @@ class Client:
         self._local = threading.local()
 
     def close(self) -> None:
-        connection = getattr(self._local, "connection", None)
+        connection = self._connection()
         if connection:
             connection.close()
+        self._local.kept = None
+
+    def _connection(self) -> _Connection | None:
+        """This thread's; a child after fork() must not speak on that of its parent."""
+        pid, connection = getattr(self._local, "kept", None) or (0, None)
+        return connection if pid == os.getpid() else None
+
+    def _unreachable(self, error: Exception) -> Unreachable:
+        return Unreachable(f"cannot reach rorg on {self.socket}", str(error) or type(error).__name__, "`rorg run`",
+                           "unreachable")
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -156,18 +166,20 @@ class Client:
     def plan(self) -> dict[str, Any]:
         return self.call("GET", "/v1/plan")
 
-    def restart(self, name: str, force: bool = False) -> None:
-        self.call("POST", f"/v1/services/{quote(name)}/restart" + ("?force=true" if force else ""))
+    def restart(self, name: str, force: bool = False) -> list[str]:
+        """Stops and starts a service, or each of a group; returns their names. Drivers only with `force`."""
+        return self.call("POST", f"/v1/services/{quote(name)}/restart" + ("?force=true" if force else ""))["services"]
 
-    def hold(self, name: str, seconds: float, reason: str = "") -> None:
-        """Keeps a service from being active, whoever requests it."""
-        self.call("PUT", f"/v1/holds/{quote(name)}", {"duration": f"{seconds:g}s", "reason": reason})
+    def hold(self, name: str, seconds: float, reason: str = "") -> list[str]:
+        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names."""
+        body = {"duration": _seconds(seconds), "reason": reason}
+        return self.call("PUT", f"/v1/holds/{quote(name)}", body)["services"]
 
     def unhold(self, name: str) -> None:
         self.call("DELETE", f"/v1/holds/{quote(name)}")
 
     def suspend(self, seconds: float, reason: str = "") -> None:
-        self.call("PUT", "/v1/suspension", {"duration": f"{seconds:g}s", "reason": reason})
+        self.call("PUT", "/v1/suspension", {"duration": _seconds(seconds), "reason": reason})
 
     def unsuspend(self) -> None:
         self.call("DELETE", "/v1/suspension")
@@ -202,6 +214,9 @@ class Client:
                 response = connection.getresponse()
                 if response.status != 200:
                     _raise(response.status, response.read())
+                if cursor is None:
+                    # From here on it is known what was missed, though nothing has been seen yet.
+                    cursor = int(response.getheader("rorg-cursor") or 0)
                 for line in response:
                     event = json.loads(line)
                     cursor = event["seq"]
@@ -210,7 +225,7 @@ class Client:
                     return
             except (OSError, http.client.HTTPException) as error:
                 if not follow:
-                    raise Unreachable(f"reach rorg on {self.socket}", str(error)) from error
+                    raise self._unreachable(error) from error
             finally:
                 connection.close()
             time.sleep(0.2)
@@ -223,21 +238,23 @@ class Client:
         end = time.monotonic() + (self.patience if patience is None else patience)
         pause = 0.02
         while True:
+            # One that was kept may have been closed meanwhile, which says nothing of who is there now.
+            fresh = self._connection() is None
             try:
                 return self._once(method, path, body, timeout or self.timeout)
             except (OSError, http.client.HTTPException) as error:
                 self.close()
-                self._local.connection = None
-                if time.monotonic() + pause > end:
-                    raise Unreachable(f"cannot reach rorg on {self.socket}", str(error) or type(error).__name__,
-                                      "`rorg run`", "unreachable") from error
-            time.sleep(pause)
-            pause = min(2 * pause, 0.5)
+                if fresh and time.monotonic() + pause > end:
+                    raise self._unreachable(error) from error
+            if fresh:
+                time.sleep(pause)
+                pause = min(2 * pause, 0.5)
 
     def _once(self, method: str, path: str, body: Any, timeout: float) -> Any:
-        connection = getattr(self._local, "connection", None)
+        connection = self._connection()
         if connection is None:
-            connection = self._local.connection = _Connection(self.socket, timeout)
+            connection = _Connection(self.socket, timeout)
+            self._local.kept = (os.getpid(), connection)
         if connection.sock is not None:
             connection.sock.settimeout(timeout)
         connection.timeout = timeout
@@ -250,7 +267,9 @@ class Client:
         if response.status >= 400:
             _raise(response.status, text)
         kind = response.getheader("content-type", "")
-        return json.loads(text) if kind.startswith("application/json") else text.decode() if text else None
+        if kind.startswith("application/json"):
+            return json.loads(text)
+        return text.decode(errors="replace") if text else None
 
 
 class Request:
@@ -261,8 +280,8 @@ class Request:
         self.client, self.services, self.id, self.ttl = client, tuple(services), id, ttl
         self._address = f"/v1/requests/{quote(id)}", _as(requester)
         self._body = {"services": list(services), "reason": reason, "priority": priority,
-                      "ttl": None if ttl is None else f"{ttl:g}s"}
-        self._over = threading.Event()
+                      "ttl": None if ttl is None else _seconds(ttl)}
+        self._over, self._given_up = threading.Event(), False
         self._beat: threading.Thread | None = None
 
     def put(self) -> None:
@@ -276,8 +295,9 @@ class Request:
     def _heartbeat(self) -> None:
         path, query = self._address
         # A beat must not wait for ever for one that does not answer: the next one may reach a rorg that was restarted.
-        client = Client(self.client.socket, timeout=self.ttl or TTL, patience=0.0)
-        while not self._over.wait((self.ttl or TTL) / 3):
+        pause = (self.ttl or TTL) / 3
+        client = Client(self.client.socket, timeout=min(pause, self.client.timeout), patience=0.0)
+        while not self._over.wait(pause):
             try:
                 client.call("POST", f"{path}/renew{query}")
             except NotFound:
@@ -293,16 +313,19 @@ class Request:
         return self
 
     def release(self) -> None:
-        """Gives it up. While nobody answers it is tried again, like every call."""
-        if not self._over.is_set():
-            self._over.set()
-            if self._beat is not None and self._beat is not threading.current_thread():
-                self._beat.join()
-            path, query = self._address
-            self.client.call("DELETE", path + query)
+        """Gives it up. While nobody answers it is tried again, like every call; should that fail, call it again."""
+        if self._given_up:
+            return
+        self._over.set()
+        if self._beat is not None and self._beat is not threading.current_thread():
+            self._beat.join()
+        path, query = self._address
+        self.client.call("DELETE", path + query)
+        self._given_up = True
 
     def abandon(self) -> None:
         """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        self._given_up = True
         self._over.set()
 
     def __enter__(self) -> Request:
@@ -332,8 +355,26 @@ class AsyncClient:
 
     @contextlib.asynccontextmanager
     async def request(self, *services: str, **kwargs: Any) -> AsyncIterator[Request]:
-        """As Client.request."""
-        made = await self.run(self.sync.request, *services, **kwargs)
+        """As Client.request. When the task is cancelled while it waits, the request is released all the same."""
+        lock, state = threading.Lock(), {"cancelled": False, "made": None}
+
+        def ask() -> Request:
+            made = self.sync.request(*services, **kwargs)
+            with lock:
+                state["made"] = made
+                if not state["cancelled"]:
+                    return made
+            made.release()
+            return made
+
+        try:
+            made = await self.run(ask)
+        except BaseException:
+            with lock:
+                state["cancelled"], late = True, state["made"]
+            if late is not None:
+                threading.Thread(target=late.release, daemon=True).start()
+            raise
         try:
             yield made
         finally:
@@ -360,6 +401,10 @@ def client() -> Client:
 def request(*services: str, **kwargs: Any) -> Request:
     """Client.request on the default socket."""
     return client().request(*services, **kwargs)
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".") + "s"
 
 
 def _as(requester: str | None) -> str:

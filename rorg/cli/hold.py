@@ -10,18 +10,36 @@ from rorg.cli.options import End, EngineName, For, Reason, ServiceNames, StateDi
 def command(services: ServiceNames, duration: For = None, reason: Reason = "", end: End = False,
             state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Keep services from being active, whoever requests them, for a time; it ends by itself."""
+    from rorg.cli.context import Context
+    from rorg.errors import Invalid
+    from rorg.manifest.scalars import format_seconds
+
+    if not end and not duration:
+        raise Invalid(f"hold {', '.join(services)}", "it must end by itself", "--for 10m")
+    context = Context(state_dir, engine)
+    client = context.client()
+    if client and end:
+        for name in services:
+            client.unhold(name)
+        names = list(services)
+    elif client:
+        names = [held for name in services for held in client.hold(name, duration or 0.0, reason)]
+    else:
+        names = _write(context, services, duration, reason)
+    typer.echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
+
+
+def _write(context: object, services: list[str], duration: float | None, reason: str) -> list[str]:
+    """Into the requests file, where no rorg serves. Without a duration the holds end."""
     import time
     from dataclasses import replace
 
-    from rorg.cli.context import Context
     from rorg.cli.output import missing
     from rorg.errors import Invalid
     from rorg.manifest.catalog import Hold
-    from rorg.manifest.scalars import format_seconds
     from rorg.store.requests_file import Asked
 
-    context = Context(state_dir, engine)
-    catalog = context.catalog()
+    catalog = context.catalog()  # type: ignore[attr-defined]
     names = [m for s in services for m in catalog.members(s) if not catalog.services[m].meta]
     for service in services:
         if not catalog.members(service):
@@ -29,21 +47,12 @@ def command(services: ServiceNames, duration: For = None, reason: Reason = "", e
     if not names:
         raise Invalid(f"hold {', '.join(services)}", "a meta-service has no container that could be ceased",
                       "the services that it requests")
-    if not end and not duration:
-        raise Invalid(f"hold {', '.join(names)}", "it must end by itself", "--for 10m")
     now = time.time()
-    told = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
-    client = context.client()
-    if client:
-        for name in names:
-            client.unhold(name) if end else client.hold(name, duration or 0.0, reason)
-        typer.echo(told)
-        return
 
     def edit(asked: Asked) -> Asked:
         kept = {n: h for n, h in asked.holds.items() if h.until > now and n not in names}
-        return replace(asked, holds=kept if end else {
-            **kept, **dict.fromkeys(names, Hold(now + (duration or 0.0), reason))})
+        return replace(asked, holds={**kept, **({} if duration is None else dict.fromkeys(
+            names, Hold(now + duration, reason)))})
 
-    context.change(edit)
-    typer.echo(told)
+    context.change(edit)  # type: ignore[attr-defined]
+    return names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -54,7 +55,7 @@ def run() -> None:
             completion_init()
         app()
     except RorgError as error:
-        print(f"rorg: {error}", file=sys.stderr)
+        _complain(f"rorg: {error}")
         sys.exit(int(error.code))
     except KeyboardInterrupt:
         sys.exit(130)
@@ -65,9 +66,15 @@ def run() -> None:
         _told_by_the_api(bug)
         if os.environ.get("RORG_TRACEBACK"):
             raise
-        print(f"rorg: internal error: {type(bug).__name__}: {bug}\n"
-              "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed.", file=sys.stderr)
+        _complain(f"rorg: internal error: {type(bug).__name__}: {bug}\n"
+                  "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed.")
         sys.exit(int(Exit.INTERNAL))
+
+
+def _complain(text: str) -> None:
+    """Says it, if anybody still listens; the exit code tells it anyway."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def _told_by_the_api(error: Exception) -> None:
@@ -75,5 +82,5 @@ def _told_by_the_api(error: Exception) -> None:
     has imported it: that costs 20 ms."""
     client = sys.modules.get("rorg.client")
     if client and isinstance(error, client.Error):
-        print(f"rorg: {error}", file=sys.stderr)
+        _complain(f"rorg: {error}")
         sys.exit(int(CLIENT_CODES.get(error.code, Exit.USAGE)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,8 +21,9 @@ def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
 
 
 def note(text: str) -> None:
-    """For people; data alone goes to standard output."""
-    typer.echo(text, err=True)
+    """For people; data alone goes to standard output. That nobody reads it ends nothing."""
+    with contextlib.suppress(OSError):
+        typer.echo(text, err=True)
 
 
 def dump(value: Any, form: str) -> None:

@@ -12,30 +12,20 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, W
 def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout: Timeout = 60.0,
             state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
-    from dataclasses import replace
-
     from rorg.cli.context import Context, unready
-    from rorg.cli.output import missing
+    from rorg.client import Refused as RefusedByApi
     from rorg.daemon.wiring import wall_clock
-    from rorg.errors import Refused
 
     context = Context(state_dir, engine)
-    catalog = context.catalog()
-    names = [n for n in catalog.members(service) if not catalog.services[n].meta]
-    if not names:
-        raise missing("service", service, {*catalog.services, *catalog.groups})
-    drivers = [n for n in names if catalog.services[n].driver]
-    if drivers and not yes:
-        if not sys.stdin.isatty():
-            raise Refused(f"restart {service}", f"{', '.join(drivers)} moves hardware and nobody was asked", "--yes")
-        if not typer.confirm(f"{', '.join(drivers)} moves hardware. Restart?", err=True):
-            raise Refused(f"restart {service}", "you said no")
-    asked_at = wall_clock()
-    client = context.client()
+    asked_at, client = wall_clock(), context.client()
     if client:
-        client.restart(service, force=True)
+        try:
+            names = client.restart(service, force=yes)
+        except RefusedByApi as refused:
+            _confirm(service, refused.cause)
+            names = client.restart(service, force=True)
     else:
-        context.change(lambda asked: replace(asked, restarts={**asked.restarts, **{n: asked_at for n in names}}))
+        names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
     if wait and context.state.owner() is not None:
         def done(view: dict) -> str:
@@ -44,3 +34,31 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
             return f"{old[0]} has not started again" if old else unready(view, active)
 
         context.wait(f"the restart of {service}", done, timeout)
+
+
+def _confirm(service: str, why: str) -> None:
+    """Asks the person at the terminal. Raises Refused."""
+    from rorg.errors import Refused
+
+    if not sys.stdin.isatty():
+        raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
+    if not typer.confirm(f"{why}. Restart?", err=True):
+        raise Refused(f"restart {service}", "you said no")
+
+
+def _write(context: object, service: str, yes: bool, asked_at: str) -> list[str]:
+    """Into the requests file, where no rorg serves."""
+    from dataclasses import replace
+
+    from rorg.cli.output import missing
+
+    catalog = context.catalog()  # type: ignore[attr-defined]
+    names = [n for n in catalog.members(service) if not catalog.services[n].meta]
+    if not names:
+        raise missing("service", service, {*catalog.services, *catalog.groups})
+    drivers = [n for n in names if catalog.services[n].driver]
+    if drivers and not yes:
+        _confirm(service, f"{', '.join(drivers)} moves hardware")
+    context.change(  # type: ignore[attr-defined]
+        lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, asked_at)}))
+    return names

@@ -21,7 +21,7 @@ from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
 from rorg.manifest.catalog import Request as Ask
-from rorg.manifest.scalars import parse_duration
+from rorg.manifest.scalars import format_duration, parse_duration
 
 STATUS: dict[type[RorgError], tuple[int, str]] = {
     Forbidden: (403, "forbidden"), Missing: (404, "not-found"), Refused: (409, "refused"), Invalid: (422, "invalid"),
@@ -30,6 +30,8 @@ STATUS: dict[type[RorgError], tuple[int, str]] = {
 """Errors as HTTP status and stable code."""
 SEEN = 5.0
 """Seconds until a service that asks is seen to run."""
+LONGEST = 3650 * 86400.0
+"""Seconds of a lease or a hold."""
 MOST_BODY = 1 << 20
 """Bytes of a request's body."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -225,30 +227,43 @@ def _people(app: FastAPI, robot: Robot) -> None:
 
 def duration(value: str | None, field: str) -> float:
     try:
-        return parse_duration(value) if value is not None else 0.0
+        seconds = parse_duration(value) if value is not None else 0.0
     except ValueError as error:
         raise Invalid("read the request", f"{field}: {error}") from error
+    if seconds > LONGEST:
+        raise Invalid("read the request", f"{field}: more than {format_duration(LONGEST)}", "something shorter")
+    return seconds
+
+
+async def gone(request: Request) -> None:
+    """Returns when the caller has closed the connection."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -> None:
     @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
-    async def wait(services: Annotated[list[str], Query(min_length=1, max_length=300)],
+    async def wait(request: Request, services: Annotated[list[str], Query(min_length=1, max_length=300)],
                    timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0) -> Response:
         """Answers when these services and all that they need are ready; with the reason when they do not get so."""
         names = tuple(m for s in services for m in robot.members(s))
         deadline = asyncio.get_running_loop().time() + timeout
-        while True:
-            event = changed()
-            why, hopeless = robot.unready(names)
-            left = deadline - asyncio.get_running_loop().time()
-            if not why:
-                return JSONResponse({"ready": True})
-            if hopeless or left <= 0:
-                raise NotReady(f"wait for {', '.join(services)}", why, "`rorg why` for the reasons")
-            try:
-                await asyncio.wait_for(event.wait(), left)
-            except TimeoutError:
-                continue
+        hangup = asyncio.ensure_future(gone(request))
+        try:
+            while not hangup.done():
+                event = changed()
+                why, hopeless = robot.unready(names)
+                left = deadline - asyncio.get_running_loop().time()
+                if not why:
+                    return JSONResponse({"ready": True})
+                if hopeless or left <= 0:
+                    raise NotReady(f"wait for {', '.join(services)}", why, "`rorg why` for the reasons")
+                news = asyncio.ensure_future(event.wait())
+                await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
+                news.cancel()
+            return Response(status_code=400)  # nobody reads it
+        finally:
+            hangup.cancel()
 
     @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
     async def events(cursor: Annotated[int | None, Query(ge=0)] = None, follow: bool = False,
@@ -271,4 +286,4 @@ def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -
                 else:
                     await event.wait()
 
-        return StreamingResponse(lines(), media_type="application/x-ndjson")
+        return StreamingResponse(lines(), media_type="application/x-ndjson", headers={"rorg-cursor": str(place)})

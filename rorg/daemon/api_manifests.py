@@ -60,7 +60,12 @@ class Manifests:
         with self._lock:
             path = self.all().get((kind, name))
             self._same(path, body.base, f"change the {kind} '{name}'")
-            path = path or self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
+            if path is None:
+                path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
+                if path.is_symlink() or path.exists():
+                    raise Refused(f"write the {kind} '{name}'",
+                                  f"{path.relative_to(self.root)} declares something else",
+                                  "to give that file the name of what it declares")
             document, _ = read_yaml(body.text, path.name)
             value: Any = document.value if document else None
             metadata = value.get("metadata") if isinstance(value, dict) else None
@@ -70,7 +75,7 @@ class Manifests:
             path.parent.mkdir(exist_ok=True)
             write_atomic(path, body.text, mode=0o644)
             self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
-            return path, digest(body.text)
+            return path, digest(body.text.encode())
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> None:
         with self._lock:
@@ -81,7 +86,7 @@ class Manifests:
             self._told(caller, path, message or f"{kind} {name}: deleted through the API")
 
     def _same(self, path: Path | None, base: str | None, what: str) -> None:
-        now = digest(path.read_text(encoding="utf-8")) if path else None
+        now = digest(path.read_bytes()) if path else None
         if now != base:
             raise Refused(what, "it was changed meanwhile" if now and base else
                           "there is one already" if now else "it is gone", f"again, on the version {now}")
@@ -99,8 +104,8 @@ class Manifests:
         self.robot.loop.files_changed()
 
 
-def digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def add_manifests(app: FastAPI, robot: Robot) -> None:
@@ -112,14 +117,14 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
     def list_all() -> Response:
         """Every manifest of the tree, with the digest of its text."""
         return JSONResponse([{"kind": kind, "name": name, "file": str(path.relative_to(manifests.root)),
-                              "digest": digest(path.read_text(encoding="utf-8"))}
+                              "digest": digest(path.read_bytes())}
                              for (kind, name), path in sorted(manifests.all().items())])
 
     @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
     def get_one(kind: Kind, name: ManifestName) -> Response:
         """The text of a manifest. Its digest is the ETag."""
-        text = manifests.path_of(kind, name).read_text(encoding="utf-8")
-        return Response(text, media_type="application/yaml", headers={"ETag": f'"{digest(text)}"'})
+        content = manifests.path_of(kind, name).read_bytes()
+        return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
 
     @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
     def put_one(kind: Kind, name: ManifestName, body: PutManifest,

@@ -15,35 +15,26 @@ import shutil
 import socket
 import ssl
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import uvicorn
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from rorg.daemon.api import make_app
+from rorg.daemon.connection import IDLE, Connection
 from rorg.daemon.rights import Caller, allow, group_id, peer
 from rorg.daemon.robot import Robot
-from rorg.errors import RorgError
+from rorg.errors import Invalid, RorgError
 
 NAME = "rorg.sock"
 BACKLOG = 1024
 MOST_CONNECTIONS = 8000
 """Requests at once beyond which the answer is 503."""
-IDLE = 60
-"""Seconds after which a connection that asks nothing is closed."""
-
-
-class _Protocol(HttpToolsProtocol):
-    """Puts the caller into every request of its connection."""
-
-    who: Callable[[socket.socket | None, Any], Caller]
-
-    def connection_made(self, transport: Any) -> None:
-        caller = self.who(transport.get_extra_info("socket"), transport)
-        self.app_state = {**self.app_state, "caller": caller}
-        super().connection_made(transport)
+RETRY = 5.0
+"""Seconds until sockets that could not be made are tried again."""
 
 
 class Quick:
@@ -82,9 +73,14 @@ class Door:
         self._event = asyncio.Event()
         self._services: dict[str, asyncio.AbstractServer] = {}
         self._declared: frozenset[str] = frozenset()
+        self._again = float("inf")
+        """When to try sockets again that could not be made."""
+        self._open: Counter[str] = Counter()
+        self._broken: Exception | None = None
+        """Why it could not begin to serve."""
         self.app = make_app(robot, lambda: self._event)
         self.config = uvicorn.Config(
-            Quick(self.app, robot), http=_Protocol, loop="uvloop", log_config=None, access_log=False, lifespan="off",
+            Quick(self.app, robot), http=Connection, loop="uvloop", log_config=None, access_log=False, lifespan="off",
             timeout_keep_alive=IDLE, limit_concurrency=MOST_CONNECTIONS, backlog=BACKLOG, ws="none",
             h11_max_incomplete_event_size=65536, server_header=False, date_header=False)
         self.server = uvicorn.Server(self.config)
@@ -111,6 +107,10 @@ class Door:
         self._thread = threading.Thread(target=self._run, args=(main, started), name="door", daemon=True)
         self._thread.start()
         started.wait(30)
+        if self._broken is not None or not started.is_set():
+            self.robot.committer.stop()
+            where = f"{self.tcp[0]}:{self.tcp[1]}" if self.tcp else str(self.directory / NAME)
+            raise Invalid(f"serve on {where}", str(self._broken or "no answer within 30 s"), "another address")
         self.robot.loop.decided = self.decided
 
     def stop(self) -> None:
@@ -127,7 +127,12 @@ class Door:
         self.config.load()
         self.server.lifespan = self.config.lifespan_class(self.config)
         with runner:
-            runner.run(self._serve(main, started))
+            try:
+                runner.run(self._serve(main, started))
+            except Exception as error:
+                self._broken = error
+            finally:
+                started.set()
 
     async def _serve(self, main: socket.socket, started: threading.Event) -> None:
         loop = asyncio.get_running_loop()
@@ -147,41 +152,48 @@ class Door:
 
     def _protocol(self, who: Callable[[socket.socket | None, Any], Caller]) -> Callable[[], asyncio.Protocol]:
         def make() -> asyncio.Protocol:
-            made = _Protocol(self.config, self.server.server_state, {})
-            made.who = who  # type: ignore[method-assign]
+            made = Connection(self.config, self.server.server_state, {})
+            made.who, made.open = who, self._open  # type: ignore[method-assign]
             return made
 
         return make
 
     # -- sockets -----------------------------------------------------------------------------------------------
 
-    def _listen(self, path: Path) -> socket.socket:
-        """A listening socket of mode 0660 and our group, in place of one that a killed rorg left behind. Bound by way
-        of an open directory, since a path of its own may be longer than the 107 bytes allowed."""
-        path.unlink(missing_ok=True)
+    def _listen(self, path: Path, mode: int = 0o660) -> socket.socket:
+        """A listening socket of this mode and our group, in place of one that a killed rorg left behind. It is made
+        where nobody else can reach it, and then moved: whatever lies at its place by then is never followed. Bound by
+        way of an open directory, since a path of its own may be longer than the 107 bytes allowed."""
+        made = self.directory / ".new"
+        made.mkdir(mode=0o700, exist_ok=True)
+        (made / NAME).unlink(missing_ok=True)
         found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
-        before = os.umask(0o117)
+        folder = os.open(made, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            found.bind(f"/proc/self/fd/{folder}/{path.name}")
+            found.bind(f"/proc/self/fd/{folder}/{NAME}")
+            os.chmod(made / NAME, mode)
+            if self.group is not None:
+                with contextlib.suppress(PermissionError):
+                    os.chown(made / NAME, -1, self.group)
+            os.replace(made / NAME, path)
+        except OSError:
+            found.close()
+            raise
         finally:
-            os.umask(before)
             os.close(folder)
-        if self.group is not None:
-            with contextlib.suppress(PermissionError):
-                os.chown(path, -1, self.group)
         found.setblocking(False)
         return found
 
     def decided(self) -> None:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
-        if self._asyncio is not None:
-            with contextlib.suppress(RuntimeError):
-                self._asyncio.call_soon_threadsafe(self._turn)
+        if self._asyncio is None:
+            return
         declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.may_request)
-        if declared != self._declared and self._asyncio is not None:
-            self._declared = declared
-            asyncio.run_coroutine_threadsafe(self._serve_services(declared), self._asyncio)
+        with contextlib.suppress(RuntimeError):
+            self._asyncio.call_soon_threadsafe(self._turn)
+            if declared != self._declared or time.monotonic() >= self._again:
+                self._declared, self._again = declared, float("inf")
+                self._asyncio.call_soon_threadsafe(lambda: asyncio.ensure_future(self._serve_services(declared)))
 
     def _turn(self) -> None:
         self._event.set()
@@ -197,13 +209,17 @@ class Door:
             self._services.pop(name).close()
             shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
         for name in sorted(names - set(self._services)):
-            self.prepare([name])
-            listener = self._listen(self.directory / "services" / name / NAME)
-            # Whatever user a program runs as inside its container, the mount is its right.
-            os.chmod(self.directory / "services" / name / NAME, 0o666)
             caller = Caller("service", service=name)
-            self._services[name] = await asyncio.get_running_loop().create_server(
-                self._protocol(lambda *_, caller=caller: caller), sock=listener, backlog=BACKLOG)
+            try:
+                self.prepare([name])
+                # Whatever user a program runs as inside its container, the mount is its right.
+                listener = self._listen(self.directory / "services" / name / NAME, 0o666)
+                self._services[name] = await asyncio.get_running_loop().create_server(
+                    self._protocol(lambda *_, caller=caller: caller), sock=listener, backlog=BACKLOG)
+            except OSError as error:
+                self._again = time.monotonic() + RETRY
+                self.robot.loop.reporter.when_new(f"socket of {name}", str(error), "no-socket",
+                                                  f"{name} has no socket to request anything: {error}")
 
 
 def _certified(_: socket.socket | None, transport: Any) -> Caller:

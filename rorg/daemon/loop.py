@@ -226,9 +226,9 @@ class Loop:
             error = f"internal error: {type(bug).__name__}: {bug}"
         if container and not self.observer.shows(container, AFTER.get(action.verb, "")):
             self.observer.refresh(container)
-        self.reporter.outcome(action, error, self.clock() - began)
         with self._lock:
             self._outcomes.append((action, error))
+        self.reporter.outcome(action, error, self.clock() - began)
         self.wake()
         if action.verb == "pause" and not error:
             self._reclaim(action)

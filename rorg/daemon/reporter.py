@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 from collections.abc import Callable
@@ -44,7 +45,8 @@ class Reporter:
 
     def event(self, kind: str, message: str, **more: Any) -> None:
         with self._lock:
-            self.say(message)
+            with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
+                self.say(message)
             self.journal.append(self.wall(), kind, message, **more)
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:

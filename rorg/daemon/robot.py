@@ -96,7 +96,7 @@ class Robot:
     def why(self, name: str) -> dict[str, Any]:
         """The chain from a root to a service, who requests it, and what it waits for."""
         status = self.statuses()[name]
-        message = next(c.message for c in status.conditions if c.type == "Requested")
+        message = next((c.message for c in status.conditions if c.type == "Requested"), "")
         return {"service": name, "wanted": status.wanted, "state": status.state,
                 "chain": message.split(" <- ") if status.wanted else [],
                 "requests": [r for r in self.requests() if any(name in self.catalog.members(s) for s in r["services"])],

@@ -3,17 +3,35 @@
 from __future__ import annotations
 
 import subprocess
+import time
 from pathlib import Path
 
+PATIENCE = 5.0
+"""Seconds for a question to git."""
+COMMIT_PATIENCE = 60.0
+"""Seconds for a commit: a hook may run."""
+STALE = 600.0
+"""Seconds after which index.lock is one that a killed git left behind."""
 
-def _git(directory: Path, *args: str) -> str | None:
+
+def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
     try:
-        done = subprocess.run(["git", "-C", str(directory), *args], capture_output=True, text=True, timeout=5,
-                              check=True, env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C",
-                                               "GIT_OPTIONAL_LOCKS": "0"})
-    except (OSError, subprocess.SubprocessError):
+        # Ended by SIGTERM, upon which git takes its locks away.
+        with subprocess.Popen(["git", "-C", str(directory), *args], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                              text=True, env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C",
+                                              "GIT_OPTIONAL_LOCKS": "0"}) as process:
+            try:
+                found, _ = process.communicate(timeout=patience)
+            except subprocess.TimeoutExpired:
+                process.terminate()
+                try:
+                    process.communicate(timeout=PATIENCE)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                return None
+    except OSError:
         return None
-    return done.stdout.strip()
+    return found.strip() if process.returncode == 0 else None
 
 
 def git_dir(directory: Path) -> Path | None:
@@ -32,7 +50,10 @@ def revision(directory: Path) -> str:
 
 def checkout_under_way(git: Path | None) -> bool:
     """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
-    return git is not None and (git / "index.lock").exists()
+    try:
+        return git is not None and time.time() - (git / "index.lock").stat().st_mtime < STALE
+    except OSError:
+        return False
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:
@@ -41,4 +62,5 @@ def commit(root: Path, path: Path, author: str, message: str) -> bool:
         return False
     who = ("-c", f"user.name={author}", "-c", f"user.email={author.replace(' ', '.')}@rorg.local")
     _git(root, "add", "--all", "--", str(path))
-    return _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path)) is not None
+    return _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path),
+                patience=COMMIT_PATIENCE) is not None

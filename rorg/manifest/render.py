@@ -100,7 +100,7 @@ def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -
     if spec.may_request:
         folder = f"{RUN}/services/{source.name}"
         # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
-        options = merge_options(options, {"volumes": [f"{folder}:{folder}"],
+        options = merge_options(options, {"volumes": [f"{folder}:{folder}:ro"],
                                           "environment": {"RORG_SOCKET": f"{folder}/rorg.sock"}})
     if "volumes" in options:
         options["volumes"] = [_absolute(v, source.directory) for v in options["volumes"]]

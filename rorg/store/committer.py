@@ -7,10 +7,17 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
+from rorg.errors import Unreachable
 from rorg.store.requests_file import Asked, RequestsFile
 
 Edit = Callable[[Asked], Asked]
 """From what is asked now to what is asked then; raises RorgError to refuse, and then nothing of it is done."""
+
+
+def _told(error: Exception) -> Exception:
+    if isinstance(error, OSError):
+        return Unreachable("write the requests file", error.strerror or str(error), "to make room on the disk")
+    return error
 
 
 class Committer:
@@ -56,9 +63,12 @@ class Committer:
 
         try:
             after = self.file.change(apply)
-        except Exception as error:  # a broken file or a full disk is told to each of them
-            for _, future in batch:
-                future.set_exception(error)
+        except Exception as error:
+            if len(batch) > 1:
+                for entry in batch:  # what one of them spoils is not the others' fault
+                    self._commit([entry])
+                return
+            batch[0][1].set_exception(_told(error))
             return
         for index, (_, future) in enumerate(batch):
             if index in refused:

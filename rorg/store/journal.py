@@ -22,6 +22,8 @@ class Journal:
         self._lock = threading.Lock()
         self._recent: deque[dict[str, Any]] = deque(_entries(path)[-RECENT:], maxlen=RECENT)
         self._seq = self._recent[-1].get("seq", 0) if self._recent else 0
+        self._begin = "\n" if _is_torn(path) else ""
+        """What ends half a last line, which a machine that lost power may have left."""
 
     def append(self, at: str, kind: str, message: str, **more: Any) -> None:
         """`at` is ISO 8601 in UTC; `kind` a stable word. A full disk loses the line, never the robot."""
@@ -33,7 +35,8 @@ class Journal:
                 if self.path.exists() and self.path.stat().st_size > MOST:
                     self.path.replace(self._old)
                 with self.path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(entry) + "\n")
+                    file.write(self._begin + json.dumps(entry) + "\n")
+                self._begin = ""
             except OSError:
                 pass
 
@@ -56,6 +59,14 @@ class Journal:
         if recent[0].get("seq", 0) > seq + 1:
             recent = [*_entries(self._old), *_entries(self.path)]
         return [e for e in recent if e.get("seq", 0) > seq]
+
+
+def _is_torn(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return bool(file.seek(0, 2)) and file.seek(-1, 2) >= 0 and file.read(1) != b"\n"
+    except OSError:
+        return False
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:
