@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
+import sys
 
 from conftest import ROOT, free_port
 from robots import RealRobot
 from test_ros import NODES, services
 
 PACKAGE = ROOT / "clients/ros1/rorg_ros"
+
+
 def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, package, tmp_path):
     master = f"http://localhost:{free_port()}"
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
@@ -36,20 +40,49 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         robot.kill("behaviour")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
         robot.request("cpp", id="run")
-        robot.wait(lambda: any(r.id == "caller.cpp" and r.services == ("camera",) for r in robot.requests()), 60)
+        robot.wait(lambda: any(r.id.startswith("caller.cpp.") and r.services == ("camera",)
+                               for r in robot.requests()), 60)
         robot.kill("cpp")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
     finally:
         robot.close()
 
 
-def test_the_bridge_gives_up_what_a_caller_held_that_is_gone():
+def test_no_two_callers_share_a_request():
     """Its logic, which the ROS 2 node shares, without any ROS."""
-    import sys
-
     sys.path.insert(0, str(PACKAGE / "src"))
     from rorg_ros.bridge import request_id
 
-    assert request_id("/tour/guide", "x y") == "tour.guide.x.y"
-    assert request_id("/", "") == "request"
+    assert request_id("/tour/guide", "x y").startswith("tour.guide.x.y.")
+    assert re.fullmatch("[0-9a-f]{8}", request_id("/", ""))
     assert len(request_id("/a" * 100, "b")) <= 64
+    names = [("/a" * 100, "b"), ("/a" * 100, "c"), ("/a/b", "c"), ("/a", "b.c"), ("/a.b", "c")]
+    assert len({request_id(*name) for name in names}) == len(names), "no two share a request"
+
+
+class Held:
+    """A request that somebody holds; `meanwhile` happens while it is looked at."""
+
+    def __init__(self) -> None:
+        self.released = False
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_caller_that_came_back_keeps_what_it_asked_for_since():
+    sys.path.insert(0, str(PACKAGE / "src"))
+    from rorg_ros.bridge import Bridge
+
+    old, new = Held(), Held()
+    bridge = Bridge(None, lambda caller: False)
+
+    def alive(caller: str) -> bool:
+        bridge._held["/tour", "request"] = new
+        return False
+
+    bridge._held["/tour", "request"], bridge.alive = old, alive
+    assert bridge.sweep() == ["/tour"]
+    assert not new.released
+    bridge.close()
+    assert new.released

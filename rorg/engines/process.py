@@ -121,8 +121,11 @@ class ProcessEngine:
         try:
             while not stop.is_set():
                 for descriptor, _ in poller.poll(500):
+                    if stop.is_set():
+                        return  # what there is to read is for the next one who looks
                     if descriptor == self._wake_read:
-                        os.read(descriptor, 65536)
+                        with contextlib.suppress(BlockingIOError):
+                            os.read(descriptor, 65536)
                         with self._lock:
                             changed, self._changed = list(dict.fromkeys(self._changed)), []
                         self._watch_all(poller, watched)

@@ -34,14 +34,23 @@ void json() {
   check(value["a"][1].number == -25 && bool(value["a"][2]) && !bool(value["a"][3]) && value["a"][4].is_null(), "json");
   check(value["t"].text() == "x\n\"\u00e9\U0001F600", "json text");
   check(value["b"]["c"][3].is_null(), "what is not there is null");
+  check(rorg::json::parse("[0.5,12345.25]")[1].number == 12345.25, "numbers in any locale");
   for (const char* bad : {"", "{", "[1,", "\"x", "{\"a\"}", "nul", "[1] 2"})
     throws<rorg::json::Error>([bad] { rorg::json::parse(bad); }, "", bad);
   check(rorg::json::quoted("a\"b\\\n") == "\"a\\\"b\\\\\\u000a\"", "quoted");
 }
 
+// As in a German program: 0,5 and 1.000.
+struct German : std::numpunct<char> {
+  char do_decimal_point() const override { return ','; }
+  char do_thousands_sep() const override { return '.'; }
+  std::string do_grouping() const override { return "\3"; }
+};
+
 }  // namespace
 
 int main() {
+  std::locale::global(std::locale(std::locale::classic(), new German));
   json();
   rorg::Client client;
   {
@@ -53,6 +62,8 @@ int main() {
     check(request.id().empty() && !moved.id().empty(), "moved");
   }
   check(client.requests().size() == 0, "released by the destructor");
+  throws<rorg::Error>([&] { client.call("GET", "/v1/events?tail=3"); }, "cannot read", "lines are no JSON");
+  check(client.service("lidar")["service"].text() == "lidar", "an answer in chunks is read to its end");
   {
     const auto kept = client.request({"camera"}, "short", rorg::Seconds(0.6));
     std::this_thread::sleep_for(std::chrono::seconds(2));  // three leases long

@@ -1,10 +1,13 @@
 // As much JSON as rorg's answers need: parse, look up, quote.
 #pragma once
 
+#include <algorithm>
 #include <cctype>
 #include <cstdio>
 #include <cstdlib>
+#include <locale>
 #include <map>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -105,13 +108,20 @@ class Parser {
       value.kind = Value::Kind::boolean;
       value.flag = text_[at_ - 2] == 'u';
     } else if (!word("null")) {
-      char* end = nullptr;
-      value.number = std::strtod(text_.c_str() + at_, &end);
-      if (end == text_.c_str() + at_) throw Error("not a value");
       value.kind = Value::Kind::number;
-      at_ = static_cast<std::size_t>(end - text_.c_str());
+      value.number = number();
     }
     return value;
+  }
+  // Not by strtod, which reads by the program's locale: in a German one, 0.5 is 0.
+  double number() {
+    const std::size_t end = std::min(text_.find_first_not_of("+-.0123456789eE", at_), text_.size());
+    std::istringstream stream(text_.substr(at_, end - at_));
+    stream.imbue(std::locale::classic());
+    double found = 0;
+    if (end == at_ || !(stream >> found)) throw Error("not a value");
+    at_ = end;
+    return found;
   }
   void object(Value& value, int depth) {
     value.kind = Value::Kind::object;

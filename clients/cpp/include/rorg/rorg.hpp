@@ -21,9 +21,12 @@
 #include <condition_variable>
 #include <cstdlib>
 #include <cstring>
+#include <iomanip>
+#include <locale>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -73,6 +76,14 @@ inline std::string escaped(const std::string& text) {
     }
   }
   return found;
+}
+
+// Seconds as the API reads them, whatever the program's locale.
+inline std::string written(Seconds seconds) {
+  std::ostringstream stream;
+  stream.imbue(std::locale::classic());
+  stream << std::fixed << std::setprecision(6) << seconds.count();
+  return stream.str();
 }
 
 // One connection; nothing is shared, nothing is retried.
@@ -126,11 +137,10 @@ class Connection {
     std::size_t head;
     while ((head = buffer_.find("\r\n\r\n")) == std::string::npos) receive();
     const int status = buffer_.size() > 12 ? std::atoi(buffer_.c_str() + 9) : 0;
-    const std::size_t length = content_length(buffer_.substr(0, head));
-    while (buffer_.size() < head + 4 + length) receive();
-    std::string answer = buffer_.substr(head + 4, length);
-    buffer_.erase(0, head + 4 + length);
-    return {status, std::move(answer)};
+    const std::string headers = buffer_.substr(0, head + 2);
+    buffer_.erase(0, head + 4);
+    if (header(headers, "transfer-encoding:").find("chunked") != std::string::npos) return {status, chunks()};
+    return {status, take(std::strtoul(header(headers, "content-length:").c_str(), nullptr, 10))};
   }
 
  private:
@@ -144,15 +154,38 @@ class Connection {
     if (count <= 0) fail("receive");
     buffer_.append(chunk, static_cast<std::size_t>(count));
   }
-  static std::size_t content_length(const std::string& head) {
-    static const std::string name = "content-length:";
+  std::string take(std::size_t length) {
+    while (buffer_.size() < length) receive();
+    std::string found = buffer_.substr(0, length);
+    buffer_.erase(0, length);
+    return found;
+  }
+  std::string line() {
+    std::size_t end;
+    while ((end = buffer_.find("\r\n")) == std::string::npos) receive();
+    std::string found = take(end);
+    take(2);
+    return found;
+  }
+  std::string chunks() {
+    std::string found;
+    while (const std::size_t length = std::strtoul(line().c_str(), nullptr, 16)) {
+      found += take(length);
+      take(2);
+    }
+    while (!line().empty()) {
+    }
+    return found;
+  }
+  // The value of a header, empty when it is not there. `name` is in small letters, with its colon.
+  static std::string header(const std::string& head, const std::string& name) {
     for (std::size_t at = head.find("\r\n"); at != std::string::npos; at = head.find("\r\n", at + 2)) {
       std::size_t i = 0;
       while (i < name.size() && at + 2 + i < head.size() &&
              std::tolower(static_cast<unsigned char>(head[at + 2 + i])) == name[i]) ++i;
-      if (i == name.size()) return std::strtoul(head.c_str() + at + 2 + i, nullptr, 10);
+      if (i == name.size()) return head.substr(at + 2 + i, head.find("\r\n", at + 2) - at - 2 - i);
     }
-    return 0;
+    return "";
   }
   int socket_ = -1;
   std::string buffer_;
@@ -178,7 +211,7 @@ class Client {
   void wait(const std::vector<std::string>& services, Seconds timeout) {
     std::string query;
     for (const auto& service : services) query += "services=" + detail::escaped(service) + "&";
-    call("GET", "/v1/wait?" + query + "timeout=" + std::to_string(timeout.count()), "", timeout + timeout_, timeout);
+    call("GET", "/v1/wait?" + query + "timeout=" + detail::written(timeout), "", timeout + timeout_, timeout);
   }
 
   // How a service is: fields state, health, wanted, why, held and more.
@@ -196,9 +229,10 @@ class Client {
                    std::optional<Seconds> timeout = std::nullopt, std::optional<Seconds> patience = std::nullopt) {
     const auto end = std::chrono::steady_clock::now() + patience.value_or(patience_);
     Seconds pause(0.02);
-    for (;;) {
+    for (bool fresh = true;;) {
       try {
         std::lock_guard<std::mutex> guard(mutex_);
+        fresh = !connection_;
         if (!connection_) connection_ = std::make_unique<detail::Connection>(socket_, timeout.value_or(timeout_));
         connection_->set_timeout(timeout.value_or(timeout_));
         try {
@@ -206,11 +240,15 @@ class Client {
           if (status == 503) throw Unreachable("cannot reach rorg", text);  // it has just begun, or is full
           if (status >= 400) raise(status, text);
           return text.empty() ? json::Value() : json::parse(text);
+        } catch (const json::Error& error) {
+          throw Error("cannot read rorg's answer", error.what());
         } catch (const Unreachable&) {
           connection_.reset();
           throw;
         }
       } catch (const Unreachable&) {
+        // One that was kept may have been closed meanwhile, which says nothing of who is there now.
+        if (!fresh) continue;
         if (std::chrono::steady_clock::now() + pause > end) throw;
       }
       std::this_thread::sleep_for(pause);
@@ -237,6 +275,7 @@ class Client {
     throw Error(title.empty() ? "HTTP " + std::to_string(status) : title, cause, remedy, status);
   }
 
+  friend class Request;
   std::string socket_;
   Seconds timeout_, patience_;
   std::mutex mutex_;
@@ -256,12 +295,12 @@ class Request {
   }
   ~Request() { release_quietly(); }
 
-  // Gives it up; may be called twice. Throws Unreachable when nobody answers for the client's patience.
+  // Gives it up; may be called twice. Throws Unreachable when nobody answers for the client's patience: call it again.
   void release() {
     if (!state_) return;
-    const auto state = std::move(state_);
-    state->stop();
-    state->client->release(state->id);
+    state_->stop();
+    state_->client->release(state_->id);
+    state_.reset();
   }
   // Lets go of it without releasing: for a request that another one with the same id has replaced.
   void abandon() {
@@ -290,7 +329,7 @@ class Request {
     }
     void run() {
       // A connection of its own: a beat does not wait for a call of the program.
-      Client own(client->socket(), ttl, Seconds(0));
+      Client own(client->socket(), std::min(ttl / 3, client->timeout_), Seconds(0));
       std::unique_lock<std::mutex> lock(mutex);
       while (!changed.wait_for(lock, ttl / 3, [this] { return over; })) {
         lock.unlock();
@@ -300,7 +339,7 @@ class Request {
           } catch (const NotFound&) {
             own.call("PUT", "/v1/requests/" + detail::escaped(id), body);
           }
-        } catch (const Error&) {
+        } catch (const std::exception&) {
           // The next beat tries again: rorg may be restarting.
         }
         lock.lock();
@@ -324,7 +363,7 @@ inline Request Client::request(std::vector<std::string> services, std::string id
   if (id.empty()) id = services.at(0) + "-" + std::to_string(::getpid()) + "-" + std::to_string(++number);
   std::string body = "{\"services\":[";
   for (std::size_t i = 0; i < services.size(); ++i) body += (i ? "," : "") + json::quoted(services[i]);
-  body += "],\"reason\":" + json::quoted(reason) + ",\"ttl\":\"" + std::to_string(ttl.count()) + "s\"";
+  body += "],\"reason\":" + json::quoted(reason) + ",\"ttl\":\"" + detail::written(ttl) + "s\"";
   if (priority) body += ",\"priority\":" + std::to_string(*priority);
   body += "}";
   call("PUT", "/v1/requests/" + detail::escaped(id), body);

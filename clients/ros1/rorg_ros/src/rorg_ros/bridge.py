@@ -6,6 +6,7 @@ is gone. Should the bridge itself die, rorg drops everything with the bridge's c
 
 from __future__ import annotations
 
+import hashlib
 import re
 import threading
 from collections.abc import Callable
@@ -44,6 +45,10 @@ class Bridge:
     def release(self, caller: str, id: str) -> Answer:
         with self._lock:
             held = self._held.pop((caller, id or "request"), None)
+        return self._end(held)
+
+    @staticmethod
+    def _end(held: Request | None) -> Answer:
         try:
             if held:
                 held.release()
@@ -76,18 +81,26 @@ class Bridge:
     def sweep(self) -> list[str]:
         """Releases what callers held that are gone, and returns them."""
         with self._lock:
-            callers = {caller for caller, _ in self._held}
-        gone = sorted(caller for caller in callers if not self.alive(caller))
-        for caller, id in [key for key in self._held if key[0] in gone]:
-            self.release(caller, id)
+            held = dict(self._held)
+        gone = sorted(caller for caller in {caller for caller, _ in held} if not self.alive(caller))
+        for key, request in held.items():
+            if key[0] in gone:
+                with self._lock:
+                    # Who came back meanwhile and asked again keeps what it was just granted.
+                    mine = self._held.get(key) is request and bool(self._held.pop(key))
+                if mine:
+                    self._end(request)
         return gone
 
     def close(self) -> None:
-        for caller, id in list(self._held):
-            self.release(caller, id)
+        with self._lock:
+            held, self._held = self._held, {}
+        for request in held.values():
+            self._end(request)
 
 
 def request_id(caller: str, id: str) -> str:
-    """An id that rorg takes, from any caller's name and id."""
-    text = re.sub(r"[^A-Za-z0-9_.:-]", ".", f"{caller.strip('/')}.{id}")
-    return text[:64].strip(".") or "request"
+    """An id that rorg takes, from any caller's name and id, and no other's."""
+    text = re.sub(r"[^A-Za-z0-9_.:-]", ".", f"{caller.strip('/')}.{id}").strip(".")
+    own = hashlib.sha256(f"{caller} {id}".encode()).hexdigest()[:8]
+    return f"{text[:54].strip('.')}.{own}".strip(".")
