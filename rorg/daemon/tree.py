@@ -38,10 +38,12 @@ class Tree:
         for folder, folders, files in os.walk(self.root):
             folders[:] = [f for f in folders if not f.startswith(".")]
             for name in files:
+                path = os.path.join(folder, name)
                 try:
-                    stat = os.stat(os.path.join(folder, name))
+                    # A link that leads nowhere is of the tree too.
+                    stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
                 except OSError:
-                    continue  # gone, or a link that leads nowhere: reading the tree says so
+                    continue
                 found.append((folder, name, stat.st_mtime_ns, stat.st_size, stat.st_ino))
         return tuple(sorted(found))
 
