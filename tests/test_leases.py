@@ -101,6 +101,19 @@ def test_what_was_renewed_while_the_pass_decided_is_not_dropped(stepped):
     assert len(stepped.asked()) == 1
 
 
+def test_what_was_released_cannot_be_renewed_though_the_loop_has_not_heard_of_it(stepped):
+    stepped.put("camera", ttl=60.0)
+    stepped.step()
+    stepped.robot.release(DEVELOPER, ("developer", "look")).result(5)
+    with pytest.raises(Missing):
+        stepped.robot.renew(DEVELOPER, ("developer", "look"))
+    stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("camera",), ttl=60.0)).result(5)
+    stepped.robot.renew(DEVELOPER, ("developer", "look"))
+    stepped.file.change(lambda asked: asked.without({("developer", "look")}))
+    with pytest.raises(Missing):
+        stepped.robot.renew(DEVELOPER, ("developer", "look"))
+
+
 def test_what_is_being_dropped_cannot_be_renewed(stepped):
     stepped.put("camera", ttl=0.2)
     stepped.step()

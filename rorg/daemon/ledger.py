@@ -60,20 +60,15 @@ class Ledger:
         with self._lock:
             self._renewals[key] = next(self._numbers)
 
-    def renew(self, key: Key) -> Request | None:
-        """Counts a renewal of a request; None when there is none, or not any more."""
+    def renew(self, key: Key, committed: RequestsFile) -> Request | None:
+        """Counts a renewal of a request; None when there is none, or not any more. `committed` is the file as the last
+        acknowledged change left it, which the loop may not have read yet."""
         with self._lock:
-            found = _find(self.file.asked, key) or _find(self._on_disk(), key)
+            found = next((r for r in committed.now().requests if r.key == key), None)
             if found is None or key in self._ending:
                 return None
             self._renewals[key] = next(self._numbers)
             return found
-
-    def _on_disk(self) -> Asked:
-        """What the file says: the loop may not have read yet what was acknowledged a moment ago."""
-        file = RequestsFile(self.file.path)
-        file.read()
-        return file.asked
 
     def settle(self, decision: Decision, renewals: Mapping[Key, int]) -> None:
         """Writes down which requests were dropped or bound, and which restarts are done. The file is the truth:
@@ -109,10 +104,6 @@ class Ledger:
             if request.key in dropped:
                 self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
                                     service=request.requester, services=list(request.services))
-
-
-def _find(asked: Asked, key: Key) -> Request | None:
-    return next((r for r in asked.requests if r.key == key), None)
 
 
 def _same(one: Request, other: Request) -> bool:

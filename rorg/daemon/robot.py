@@ -166,7 +166,7 @@ class Robot:
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
         allow_request(caller, key[0], (), self.catalog)
-        found = self.loop.ledger.renew(key)
+        found = self.loop.ledger.renew(key, self.committer.file)
         if found is None:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
         return request_json(found)

@@ -230,6 +230,15 @@ class RequestsFile:
         self.asked = asked
         return changed
 
+    def now(self) -> Asked:
+        """What the file says at this moment, read again only where somebody else has changed it. The last good content
+        while it is broken."""
+        if self._now() == self._stamp:
+            return self.asked
+        other = RequestsFile(self.path)
+        other.read()
+        return other.asked if other.good else self.asked
+
     def keep(self) -> None:
         """While the file is broken, its last good content lies beside it, so that a restart of rorg forgets nothing."""
         spare = self.path.with_name(SPARE)
