@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.wanted import Wanted, wanted
 from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import conflicting
+from rorg.manifest.references import closure, conflicting
 from rorg.manifest.scalars import format_memory
 
 PROTECTED = 101
@@ -27,6 +27,23 @@ class Verdict:
     ranks: Mapping[str, int] = field(default_factory=dict)
     requests: tuple[Request, ...] = ()
     """Those that count: all but the queued ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A verdict with what it was found from."""
+
+    catalog: Catalog
+    requests: tuple[Request, ...]
+    barred: Mapping[str, str]
+    verdict: Verdict
+
+
+def judge(last: Judged | None, catalog: Catalog, requests: tuple[Request, ...], barred: Mapping[str, str]) -> Judged:
+    """arbitrate(), unless the last time was the same: with hundreds of requests it takes longer than all the rest."""
+    if last and last.catalog is catalog and last.barred == barred and last.requests == requests:
+        return last
+    return Judged(catalog, requests, barred, arbitrate(catalog, requests, barred))
 
 
 def arbitrate(catalog: Catalog, requests: Collection[Request], barred: Mapping[str, str]) -> Verdict:
@@ -105,13 +122,19 @@ def ranks(catalog: Catalog, found: Wanted, requests: Collection[Request]) -> dic
         own = [0 if service.meta else PROTECTED if service.protected else service.priority]
         own += [asked[c.by, c.request, name] for c in causes if (c.by, c.request, name) in asked]
         rank[name] = max(own)
-    pending = list(found)
-    while pending:
-        name = pending.pop()
-        for cause in found[name]:
-            if cause.by in rank and rank[cause.by] > rank[name]:
-                rank[name] = rank[cause.by]
-                pending += [n for n, causes in found.items() if any(c.by == name for c in causes)]
+    wants: dict[str, list[str]] = {}
+    for name, causes in found.items():
+        for cause in causes:
+            wants.setdefault(cause.by, []).append(name)
+    # The highest first, so that each is settled when its turn comes.
+    for name in sorted(rank, key=lambda n: -rank[n]):
+        pending = [name]
+        while pending:
+            by = pending.pop()
+            for other in wants.get(by, ()):
+                if rank[other] < rank[by]:
+                    rank[other] = rank[by]
+                    pending.append(other)
     return rank
 
 
@@ -178,22 +201,29 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], barred: Mapp
     """Requests that fit into the budget, the higher priority first, then the older; why the services of the others
     wait. Only where the Policy says so: `over: queue`. What gives way takes no room."""
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
-    verdict, queued = _contest(catalog, (), barred), {}
-    while True:
-        request = next((r for r in waiting if r.requester in verdict.wanted), None)
-        if request is None:
-            break
+    rivals = _rivals(catalog) | set(barred)
+    names, admitted, queued = set(_contest(catalog, (), barred).wanted), [], {}
+    while (request := next((r for r in waiting if r.requester in names), None)) is not None:
         waiting.remove(request)
-        trial = _contest(catalog, (*verdict.requests, request), barred)
-        more, why = set(trial.wanted) - set(verdict.wanted), over_budget(catalog, trial.wanted)
-        if why and expected(catalog, more) != (0.0, 0):
-            queued |= dict.fromkeys(sorted(more), f"waits for room: {why}")
+        asked = closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
+        # Only where there is somebody to give way to must it be found out who does.
+        found = set(_contest(catalog, (*admitted, request), barred).wanted) if asked & rivals else names | asked
+        why = over_budget(catalog, found)
+        if why and expected(catalog, found - names) != (0.0, 0):
+            queued |= dict.fromkeys(sorted(found - names), f"waits for room: {why}")
         else:
-            verdict = trial
+            admitted.append(request)
+            names = found
     # What nobody active asks for takes no room.
-    verdict = replace(verdict, requests=(*verdict.requests, *waiting))
+    verdict = _contest(catalog, (*admitted, *waiting), barred)
     return replace(verdict, gave_way={**verdict.gave_way, **{
         n: why for n, why in queued.items() if n not in verdict.wanted and n not in verdict.gave_way}})
+
+
+def _rivals(catalog: Catalog) -> set[str]:
+    """Services that may have to give way to others, or others to them."""
+    services = catalog.services.values()
+    return {n for s in services if s.conflicts or s.exclusive for n in (s.name, *s.conflicts)}
 
 
 def _priority(catalog: Catalog, request: Request) -> int:

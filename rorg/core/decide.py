@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.arbitrate import arbitrate
+from rorg.core.arbitrate import arbitrate, judge
 from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
@@ -82,38 +82,45 @@ class Decision:
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
+    situation, settled, holds, served = _assess(inputs)
+    plan = make_plan(situation)
+    memory = forget(situation.memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
+    violations = tuple(check(plan, situation))
+    held_back = violations or situation.suspended
+    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, inputs.now))
+    for action in chosen:
+        memory = begin(memory, action, inputs.observed, inputs.now)
+    return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
+                    to_probe(situation, plan), holds, served)
+
+
+def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:
+    """All that the plan depends on; what became of requests; who is held; which restarts are done."""
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
     holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
     suspension, interlocks = inputs.suspended, _interlocks(inputs)
     suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
-    barred = {**{s.service: s.reason for s in inputs.memory.pressure.shed}, **holds}
-    verdict = arbitrate(desired.catalog, requests, barred)
-    free = arbitrate(desired.catalog, requests, holds) if inputs.memory.pressure.shed else verdict
-    memory = advance(replace(inputs.memory, leases=settled.leases), desired.catalog, verdict.wanted, inputs.observed,
-                     inputs.findings, now, inputs.booted_at)
-    memory, relieved = relieve(memory, desired, verdict, free, inputs.observed, inputs.load, barred,
-                               [n for n, why in interlocks.items() if why],
-                               bool(suspended) or not inputs.observed.complete)
-    if memory.pressure.shed != inputs.memory.pressure.shed:
-        verdict = arbitrate(desired.catalog, requests, {
-            **{s.service: s.reason for s in memory.pressure.shed}, **holds})
+    shed = inputs.memory.pressure.shed
+    barred = {**{s.service: s.reason for s in shed}, **holds}
+    judged = judge(inputs.memory.judged, desired.catalog, requests, barred)
+    verdict = judged.verdict
+    memory = replace(inputs.memory, leases=settled.leases, judged=judged)
+    memory = advance(memory, desired.catalog, verdict.wanted, inputs.observed, inputs.findings, now, inputs.booted_at)
+    memory, relieved = relieve(
+        memory, desired, verdict, arbitrate(desired.catalog, requests, holds) if shed else verdict, inputs.observed,
+        inputs.load, barred, [n for n, why in interlocks.items() if why],
+        bool(suspended) or not inputs.observed.complete)
+    if memory.pressure.shed != shed:
+        verdict = arbitrate(desired.catalog, requests,
+                            {**{s.service: s.reason for s in memory.pressure.shed}, **holds})
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
-    situation = Situation(
+    return Situation(
         desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
         {n: due.run for n, due in (memory.restarts or {}).items()}, inputs.removals, verdict.gave_way,
         frozenset(holds), verdict.ranks, interlocks, relieved.lowered, relieved.hurry, relieved.stop_paused,
-        relieved.shed, relieved.closed, suspended)
-    plan = make_plan(situation)
-    memory = forget(memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
-    violations = tuple(check(plan, situation))
-    held_back = violations or situation.suspended
-    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, now))
-    for action in chosen:
-        memory = begin(memory, action, inputs.observed, now)
-    return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan), holds, served)
+        relieved.shed, relieved.closed, suspended), settled, holds, served
 
 
 def _can_cease(desired: Desired, name: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
+from rorg.core.arbitrate import Judged
 from rorg.core.backoff import STABLE, STALLED_AFTER, delay
 from rorg.core.digest import canonical
 from rorg.core.follow import Followed, follow
@@ -129,6 +130,8 @@ class Memory:
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
     """By (requester, id)."""
     pressure: Pressure = CALM
+    judged: Judged | None = None
+    """Of the last pass."""
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
 
