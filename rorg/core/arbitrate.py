@@ -5,7 +5,7 @@ A pure function of what is asked now, with no memory: the same requests always g
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from rorg.core.wanted import Wanted, wanted
@@ -66,28 +66,25 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], barred: Mapping[st
     while True:
         found = wanted(catalog, requests, out)
         rank = ranks(catalog, found, requests)
-        contest = _contested(catalog, found, rank)
-        if contest is None:
+        contests = _contested(catalog, found, rank)
+        if not contests:
             break
-        loser, why, winners = contest
-        without = wanted(catalog, requests, _give_way(catalog, dict(out), loser, why))
-        if any(w not in without for w in winners):
+        without = wanted(catalog, requests, _all_out(catalog, dict(out), contests))
+        undone = next(((c, w) for c in contests for w in c.winners if w not in without), None)
+        if undone:
             # Who asks for something does not give way to it: then nobody would ask for it any more.
-            winner = next(w for w in winners if w not in without)
-            loser, why = winner, _instead(catalog, loser, winner)
-        lost.append((-rank[loser], loser, why))
-        _give_way(catalog, out, loser, why)
-    for place in sorted(lost) if len(lost) > 1 else []:
-        others = dict(held)
-        for entry in lost:
-            if entry != place:
-                _give_way(catalog, others, *entry[1:])
+            contests = [_turned_round(catalog, requests, out, *undone)]
+        lost += [(-rank[c.loser], c) for c in contests]
+        _all_out(catalog, out, contests)
+    for place in sorted(lost, key=lambda p: (p[0], p[1].loser)):
+        if all(w in found for w in place[1].winners):
+            continue  # who won against it runs
+        others = _all_out(catalog, dict(held), [c for _, c in lost if c is not place[1]])
         more = wanted(catalog, requests, others)
-        if place[1] in more and set(found) <= set(more):
-            rank = ranks(catalog, more, requests)
-            if _contested(catalog, more, rank) is None:
-                lost.remove(place)
-                found, out = more, others
+        if place[1].loser in more and set(found) <= set(more) and not _contested(
+                catalog, more, ranks(catalog, more, requests)):
+            lost.remove(place)
+            found, out = more, others
     rank = ranks(catalog, found, requests)
     asked = wanted(catalog, requests) if out else found
     return Verdict(found, {n: why for n, why in out.items() if n in asked}, rank, requests)
@@ -138,44 +135,63 @@ def ranks(catalog: Catalog, found: Wanted, requests: Collection[Request]) -> dic
     return rank
 
 
-Contest = tuple[str, str, list[str]]
-"""Who gives way, why, and to whom."""
+@dataclass(frozen=True, slots=True)
+class Contest:
+    loser: str
+    why: str
+    winners: tuple[str, ...]
 
 
-def _contested(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
+def _all_out(catalog: Catalog, out: dict[str, str], contests: Iterable[Contest]) -> dict[str, str]:
+    for contest in contests:
+        _give_way(catalog, out, contest.loser, contest.why)
+    return out
+
+
+def _turned_round(catalog: Catalog, requests: tuple[Request, ...], out: dict[str, str], contest: Contest, winner: str
+                  ) -> Contest:
+    """The contest in favour of its loser, where the winner would not be wanted without that one."""
+    without = wanted(catalog, requests, _all_out(catalog, dict(out), [contest]))
+    if winner in without:
+        return contest  # it takes others' loss as well, which is seen next time
+    holder, loser = catalog.services[contest.loser], catalog.services[winner]
+    shared = sorted(set(holder.exclusive) & set(loser.exclusive))
+    why = f"waits for {shared[0]}, which is taken by" if shared else "conflicts with"
+    return Contest(winner, f"{why} {holder.name}, on whose behalf it is asked for", (holder.name,))
+
+
+def _contested(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> list[Contest]:
+    """Contests among wanted services that no service loses twice; empty when all of them can be active."""
     return _conflict(catalog, found, rank) or _overbooked(catalog, found, rank)
 
 
-def _conflict(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
+def _conflict(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> list[Contest]:
     """Conflicts are refused when a request or a manifest arrives; what is left are requests that slept meanwhile, and
     conflicts declared later. The higher rank goes first, then the name."""
     pairs = conflicting(catalog.services, [n for n in found if not catalog.services[n].meta])
     if not pairs:
-        return None
+        return []
     first, second = sorted(pairs[0], key=lambda n: (-rank[n], n))
-    return second, f"conflicts with {first}, which goes first", [first]
+    return [Contest(second, f"conflicts with {first}, which goes first", (first,))]
 
 
-def _overbooked(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> Contest | None:
-    """The lowest holder of an exclusive resource of which more is wanted than there is."""
+def _overbooked(catalog: Catalog, found: Wanted, rank: Mapping[str, int]) -> list[Contest]:
+    """The lower holders of the first exclusive resource of which more is wanted than there is."""
     users = [n for n in sorted(found, key=lambda n: (-rank[n], n))
              if catalog.services[n].exclusive and not catalog.services[n].meta]
     for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
-        holders = [n for n in users if resource in catalog.services[n].exclusive]
-        left = catalog.policy.resources.get(resource, 1)
-        for index, name in enumerate(holders):
-            left -= catalog.services[name].exclusive[resource]
-            if left < 0:
-                others = ", ".join(holders[:index]) or "nobody: there are too few"
-                return name, f"waits for {resource}, which is taken by {others}", holders[:index]
-    return None
-
-
-def _instead(catalog: Catalog, holder: str, loser: str) -> str:
-    """Why the loser waits, in a contest turned round."""
-    shared = sorted(set(catalog.services[holder].exclusive) & set(catalog.services[loser].exclusive))
-    return f"waits for {shared[0]}, which is taken by {holder}, on whose behalf it is asked for" if shared else \
-        f"conflicts with {holder}, on whose behalf it is asked for"
+        left, winners, losers = catalog.policy.resources.get(resource, 1), [], []
+        for name in users:
+            units = catalog.services[name].exclusive.get(resource, 0)
+            if units > left:
+                others = ", ".join(winners) or "nobody: there are too few"
+                losers.append(Contest(name, f"waits for {resource}, which is taken by {others}", tuple(winners)))
+            elif units:
+                winners.append(name)
+                left -= units
+        if losers:
+            return losers
+    return []
 
 
 def expected(catalog: Catalog, names: Collection[str]) -> tuple[float, int]:

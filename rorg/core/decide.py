@@ -84,7 +84,9 @@ def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
     situation, settled, holds, served = _assess(inputs)
     plan = make_plan(situation)
-    memory = forget(situation.memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
+    memory = situation.memory
+    if inputs.observed.complete:
+        memory = forget(memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
     violations = tuple(check(plan, situation))
     held_back = violations or situation.suspended
     chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, inputs.now))

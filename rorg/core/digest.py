@@ -71,7 +71,7 @@ def declared_of(label: str) -> Mapping[str, Any]:
     """What the label rorg.io/declared says; empty where it cannot be read."""
     try:
         value = json.loads(label)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return value if isinstance(value, dict) else {}
 
@@ -82,7 +82,8 @@ def rules_of(label: str) -> Rules:
     try:
         value = json.loads(label)
         lock = value["interlock"]
-        return Rules(Probe(str(lock[0]), str(lock[1]), interval=float(lock[2])) if lock else None,
+        return Rules(Probe(str(lock[0]), str(lock[1]), interval=max(0.05, min(3600.0, float(lock[2]))))
+                     if lock else None,
                      {str(k): int(v) for k, v in value["exclusive"].items()}, tuple(map(str, value["conflicts"])))
-    except (ValueError, TypeError, LookupError, AttributeError):
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
         return Rules()

@@ -20,7 +20,8 @@ class Followed:
 
     def lost(self, need: str, container: Container, now: Container) -> bool:
         """The run of `container` counted on another run of the need than that of `now`."""
-        return self.run == container.incarnation and self.needs.get(need, now.incarnation) != now.incarnation
+        counted_on = self.needs.get(need, now.incarnation)
+        return not now.brief and self.run == container.incarnation and counted_on != now.incarnation
 
 
 def follow(known: Followed, service: Service, current: Container | None,
@@ -28,7 +29,7 @@ def follow(known: Followed, service: Service, current: Container | None,
     """Notes what a run counts on, once for each need: of a run that we began, what was there then (`begun`). Of one
     that is new to us the order of the starts tells, by the engine's clock: a service starts after what it needs. A
     need that is added later is taken as it is."""
-    if current is None or not current.alive:
+    if current is None or not current.alive or current.brief:
         return known
     first = known.run != current.incarnation
     needs = (begun or {}) if first else known.needs

@@ -277,6 +277,9 @@ def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Mem
     step = replace(step, tries={**step.tries, action.verb: replace(before, signature=signature, count=count)})
     if action.verb == "start":
         step = replace(step, begun=action.args.get("follows", {}))
+    if action.verb == "stop":
+        # From now on its end is our doing, even if this rorg does not live to see it.
+        step = replace(step, stopped=action.args.get("incarnation", ""))
     return replace(memory, progress={**memory.progress, action.service: step},
                    in_flight={**memory.in_flight, action.service: InFlight(action, now)})
 

@@ -42,6 +42,8 @@ class Container:
     live: Mapping[str, Any] = field(default_factory=dict)
     """Options that the engine can change in place, as they are now."""
     pid: int = 0
+    brief: bool = False
+    """The engine told no more than what it is and its state: which run this is, is not known."""
     health: str = ""
     """What the engine's own health check says: starting, healthy, unhealthy; empty without one."""
 

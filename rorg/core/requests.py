@@ -73,11 +73,11 @@ def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Obs
         containers = by_service.get(request.requester, [])
         alive = [c for c in containers if c.alive]
         if request.incarnation is None:
-            if alive:
+            if alive and not alive[0].brief:
                 request = replace(request, incarnation=alive[0].incarnation)
                 bound.append(request)
             kept.append(request)
-        elif any(c.incarnation == request.incarnation for c in alive):
+        elif any(c.incarnation == request.incarnation or c.brief for c in alive):
             kept.append(request)
         else:
             dropped.append((request, _obituary(request, containers)))

@@ -25,6 +25,9 @@ def note_restarts(memory: Memory, asked: Mapping[str, str], observed: Observed, 
         if stamp > wall:
             continue
         current = next(iter(containers.get(name, [])), None)
+        if current and current.brief:
+            due.update({name: known[name]} if name in known else {})
+            continue
         run = current.incarnation if current else ""
         if name in known and known[name].stamp == stamp:
             due[name] = known[name]

@@ -21,7 +21,7 @@ from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
 from rorg.manifest.catalog import Request as Ask
-from rorg.manifest.scalars import format_duration, parse_duration
+from rorg.manifest.scalars import parse_duration
 
 STATUS: dict[type[RorgError], tuple[int, str]] = {
     Forbidden: (403, "forbidden"), Missing: (404, "not-found"), Refused: (409, "refused"), Invalid: (422, "invalid"),
@@ -30,8 +30,6 @@ STATUS: dict[type[RorgError], tuple[int, str]] = {
 """Errors as HTTP status and stable code."""
 SEEN = 5.0
 """Seconds until a service that asks is seen to run."""
-LONGEST = 3650 * 86400.0
-"""Seconds of a lease or a hold."""
 MOST_BODY = 1 << 20
 """Bytes of a request's body."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -230,8 +228,6 @@ def duration(value: str | None, field: str) -> float:
         seconds = parse_duration(value) if value is not None else 0.0
     except ValueError as error:
         raise Invalid("read the request", f"{field}: {error}") from error
-    if seconds > LONGEST:
-        raise Invalid("read the request", f"{field}: more than {format_duration(LONGEST)}", "something shorter")
     return seconds
 
 

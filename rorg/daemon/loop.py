@@ -109,14 +109,13 @@ class Loop:
             while not self._stopping:
                 try:
                     decision = self.one_pass()
+                    if until and until(decision):
+                        return
+                    self._sleep(decision)
                 except Exception as bug:
                     if until:
                         raise
                     self._tell_bug(bug)
-                    continue
-                if until and until(decision):
-                    return
-                self._sleep(decision)
         finally:
             self._drain()
 
@@ -167,17 +166,30 @@ class Loop:
             lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
             suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=renewals,
         ))
-        self.memory, self.decision = decision.memory, decision
         self.ledger.settle(decision, renewals)
+        self.memory, self.decision = decision.memory, decision
         for action in decision.begin:
-            call = self.workers.submit(self._work, action)
-            self._calls.add(call)
-            call.add_done_callback(self._calls.discard)
+            self._begin(action)
         self.prober.watch(decision.to_probe)
         self.ros.look(decision.situation)
         self.reporter.report(decision, self.tree, self.ledger.file)
         self.decided()
         return decision
+
+    def _begin(self, action: Action) -> None:
+        """Hands an action to a worker. Whatever happens, an outcome comes of it."""
+        try:
+            call = self.workers.submit(self._work, action)
+        except RuntimeError as error:  # no thread can be started now
+            self._finished(action, str(error))
+            return
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+
+    def _finished(self, action: Action, error: str) -> None:
+        with self._lock:
+            self._outcomes.append((action, error))
+        self.wake()
 
     def _read_files(self) -> None:
         if self._asked:

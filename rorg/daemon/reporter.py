@@ -45,9 +45,12 @@ class Reporter:
 
     def event(self, kind: str, message: str, **more: Any) -> None:
         with self._lock:
-            with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
-                self.say(message)
+            self._tell(message)
             self.journal.append(self.wall(), kind, message, **more)
+
+    def _tell(self, message: str) -> None:
+        with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
+            self.say(message)
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
@@ -66,7 +69,8 @@ class Reporter:
         for name, step in decision.memory.progress.items():
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
-        self._when_new("pressure", json.dumps(pressure_json(decision)), self._pressure, decision)
+        told = pressure_json(decision)
+        self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"])), self._pressure, decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
@@ -168,4 +172,4 @@ class Reporter:
             except OSError as error:
                 # A full disk must not stop the robot; the next change is tried again.
                 self._published = ""
-                self.say(f"cannot publish the status: {error}")
+                self._tell(f"cannot publish the status: {error}")

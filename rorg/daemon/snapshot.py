@@ -25,17 +25,24 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
-        "followed": {n: {"run": p.followed.run, "needs": dict(p.followed.needs)}
-                     for n, p in decision.memory.progress.items() if p.followed.run},
+        "runs": {n: {"run": p.followed.run, "needs": dict(p.followed.needs), "stopped": p.stopped}
+                 for n, p in decision.memory.progress.items() if p.followed.run or p.stopped},
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
 
 
 def recall(view: Mapping[str, Any] | None) -> Memory:
-    """What of a loop's memory outlives it: on which runs of their needs services count. `view` is what it published."""
-    followed = (view or {}).get("followed") or {}
-    return Memory({name: Progress(followed=Followed(known["run"], known["needs"])) for name, known in followed.items()})
+    """What of a loop's memory outlives it: on which runs of their needs services count, and which runs it ended
+    itself. `view` is what it published; what is not as it should be is passed over."""
+    runs = view.get("runs") if isinstance(view, Mapping) else None
+    found = {}
+    for name, known in runs.items() if isinstance(runs, Mapping) else ():
+        if isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping):
+            needs = {str(need): str(run) for need, run in known["needs"].items()}
+            found[name] = Progress(followed=Followed(str(known.get("run", "")), needs),
+                                   stopped=str(known.get("stopped", "")))
+    return Memory(found)
 
 
 def request_json(request: Request) -> dict[str, Any]:

@@ -101,7 +101,7 @@ class DockerEngine:
         except Unreachable as error:
             if "timed out" not in str(error):
                 raise
-        return Container(row["Id"], row["Names"][0].lstrip("/"), state=row["State"],
+        return Container(row["Id"], row["Names"][0].lstrip("/"), state=row["State"], brief=True,
                          **from_labels(row.get("Labels") or {}))
 
     def _quick(self) -> docker.APIClient:

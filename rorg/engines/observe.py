@@ -98,6 +98,7 @@ class Observer:
         found = {c.id: c for c in self.engine.list()}
         self.lists += 1
         with self._lock:
+            found = {c: self._completed(new) for c, new in found.items()}
             for container in [c for c, at in self._began.items() if at > began]:
                 found.pop(container, None)
                 if container in self._containers:
@@ -111,13 +112,20 @@ class Observer:
         if changed:
             self.wake()
 
+    def _completed(self, found: Container) -> Container:
+        """A container of which the engine told no more than its state is still the one that was seen before."""
+        known = self._containers.get(found.id)
+        if known is None or not found.brief:
+            return found
+        return replace(known, state=found.state) if known.alive and found.alive else known
+
     def _publish(self, complete: bool, error: str) -> None:
         containers = tuple(sorted(self._containers.values(), key=lambda c: (c.service, c.id)))
         self._snapshot = Observed(containers, complete, error)
 
     def _lost(self, error: Exception) -> None:
         with self._lock:
-            self._publish(False, str(error))
+            self._publish(False, str(error) if isinstance(error, RorgError) else f"{type(error).__name__}: {error}")
         self.wake()
 
     def _follow(self) -> None:
@@ -134,7 +142,7 @@ class Observer:
                         self.wake()
                     else:
                         self.sync()
-            except RorgError as error:
+            except Exception as error:  # whatever it is, without this thread nothing would be seen any more
                 self._lost(error)
             self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)])
             attempt += 1
@@ -146,5 +154,5 @@ class Observer:
             if self.snapshot().complete:
                 try:
                     self.sync()
-                except RorgError as error:
+                except Exception as error:
                     self._lost(error)

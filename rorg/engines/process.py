@@ -27,6 +27,7 @@ from rorg.errors import EngineError
 from rorg.manifest.container import LIVE, ContainerOptions
 from rorg.manifest.scalars import stamp
 from rorg.store.files import write_atomic
+from rorg.store.state_dir import read_json
 
 HONOURED = {"entrypoint", "environment", "working_dir", "stop_signal", "stop_grace_period", "container_name", "labels",
             "init", "network_mode", "logging"}
@@ -61,10 +62,10 @@ class ProcessEngine:
         return self.directory / container
 
     def _record(self, container: str) -> dict[str, Any]:
-        try:
-            return json.loads((self._folder(container) / "record.json").read_text())
-        except (OSError, ValueError) as error:
-            raise EngineError(f"find {container}", "no such container", kind="gone") from error
+        record = read_json(self._folder(container) / "record.json") or {}
+        if not {"id", "name", "spec", "labels", "live"} <= set(record):
+            raise EngineError(f"find {container}", "no such container", kind="gone")
+        return record
 
     def _write(self, record: Mapping[str, Any]) -> None:
         write_atomic(self._folder(record["id"]) / "record.json", json.dumps(record), mode=0o600)
@@ -113,7 +114,7 @@ class ProcessEngine:
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         """Changes made through this engine, and exits, by waiting on process descriptors; no polling of processes."""
-        watched: dict[int, str] = {}
+        watched: dict[int, tuple[str, int]] = {}
         poller = select.poll()
         poller.register(self._wake_read, select.POLLIN)
         self._watch_all(poller, watched)
@@ -131,7 +132,7 @@ class ProcessEngine:
                         self._watch_all(poller, watched)
                         yield from ((container, "") for container in changed)
                     else:
-                        container = watched.pop(descriptor)
+                        container, _ = watched.pop(descriptor)
                         poller.unregister(descriptor)
                         os.close(descriptor)
                         yield container, ""
@@ -139,15 +140,17 @@ class ProcessEngine:
             for descriptor in watched:
                 os.close(descriptor)
 
-    def _watch_all(self, poller: select.poll, watched: dict[int, str]) -> None:
+    def _watch_all(self, poller: select.poll, watched: dict[int, tuple[str, int]]) -> None:
+        """`watched` holds (container, pid) by descriptor: a run that began before the end of the one before it was told
+        has a pid of its own."""
         for container in self.list():
-            if container.pid and container.id not in watched.values():
+            if container.pid and (container.id, container.pid) not in watched.values():
                 try:
                     descriptor = os.pidfd_open(container.pid)
                 except OSError:
                     self._tell(container.id)
                     continue
-                watched[descriptor] = container.id
+                watched[descriptor] = container.id, container.pid
                 poller.register(descriptor, select.POLLIN)
 
     # -- acting ------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ def boot_id() -> str:
 def stat(pid: int) -> tuple[str, int, int, float, int] | None:
     """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text()
+        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")  # names are bytes, and cut anywhere
     except OSError:
         return None
     fields = text[text.rindex(")") + 2 :].split()

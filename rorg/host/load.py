@@ -83,7 +83,10 @@ class Sampler:
             if self.step() is None:
                 self.latest, mattered = None, False
                 continue
-            self.latest = self.meter.sample(self.use if mattered else None)
+            try:
+                self.latest = self.meter.sample(self.use if mattered else None)
+            except Exception:  # the engine or the kernel did not answer: the next sample will tell
+                continue
             matters = self.matters(self.latest)
             if matters or mattered:
                 self.wake()

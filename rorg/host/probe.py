@@ -19,6 +19,8 @@ from rorg.manifest.catalog import Probe
 
 TIMEOUT = 1.0
 """Seconds for one attempt."""
+LONGEST = 3600.0
+"""Seconds of sleep at the most."""
 WORKERS = 8
 """Attempts at once. What hangs holds a worker for TIMEOUT."""
 
@@ -136,7 +138,7 @@ class Prober:
                     self._busy.add(key)
                     self._pool.submit(self._probe, key, self._targets[key])
                 waits = [t - now for k, t in self._due.items() if k not in self._busy]
-                self._condition.wait(max(0.0, min(waits)) if waits else None)
+                self._condition.wait(min(max(0.0, min(waits)), LONGEST) if waits else None)
 
     def _probe(self, key: Key, target: Target) -> None:
         began, asked = self.clock(), True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -27,16 +28,30 @@ class Watcher:
         self._stop.set()
 
     def _run(self) -> None:
+        again = False
         while not self._stop.is_set():
             try:
-                self._follow()
-            except FileNotFoundError:
+                self._follow(again)
+            except Exception:
                 # The directory is being replaced; it comes back, or the loop says that it is gone.
                 self._stop.wait(0.2)
+            again = True
 
-    def _follow(self) -> None:
-        for _ in watchfiles.watch(
+    def _follow(self, again: bool) -> None:
+        """Until one of the directories is not the one any more that is watched: the kernel follows the directory, not
+        its name."""
+        watched = self._identity()
+        if again:
+            self.wake()  # nobody watched meanwhile
+        for changes in watchfiles.watch(
             *self.paths, debounce=DEBOUNCE, step=STEP, stop_event=self._stop, rust_timeout=1000,
-            watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False,
+            watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False, yield_on_timeout=True,
         ):
-            self.wake()
+            moved = self._identity() != watched
+            if changes:
+                self.wake()
+            if moved:
+                return
+
+    def _identity(self) -> list[tuple[int, int]]:
+        return [(stat.st_dev, stat.st_ino) for stat in (os.stat(path) for path in self.paths)]

@@ -88,7 +88,14 @@ Words = Annotated[list[str], BeforeValidator(_words)]
 Many = Annotated[list[str], BeforeValidator(_one_or_many)]
 Texts = Annotated[list[str], BeforeValidator(_texts)]
 Text = Annotated[str, BeforeValidator(_text)]
+def _not_ours(value: dict[str, str]) -> dict[str, str]:
+    if any(name.startswith("rorg.io/") for name in value):
+        raise ValueError("labels that begin with rorg.io/ are rorg's own")
+    return value
+
+
 Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs)]
+Labels = Annotated[Pairs, AfterValidator(_not_ours)]
 Signal = Annotated[str, BeforeValidator(_signal)]
 Cores = Annotated[float, Field(strict=False, gt=0)]
 Device = Annotated[str, AfterValidator(_device)]
@@ -221,7 +228,7 @@ class ContainerOptions(Strict):
     init: bool | None = recreate()
     ipc: str | None = recreate()
     isolation: str | None = recreate()
-    labels: Pairs | None = recreate()
+    labels: Labels | None = recreate()
     links: list[str] | None = recreate()
     logging: Logging | None = recreate()
     mac_address: str | None = recreate()

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.container import Strict, unchanging
 from rorg.manifest.probes import Interlock
-from rorg.manifest.scalars import Duration, Memory, Name
+from rorg.manifest.scalars import Duration, Interval, Memory, Name
 
 
 def _units(value: object) -> object:
@@ -59,7 +59,7 @@ class Pressure(Strict):
     cpu_some: Percent | None = Field(default=None, description="PSI: percent of time in which some program waited for "
                                      "the CPU, above which it is under pressure. Default: not looked at.")
     memory_some: Percent | None = Field(default=20.0, description="The same for memory. Default: 20.")
-    step: Duration = Field(default=0.5, description="Time between two samples, and between two measures.")
+    step: Interval = Field(default=0.5, description="Time between two samples, and between two measures.")
     calm: Duration = Field(default=5.0, description="How long it must be below `low` before a measure is undone.")
     admit: Annotated[int, Field(ge=0, le=100)] = Field(
         default=60, description="Priority below which nothing new is started while under pressure.")
@@ -75,7 +75,7 @@ class PolicySpec(Strict):
     """Settings of the loop, for the whole machine."""
 
     idle: Idle | None = Field(default=None, description="For services that do not say.")
-    resync: Duration = Field(default=60.0, description="Time between two full lists of the engine. Default: 60s.")
+    resync: Interval = Field(default=60.0, description="Time between two full lists of the engine. Default: 60s.")
     bulk_workers: Annotated[int, Field(ge=1, le=16)] = Field(
         default=2, description="Engine calls at once for work that no request waits for. Default: 2."
     )

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.container import Strict, Words, unchanging
-from rorg.manifest.scalars import Duration
+from rorg.manifest.scalars import Duration, Interval
 
 
 def _port(value: object) -> str:
@@ -51,7 +51,7 @@ class Probe(Strict):
     tcp: Port | None = unchanging(description="PORT, or HOST:PORT, accepts a connection.")
     http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx.")
     file: Absolute | None = unchanging(description="This file was written since the service started.")
-    interval: Duration | None = unchanging(description="Time between two probes.")
+    interval: Interval | None = unchanging(description="Time between two probes, 50ms at the least.")
 
     @model_validator(mode="after")
     def _one(self) -> Probe:

@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime
 from typing import Annotated
 
-from pydantic import BeforeValidator, StringConstraints, WithJsonSchema
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema
 
 DURATION = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
@@ -15,13 +15,20 @@ _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"": 1, "b": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30}
 
 
+LONGEST = 3653 * 86400.0
+"""Seconds."""
+
+
 def parse_duration(value: object) -> float:
     """Seconds of "20s", "1m30s" or "250ms". A bare number has no unit and is refused, except 0."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return 0.0
     if not isinstance(value, str) or not re.match(DURATION, value):
         raise ValueError(f"{value!r} is not a duration; write a number with a unit, such as 20s, 1m30s or 250ms")
-    return sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
+    found = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
+    if found > LONGEST:
+        raise ValueError(f"{value!r} is more than ten years")
+    return found
 
 
 def format_duration(seconds: float) -> str:
@@ -78,6 +85,8 @@ def format_memory(count: float) -> str:
 
 
 Duration = Annotated[float, BeforeValidator(parse_duration), WithJsonSchema({"type": "string", "pattern": DURATION})]
+Interval = Annotated[Duration, Field(ge=0.05)]
+"""Of what is done again and again."""
 Memory = Annotated[
     int,
     BeforeValidator(parse_memory),

@@ -97,9 +97,10 @@ class StateDir:
             os.close(descriptor)
 
 
-def read_json(path: Path) -> Any:
-    """The content of a JSON file, or None when it is not there or not whole."""
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The object in a JSON file, or None when it is not there or not whole."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return None
+    return value if isinstance(value, dict) else None
