@@ -155,7 +155,10 @@ def nobody_waits_in_vain(robot: SimRobot) -> None:
         more = {n for n in closure(services, [name]) if not services[n].meta}
         names = {*situation.wanted, *more}
         in_the_way = more & out or overbooked(catalog, names) or conflicting(services, names)
-        too_much = budget and budget.over == "queue" and over_budget(catalog, names)
+        # A request is queued whole: what it asks for besides may be too much.
+        asked = [closure(services, r.services) for r in robot.decision.settled.requests]
+        too_much = budget and budget.over == "queue" and any(
+            over_budget(catalog, {*situation.wanted, *request}) for request in asked if name in request)
         assert in_the_way or too_much, f"{name} waits for nothing: {situation.gave_way[name]}"
 
 
