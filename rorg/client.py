@@ -15,6 +15,7 @@ import contextlib
 import http.client
 import json
 import os
+import re
 import socket
 import threading
 import time
@@ -124,6 +125,9 @@ class Client:
         released the request. `id`: the same one again replaces the request. `ttl`: seconds of the lease; None for none,
         and then only release() ends it (or the end of the container that asked).
         """
+        if not services:
+            raise Invalid("cannot request", "no service is named", "one at least", "invalid", 422)
+        check_id(id or "request")
         made = Request(self, services, id or f"{services[0]}-{os.getpid()}-{id_number()}", ttl, reason, priority,
                        requester)
         made.put()
@@ -144,7 +148,7 @@ class Client:
         return self.call("GET", "/v1/requests")
 
     def release(self, id: str, requester: str | None = None) -> None:
-        self.call("DELETE", f"/v1/requests/{quote(id)}{_as(requester)}")
+        self.call("DELETE", f"/v1/requests/{quote(id, safe='')}{_as(requester)}")
 
     # -- services ----------------------------------------------------------------------------------------------
 
@@ -278,7 +282,7 @@ class Request:
     def __init__(self, client: Client, services: Sequence[str], id: str, ttl: float | None, reason: str,
                  priority: int | None, requester: str | None) -> None:
         self.client, self.services, self.id, self.ttl = client, tuple(services), id, ttl
-        self._address = f"/v1/requests/{quote(id)}", _as(requester)
+        self._address = f"/v1/requests/{quote(id, safe='')}", _as(requester)
         self._body = {"services": list(services), "reason": reason, "priority": priority,
                       "ttl": None if ttl is None else _seconds(ttl)}
         self._over, self._given_up = threading.Event(), False
@@ -401,6 +405,13 @@ def client() -> Client:
 def request(*services: str, **kwargs: Any) -> Request:
     """Client.request on the default socket."""
     return client().request(*services, **kwargs)
+
+
+def check_id(id: str) -> None:
+    """Raises Invalid for what cannot be the id of a request."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}", id):
+        raise Invalid(f"cannot request as '{id}'", "an id begins with a letter or digit, and has at most 64 of "
+                      "letters, digits and _ . : -", "another id", "invalid", 422)
 
 
 def _seconds(value: float) -> str:

@@ -211,3 +211,47 @@ def test_wait_events_and_top_talk_to_the_running_rorg(shell):
     assert found["machine"]["cores"] >= 1
     shell("hold", "navigation", "--for", "5m")
     assert "held until" in shell("wait", "navigation", code=4).stderr
+
+
+def test_a_wait_that_fails_says_the_reason_of_what_was_asked_for(shell):
+    shell.run()
+    shell("hold", "navigation", "--for", "10m", "--reason", "calibration")
+    assert "navigation: held until" in shell("request", "navigation", "--wait", "--timeout", "2", code=4).stderr
+    shell("hold", "navigation", "--end")
+    shell("release", "navigation")
+    wait_for(lambda: "navigation" not in shell.active())
+    assert "nobody active requests it" in shell("wait", "navigation", "--timeout", "1", code=4).stderr
+    shell("suspend", "--for", "10m", "--reason", "maintenance")
+    assert "maintenance" in shell("request", "navigation", "--wait", "--timeout", "2", code=4).stderr
+    assert "maintenance" in shell("get").stderr
+
+
+def test_with_a_mistake_in_the_tree_the_running_robot_can_still_be_looked_at(shell):
+    shell.run()
+    shell("request", "navigation", "--wait")
+    (shell.tree / "services/bad.yaml").write_text("x: [\n")
+    wait_for(lambda: "manifests refused" in shell("get").stderr)
+    assert "requested by developer" in shell("why", "navigation").stdout
+    shell("logs", "navigation")
+    assert "driving" not in shell("why", "driving").stdout
+    shell("restart", "navigation", "--wait")
+
+
+def test_what_is_not_there_is_told_by_name(shell):
+    shell.run()
+    for kind in ("request", "group", "image", "service"):
+        assert "nope" in shell("get", kind, "nope", code=2).stderr
+    assert "an id begins with" in shell("request", "roscore", "--id", "a b/c", code=2).stderr
+    assert "lease of 0 s" in shell("request", "roscore", "--ttl", "0s", code=2).stderr
+    assert "nobody active requests it" in shell("restart", "navigation", code=5).stderr
+    assert "meta-service" in shell("restart", "developer", code=2).stderr
+
+
+def test_a_name_in_the_requests_file_that_means_nothing_is_told(shell):
+    shell.run()
+    shell("request", "roscore", "--id", "work")
+    wait_for(lambda: "roscore" in shell.active())
+    path = shell.state / "requests.yaml"
+    path.write_text(path.read_text().replace("services: [roscore]", "services: [roscroe]"))
+    wait_for(lambda: "names 'roscroe', which is not declared" in shell("events").stdout)
+    assert "'roscore'" in shell("events").stdout

@@ -121,7 +121,7 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
             return "it has not read these manifests yet"
         if view["plan"]["actions"] or view["in_flight"]:
             return view["plan"]["summary"]
-        return unready(view, {n for n, s in view["services"].items() if s["wanted"]}) if wait else ""
+        return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""
 
     note(f"rorg run (pid {owner.get('pid')}) carries it out")
     context.wait("the running rorg", done, timeout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ class Context:
             raise Invalid(f"use the engine '{self.engine_name}'", "there is none of that name", " or ".join(ENGINES))
         self._directory, self._local = directory, local
         self._engine: Engine | None = None
+        self._remarked: set[str] = set()
 
     def last(self) -> dict[str, Any] | None:
         """What a rorg published last, be it running or not."""
@@ -141,11 +142,24 @@ class Context:
         """The published state of the running rorg; computed the same way when none runs."""
         live = self.live()
         if live:
+            self._remark(live)
             return live
         catalog = self.catalog()
         return snapshot(self.decision(catalog), {
             "pid": None, "engine_name": self.engine_name,
             "tree": {"root": str(self.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []}})
+
+    def _remark(self, view: dict[str, Any]) -> None:
+        """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
+        errors = view.get("tree", {}).get("errors") or []
+        found = [f"manifests refused: {len(errors)} error(s), the last good ones are in force; try `rorg validate`"
+                 ] if errors else []
+        found += view.get("requests_errors") or []
+        found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
+        for text in found:
+            if text not in self._remarked:
+                self._remarked.add(text)
+                note(text)
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""
@@ -171,14 +185,16 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
 
 
-def unready(view: dict[str, Any], names: set[str]) -> str:
-    """What keeps these services from being ready, in words; empty when all of them are."""
-    for name in sorted(names):
+def unready(view: dict[str, Any], names: Iterable[str]) -> str:
+    """What keeps these services from being ready, in words, the first one's reason first; empty when all are."""
+    for name in names:
         service = view["services"].get(name)
         if service is None:
             return f"{name} is not declared yet"
         if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
+            if view.get("suspended"):
+                return view["suspended"]
             found = condition(service, "Ready")
             waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
-            return f"{name}: {'; '.join(waits) or found['message'] or found['reason']}"
+            return f"{name}: {service['held'] or '; '.join(waits) or found['message'] or found['reason']}"
     return ""

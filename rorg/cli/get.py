@@ -55,22 +55,36 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
 
 
 def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
-    found = [g for g in context.catalog().groups.values() if name in ("", g.name)]
+    groups = context.catalog().groups
+    found = [g for g in groups.values() if name in ("", g.name)]
+    _there("group", name, found, groups)
     rows = [{"name": g.name, "services": ",".join(g.services), "description": g.description} for g in found]
     return rows, [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
 
 
 def _images(context: Any, name: str) -> tuple[list[dict], Any]:
+    images = context.catalog().images
     rows = [{"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
-            for i in context.catalog().images.values() if name in ("", i.name)]
+            for i in images.values() if name in ("", i.name)]
+    _there("image", name, rows, images)
     return rows, None
 
 
+def _there(kind: str, name: str, found: list, known: Any) -> None:
+    from rorg.cli.output import missing
+
+    if name and not found:
+        raise missing(kind, name, set(known))
+
+
 def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
-    found = [r for r in context.view()["requests"] if name in ("", r["id"])]
+    requests = context.view()["requests"]
+    found = [r for r in requests if name in ("", r["id"])]
+    _there("request", name, found, {r["id"] for r in requests})
     rows = [{"id": r["id"], "requester": r["requester"], "services": ",".join(r["services"]),
              "kind": "standing" if r["standing"] else "live", "reason": r["reason"],
-             "incarnation": r["incarnation"] or ""} for r in found]
+             "incarnation": r["incarnation"] or "", "priority": r["priority"] if r["priority"] is not None else "",
+             "ttl": f"{r['ttl']:g} s" if r["ttl"] else ""} for r in found]
     return rows, found
 
 
@@ -79,5 +93,5 @@ COLUMNS = {
     "services": (("name", "state", "sync", "health", "why"), ("crashes", "rank", "container", "message")),
     "groups": (("name", "services"), ("description",)),
     "images": (("name", "from"), ("dockerfile",)),
-    "requests": (("id", "requester", "services", "kind"), ("incarnation", "reason")),
+    "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),
 }

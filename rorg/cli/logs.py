@@ -13,7 +13,7 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory
 def command(
     service: ServiceName,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
-    tail: Annotated[int | None, typer.Option("--tail", help="Only the last so many lines.")] = None,
+    tail: Annotated[int | None, typer.Option("--tail", min=0, help="Only the last so many lines.")] = None,
     state_dir: StateDirectory = None, engine: EngineName = None,
 ) -> None:
     """Print what a service wrote; lines of a group's members come one service after the other."""
@@ -22,10 +22,14 @@ def command(
     from rorg.errors import Invalid
 
     context = Context(state_dir, engine)
-    catalog = context.catalog()
-    names = catalog.members(service)
-    if not names:
-        raise missing("service", service, {*catalog.services, *catalog.groups})
+    client = context.client()
+    if client:
+        names = tuple(entry["service"] for entry in client.why(service))
+    else:
+        catalog = context.catalog()
+        names = catalog.members(service)
+        if not names:
+            raise missing("service", service, {*catalog.services, *catalog.groups})
     if follow and len(names) > 1:
         raise Invalid(f"follow the logs of {service}", "it is a group", "one of " + ", ".join(names))
     containers = {c.service: c for c in context.engine().list()}

@@ -25,6 +25,7 @@ def command(
     from urllib.parse import quote, urlencode
 
     from rorg.cli.context import Context, unready
+    from rorg.client import check_id
     from rorg.core.requests import problems
     from rorg.daemon.wiring import wall_clock
     from rorg.errors import Invalid, Refused
@@ -33,6 +34,9 @@ def command(
     from rorg.manifest.scalars import format_duration
     from rorg.store.requests_file import Asked
 
+    check_id(id or "request")
+    if ttl is not None and ttl <= 0:
+        raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
     context = Context(state_dir, engine)
     chosen = tuple(dict.fromkeys(services))
     client = context.client()
@@ -61,7 +65,8 @@ def command(
     typer.echo(f"request '{request.id}' of {requester}: {', '.join(chosen)}")
     if not wait:
         return
-    names = closure(catalog.services, [m for s in chosen for m in catalog.members(s)])
+    asked = [m for s in chosen for m in catalog.members(s)]
+    names = [*asked, *sorted(closure(catalog.services, asked) - set(asked))]
 
     def done(view: dict[str, Any]) -> str:
         known = any(r["id"] == request.id and r["requester"] == requester for r in view["requests"])

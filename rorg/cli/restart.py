@@ -31,7 +31,7 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
         def done(view: dict) -> str:
             active = {n for n in names if view["services"][n]["wanted"]}
             old = [n for n in active if view["services"][n]["started_at"] < asked_at]
-            return f"{old[0]} has not started again" if old else unready(view, active)
+            return f"{old[0]} has not started again" if old else unready(view, sorted(active))
 
         context.wait(f"the restart of {service}", done, timeout)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import typer
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
@@ -10,15 +12,31 @@ from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
             output: Output = "table") -> None:
     """Why a service is active: the chain from a root to it. Or why it is not."""
-    from rorg.cli.context import Context, condition
-    from rorg.cli.output import dump, missing
+    from rorg.cli.context import Context
+    from rorg.cli.output import dump
 
     context = Context(state_dir, engine)
-    catalog, view = context.catalog(), context.view()
+    client = context.client()
+    # The running rorg knows, even while the manifests on the disk have a mistake.
+    found = client.why(service) if client else _found(context, service)
+    dependants = {} if client else {n: [s.name for s in context.catalog().services.values() if n in s.needs]
+                                    for n in (e["service"] for e in found)}
+    if output != "table":
+        dump(found[0] if len(found) == 1 else found, output)
+        return
+    for entry in found:
+        typer.echo("\n".join(_lines(entry, sorted(dependants.get(entry["service"], [])))))
+
+
+def _found(context: Any, service: str) -> list[dict]:
+    """What the API would say, computed where no rorg serves."""
+    from rorg.cli.context import condition
+    from rorg.cli.output import missing
+
+    catalog, view, found = context.catalog(), context.view(), []
     names = catalog.members(service)
     if not names:
         raise missing("service", service, {*catalog.services, *catalog.groups})
-    found = []
     for name in names:
         status = view["services"].get(name)
         if status is None:
@@ -28,20 +46,15 @@ def command(service: ServiceName, state_dir: StateDirectory = None, engine: Engi
         found.append({"service": name, "wanted": status["wanted"], "state": status["state"],
                       "chain": condition(status, "Requested")["message"].split(" <- ") if status["wanted"] else [],
                       "requests": requests, "waits": waits})
-    if output != "table":
-        dump(found[0] if len(found) == 1 else found, output)
-        return
-    for entry in found:
-        typer.echo("\n".join(_lines(entry, catalog)))
+    return found
 
 
-def _lines(entry: dict, catalog: object) -> list[str]:
+def _lines(entry: dict, dependants: list[str]) -> list[str]:
     name = entry["service"]
     lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link}" for depth, link in enumerate(entry["chain"])]
     lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"]]
     if not entry["wanted"] and not entry["waits"]:
-        dependants = sorted(s.name for s in catalog.services.values() if name in s.needs)  # type: ignore[attr-defined]
         lines += [f"  {_request(r)}, but {r['requester']} is not active" for r in entry["requests"]]
         if not entry["requests"]:
             lines.append("  no request names it")

@@ -45,7 +45,7 @@ class Action:
     """"replace" or "restart" for the actions that do that together."""
 
     def __str__(self) -> str:
-        return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({self.reason})"
+        return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({_why(self)})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -228,6 +228,8 @@ def duration(value: str | None, field: str) -> float:
         seconds = parse_duration(value) if value is not None else 0.0
     except ValueError as error:
         raise Invalid("read the request", f"{field}: {error}") from error
+    if value is not None and not seconds:
+        raise Invalid("read the request", f"{field}: must be more than 0", "10s, for instance")
     return seconds
 
 

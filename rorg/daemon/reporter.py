@@ -12,6 +12,7 @@ from rorg.core.decide import Decision
 from rorg.core.plan import Action
 from rorg.daemon.snapshot import pressure_json, snapshot
 from rorg.daemon.tree import Tree
+from rorg.manifest.diagnostics import nearest
 from rorg.manifest.scalars import format_seconds
 from rorg.store.files import write_atomic
 from rorg.store.journal import Journal
@@ -60,7 +61,9 @@ class Reporter:
 
     def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
         """Says what is new since the last pass, and publishes the state when it changed."""
-        self._when_new("tree", tuple(map(str, tree.errors)), self._tree, tree)
+        self._when_new("tree", (tuple(map(str, tree.errors)), tree.desired.catalog.fingerprint, tree.revision),
+                       self._tree, tree)
+        self._unknown(decision)
         self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
         observed = decision.situation.observed
         self._when_new("engine", (observed.complete, observed.error), self._engine, observed)
@@ -114,6 +117,14 @@ class Reporter:
     def _requests(self, requests: RequestsFile) -> None:
         for error in requests.diagnostics:
             self.event("requests-refused", f"{error}; the last good requests stay in force")
+
+    def _unknown(self, decision: Decision) -> None:
+        """Names in the requests file that mean nothing: whoever edits it by hand hears of a typing error."""
+        catalog = decision.situation.desired.catalog
+        known = {*catalog.services, *catalog.groups}
+        found = tuple(f"{r.where}: request '{r.id}' names '{s}', which is not declared; {nearest(s, known)}"
+                      for r in decision.settled.requests for s in r.services if s not in known)
+        self._when_new("unknown", found, lambda lines: [self.event("unknown-service", line) for line in lines], found)
 
     def _engine(self, observed: Any) -> None:
         if observed.complete:

@@ -26,6 +26,12 @@ OPERATIONS = {
 only what its manifest says (`may_request`, `may_restart`)."""
 
 
+WORDS = {"read": "see how services are", "request": "request services", "restart": "restart services",
+         "hold": "hold services", "suspend": "suspend rorg", "manifests": "see or change manifests",
+         "plan": "see status and plan", "events": "see events"}
+"""Operations as in "cannot X"."""
+
+
 @dataclass(frozen=True, slots=True)
 class Caller:
     """Who is at the other end of a socket."""
@@ -85,7 +91,9 @@ def allow(caller: Caller, operation: str) -> None:
     """Raises Forbidden unless the table says that this kind of caller may."""
     if caller.kind not in OPERATIONS[operation]:
         who = {"service": f"the service {caller.service}", "developer": "a developer"}.get(caller.kind, caller.author)
-        raise Forbidden(operation, f"{who} may not", "a person in the group of rorg, or `may_request` in the manifest")
+        remedy = "a person in the group of rorg" + (
+            f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else "")
+        raise Forbidden(WORDS[operation], f"{who} may not", remedy)
 
 
 def allow_request(caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog) -> None:

@@ -104,9 +104,11 @@ class Robot:
 
     def unready(self, names: tuple[str, ...]) -> tuple[str, bool]:
         """What keeps these services and all that they need from being ready, in words, empty when nothing does; and
-        whether waiting has no sense."""
-        found, waits = self.statuses(), {w.service: w.reason for w in self.decision.plan.waitings}
-        for name in sorted(closure(self.catalog.services, names)):
+        whether waiting has no sense. Of the services asked for first, then of what they need."""
+        situation, found = self.decision.situation, self.statuses()
+        waits = {w.service: w.reason for w in self.decision.plan.waitings}
+        reasons, hopeless = [], False
+        for name in (*names, *sorted(closure(self.catalog.services, names) - set(names))):
             status = found.get(name)
             if status is None:
                 return f"{name} is not declared any more", True
@@ -114,9 +116,14 @@ class Robot:
             if status.state == "meta" or (status.wanted and ready and ready.status == "True"):
                 continue
             stalled = any(c.type == "Stalled" and c.status == "True" for c in status.conditions)
-            why = waits.get(name) or (ready and (ready.message or ready.reason)) or "not ready"
-            return f"{name}: {why}", stalled or bool(status.held)
-        return "", False
+            hopeless = hopeless or stalled or bool(status.held)
+            why = status.held or situation.gave_way.get(name) or (
+                "nobody active requests it" if not status.wanted else
+                waits.get(name) or (ready and (ready.message or ready.reason)) or "not ready")
+            reasons.append(f"{name}: {why}")
+        if reasons and situation.suspended:
+            return situation.suspended, False
+        return (reasons[0], hopeless) if reasons else ("", False)
 
     def usage(self) -> dict[str, Any]:
         """CPU seconds and bytes of each service that runs, and of the machine. Reads files of the kernel."""
@@ -180,9 +187,14 @@ class Robot:
     def restart(self, caller: Caller, name: str, force: bool) -> Future[Asked]:
         allow_restart(caller, name, self.catalog)
         names = [s.name for s in self.containers_of(self.members(name))]
+        if not names:
+            raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
         drivers = [n for n in names if self.catalog.services[n].driver]
         if drivers and not force:
             raise Refused(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force")
+        if not any(self.statuses()[n].wanted for n in names):
+            raise Refused(f"restart {name}", "nobody active requests it, so there is nothing to restart",
+                          f"`rorg request {name}`")
         at = wall_clock()
         return self._change(
             caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}), "restart",

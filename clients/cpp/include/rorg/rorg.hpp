@@ -60,6 +60,7 @@ namespace detail {
 inline std::string default_socket() {
   if (const char* given = std::getenv("RORG_SOCKET")) return given;
   if (const char* folder = std::getenv("RORG_RUN_DIR")) return std::string(folder) + "/rorg.sock";
+  if (const char* state = std::getenv("RORG_STATE_DIR")) return std::string(state) + "/run/rorg.sock";
   return "/run/rorg/rorg.sock";
 }
 
@@ -145,7 +146,7 @@ class Connection {
 
  private:
   [[noreturn]] static void fail(const std::string& what) {
-    throw Unreachable("cannot reach rorg", what + ": " + std::strerror(errno), "`rorg run`");
+    throw Unreachable("cannot reach rorg", what + ": " + std::strerror(errno), "`rorg run`, or RORG_SOCKET");
   }
   void receive() {
     char chunk[16384];
@@ -360,7 +361,8 @@ class Request {
 inline Request Client::request(std::vector<std::string> services, std::string id, Seconds ttl, const std::string& reason,
                                std::optional<int> priority) {
   static std::atomic<unsigned> number{0};
-  if (id.empty()) id = services.at(0) + "-" + std::to_string(::getpid()) + "-" + std::to_string(++number);
+  if (services.empty()) throw Invalid("cannot request", "no service is named", "one at least");
+  if (id.empty()) id = services.front() + "-" + std::to_string(::getpid()) + "-" + std::to_string(++number);
   std::string body = "{\"services\":[";
   for (std::size_t i = 0; i < services.size(); ++i) body += (i ? "," : "") + json::quoted(services[i]);
   body += "],\"reason\":" + json::quoted(reason) + ",\"ttl\":\"" + detail::written(ttl) + "s\"";
