@@ -85,7 +85,7 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], barred: Mapping[st
                 catalog, more, ranks(catalog, more, requests)):
             lost.remove(place)
             found, out = more, others
-    rank = ranks(catalog, found, requests)
+    rank = ranks(catalog, found, requests) if lost else rank
     asked = wanted(catalog, requests) if out else found
     return Verdict(found, {n: why for n, why in out.items() if n in asked}, rank, requests)
 

@@ -33,6 +33,8 @@ def relieve(memory: Memory, desired: Desired, verdict: Verdict, free: Verdict, o
     `barred` must not be active anyway; `locked` must not be touched now. While suspended nothing can be done, so
     nothing more is concluded."""
     policy = desired.catalog.policy
+    if policy.pressure is None and not memory.pressure.engaged:
+        return memory, Relief()
     states = {name: cs[0].state for name, cs in observed.by_service().items()}
     lower = _below_the_top(desired, verdict)
     before = state = memory.pressure

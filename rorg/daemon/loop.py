@@ -40,6 +40,8 @@ AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb of which the engine's event, that comes first, tells all."""
 LONGEST = 3600.0
 """Seconds of sleep at the most: a deadline may be centuries away."""
+HANDOVER = 0.0003
+"""Seconds that the pass steps aside, so that a worker can make the call that somebody waits for."""
 AGAIN = 1.0
 """Seconds after a pass that a bug has ended."""
 PATIENCE = 10.0
@@ -170,6 +172,9 @@ class Loop:
         self.memory, self.decision = decision.memory, decision
         for action in decision.begin:
             self._begin(action)
+        if any(action.urgent for action in decision.begin):
+            # What is left of this pass can wait; a worker that has to share the interpreter with it begins later.
+            time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
         self.ros.look(decision.situation)
         self.reporter.report(decision, self.tree, self.ledger.file)
