@@ -11,8 +11,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import wait_for
-from robots import RealRobot, write_tree
+from conftest import BASE_IMAGE, wait_for
+from robots import WORK, RealRobot, write_tree
 
 from rorg.core.decide import Inputs, decide
 from rorg.core.desired import desire
@@ -63,11 +63,16 @@ def test_response_on_docker_at_41_services(dockerd, tmp_path):
         robot.wait(lambda: len(robot.containers()) == 41 and len(robot.active()) == 39, 120)
         robot.settle()
         api, events = robot.engine.api(), robot.loop.observer
+        # The bare call goes to a container of the same image that is nobody's service, in turn with ours.
+        bare = api.create_container(BASE_IMAGE, WORK, host_config=api.create_host_config(network_mode="host"))["Id"]
+        api.start(bare)
         for name, verb in (("s00", "resume"), ("s01", "start")):
             robot.request(name)
             robot.wait(lambda name=name: name in robot.active())
             robot.release()
             robot.wait(lambda name=name: name not in robot.active())
+            away, call = (api.pause, api.unpause) if verb == "resume" else (api.kill, api.start)
+            away(bare)
 
             def state(name=name, events=events):
                 return next(c.state for c in events.snapshot().containers if c.service == name)
@@ -77,29 +82,20 @@ def test_response_on_docker_at_41_services(dockerd, tmp_path):
                 while state() != "running":
                     time.sleep(0.0002)
 
-            def back(name=name, state=state):
-                robot.release()
-                wait_for(lambda: state() != "running" and name not in robot.loop.memory.in_flight)
-
-            ours = []
-            for _ in range(30):
+            ours, theirs = [], []
+            for _ in range(40):
                 ours += timed(once, 1)
-                back()
-            container = robot.container(name).id
-            robot.stop()
-            bare = []
-            for _ in range(30):
-                bare += timed(lambda c=container, verb=verb: (
-                    api.unpause if verb == "resume" else api.start)(c), 1)
-                (api.pause if verb == "resume" else api.kill)(container)
-                wait_for(lambda c=container: not api.inspect_container(c)["State"]["Running"]
-                         or api.inspect_container(c)["State"]["Paused"])
-            robot.start()
-            wait_for(lambda: robot.loop.observer.snapshot().complete)
-            events = robot.loop.observer
-            robot.settle()
-            show(f"bare {verb}", sorted(bare))
-            show(f"request to running, by {verb}", sorted(ours), bare)
+                robot.release()
+                wait_for(lambda name=name, state=state: state() != "running"
+                         and name not in robot.loop.memory.in_flight)
+                theirs += timed(lambda call=call: call(bare), 1)
+                away(bare)
+                wait_for(lambda: not api.inspect_container(bare)["State"]["Running"]
+                         or api.inspect_container(bare)["State"]["Paused"])
+            show(f"bare {verb}", sorted(theirs))
+            show(f"request to running, by {verb}", sorted(ours), theirs)
+            (api.unpause if verb == "resume" else api.start)(bare)
+        api.remove_container(bare, force=True)
     finally:
         robot.close()
 
