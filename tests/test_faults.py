@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import json
 import os
@@ -189,7 +188,8 @@ def test_a_process_whose_name_is_no_text_is_in_nobodys_way(robot):
                                  f"{name!r}, 0, 0, 0)\nprint(1, flush=True)\ntime.sleep(60)"], stdout=subprocess.PIPE)
     try:
         stranger.stdout.readline()
-        assert ctypes.sizeof(ctypes.c_int) and os.path.exists(f"/proc/{stranger.pid}")
+        with open(f"/proc/{stranger.pid}/comm", "rb") as comm:
+            assert comm.read().strip() == name, "cut amid a letter"
         robot.declare({"cam": {}})
         robot.request("cam")
         robot.wait(lambda: robot.active() == {"cam"})
@@ -242,6 +242,22 @@ def test_an_action_for_which_no_thread_can_be_had_is_tried_again(robot, monkeypa
     robot.request("aa", "bb")
     robot.wait(lambda: robot.active() == {"aa", "bb"})
     assert len(failed) == 2
+
+
+def test_an_action_after_which_the_engine_cannot_be_looked_at_has_an_outcome(robot, monkeypatch):
+    robot.declare({"aa": {}})
+    robot.settle()
+
+    def broken(container: str) -> None:
+        raise KeyError("State")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(robot.loop.observer, "refresh", broken)
+        robot.request("aa")
+        robot.wait(lambda: any("> start aa" in line for line in robot.lines) or not robot.loop.memory.in_flight)
+        wait_for(lambda: not robot.loop.memory.in_flight)
+    robot.loop.observer.sync()
+    robot.wait(lambda: robot.active() == {"aa"})
 
 
 def test_a_full_disk_under_status_and_log_ends_nothing(robot, monkeypatch):

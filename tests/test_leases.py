@@ -204,6 +204,16 @@ def test_a_mistake_in_the_file_forgets_nothing_over_a_restart_of_rorg(stepped):
     assert "camera" not in third.loop.decision.situation.wanted
 
 
+def test_a_lease_is_renewed_while_the_file_is_broken_after_a_restart_of_rorg_too(stepped):
+    stepped.put("camera", ttl=60.0)
+    stepped.step()
+    stepped.file.path.write_text(stepped.file.path.read_text() + "requests: again\n")
+    stepped.step()
+    other = again(stepped)
+    other.step()
+    assert other.robot.renew(DEVELOPER, ("developer", "look"))["id"] == "look"
+
+
 def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
     stepped.file.path.write_text("requests: 5\n")
     stepped.show(Container("c" * 64, "camera", "camera", "running", "2026-01-01T00:00:00Z"))

@@ -48,7 +48,7 @@ class Inputs:
     """Seconds since the epoch, for what people said `until`."""
     load: Load | None = None
     renewals: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    """How often each request was renewed since rorg runs."""
+    """The number of each request's last renewal; another one begins its lease anew."""
 
 
 @dataclass(frozen=True, slots=True)

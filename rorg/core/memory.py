@@ -109,7 +109,8 @@ class InFlight:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A restart that somebody asked for: when, and which run is to end by it ("": one that has ended already)."""
+    """A restart that somebody asked for: when (ISO 8601, UTC), and which run is to end by it; "" where there was no
+    container."""
 
     stamp: str
     run: str
@@ -284,8 +285,8 @@ def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Mem
                    in_flight={**memory.in_flight, action.service: InFlight(action, now)})
 
 
-def finish(memory: Memory, action: Action, error: str, incarnation: str, now: float) -> Memory:
-    """The outcome of an action. `error` is empty when it went well; `incarnation` is the one that a stop ended."""
+def finish(memory: Memory, action: Action, error: str, now: float) -> Memory:
+    """The outcome of an action. `error` is empty when it went well."""
     in_flight = {name: flight for name, flight in memory.in_flight.items() if name != action.service}
     step = memory.of(action.service)
     tried = step.tries.get(action.verb, Try())
@@ -297,6 +298,4 @@ def finish(memory: Memory, action: Action, error: str, incarnation: str, now: fl
         step = replace(step, error=next((t.error for t in step.tries.values() if t.error), ""))
     if action.verb == "start" and error:
         step = replace(step, begun=None)
-    if action.verb == "stop" and not error:
-        step = replace(step, stopped=incarnation)
     return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

@@ -35,7 +35,7 @@ def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed,
     observation is incomplete.
 
     A lease begins when the loop first sees it or its renewal, so a restart of rorg gives every request its full time
-    again; therefore renewals (counted in `renewals`) need not be written down.
+    again; therefore renewals (numbered in `renewals`) need not be written down.
     """
     settled = _by_incarnation(catalog, requests, observed)
     by_service = observed.by_service()

@@ -62,9 +62,10 @@ class Ledger:
 
     def renew(self, key: Key, committed: RequestsFile) -> Request | None:
         """Counts a renewal of a request; None when there is none, or not any more. `committed` is the file as the last
-        acknowledged change left it, which the loop may not have read yet."""
+        acknowledged change left it, which the loop may not have read yet; while it is broken, what counts goes on."""
         with self._lock:
-            found = next((r for r in committed.now().requests if r.key == key), None)
+            asked = self.file.asked if self.file.diagnostics else committed.now()
+            found = next((r for r in asked.requests if r.key == key), None)
             if found is None or key in self._ending:
                 return None
             self._renewals[key] = next(self._numbers)

@@ -208,7 +208,7 @@ class Loop:
         with self._lock:
             outcomes, self._outcomes = self._outcomes, []
         for action, error in outcomes:
-            self.memory = finish(self.memory, action, error, action.args.get("incarnation", ""), self.clock())
+            self.memory = finish(self.memory, action, error, self.clock())
 
     # -- what the pass's helpers ask ---------------------------------------------------------------------------
 
@@ -241,12 +241,12 @@ class Loop:
             error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
-        if container and not self.observer.shows(container, AFTER.get(action.verb, "")):
-            self.observer.refresh(container)
-        with self._lock:
-            self._outcomes.append((action, error))
-        self.reporter.outcome(action, error, self.clock() - began)
-        self.wake()
+        try:
+            if container and not self.observer.shows(container, AFTER.get(action.verb, "")):
+                self.observer.refresh(container)
+            self.reporter.outcome(action, error, self.clock() - began)
+        finally:
+            self._finished(action, error)
         if action.verb == "pause" and not error:
             self._reclaim(action)
 

@@ -88,7 +88,7 @@ class SimRobot:
         except RorgError as failed:
             error = failed.why
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
-        self.memory = finish(self.memory, action, error, action.args.get("incarnation", ""), self.now)
+        self.memory = finish(self.memory, action, error, self.now)
         if action.verb == "start" and not error and action.service in self.faults.crash_after:
             run = self.engine.containers[action.container].incarnation
             self.at(self.now + self.faults.crash_after[action.service], lambda: self._crash(action.container, run))

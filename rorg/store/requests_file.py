@@ -231,7 +231,7 @@ class RequestsFile:
         return changed
 
     def now(self) -> Asked:
-        """What the file says at this moment, read again only where somebody else has changed it. The last good content
+        """What the file says at this moment, read again only where somebody else has changed it; the last good content
         while it is broken."""
         if self._now() == self._stamp:
             return self.asked
