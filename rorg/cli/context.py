@@ -10,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from rorg_client import Client
+from rorg_client import Error as ClientError
+
 from rorg.cli.output import note
-from rorg.client import Client
-from rorg.client import Error as ClientError
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Finding, Memory

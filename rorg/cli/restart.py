@@ -12,8 +12,9 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, W
 def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout: Timeout = 60.0,
             state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
+    from rorg_client import Refused as RefusedByApi
+
     from rorg.cli.context import Context, unready
-    from rorg.client import Refused as RefusedByApi
     from rorg.daemon.wiring import wall_clock
 
     context = Context(state_dir, engine)
