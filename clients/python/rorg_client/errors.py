@@ -46,7 +46,7 @@ class NotReady(Error):
 
 
 _CODES = {"forbidden": Forbidden, "not-found": NotFound, "refused": Refused, "invalid": Invalid, "not-ready": NotReady,
-          "unreachable": Unreachable, "ending": Unreachable}
+          "unreachable": Unreachable, "busy": Unreachable, "ending": Unreachable}
 
 
 def problem(status: int, text: bytes) -> Error:
