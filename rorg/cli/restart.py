@@ -21,14 +21,14 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     asked_at, client = wall_clock(), context.client()
     if client:
         try:
-            names = client.restart(service, force=yes)
+            names = client.restart(service, force=yes, wait=timeout if wait else None)
         except RefusedByApi as refused:
             _confirm(service, refused.cause)
-            names = client.restart(service, force=True)
+            names = client.restart(service, force=True, wait=timeout if wait else None)
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and context.state.owner() is not None:
+    if wait and client is None and context.state.owner() is not None:
         def done(view: dict) -> str:
             active = {n for n in names if view["services"][n]["wanted"]}
             old = [n for n in active if view["services"][n]["started_at"] < asked_at]

@@ -12,7 +12,7 @@ from rorg_client.address import Address
 from rorg_client.aio_connection import AsyncConnection, events_of
 from rorg_client.aio_request import AsyncRequest
 from rorg_client.aio_watch import AsyncWatcher
-from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed
+from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
 from rorg_client.client import RESTART_PAUSE, not_restarted, readiness_of
 from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
 from rorg_client.types import (
@@ -41,7 +41,7 @@ class AsyncClient:
     def __init__(self, address: str | None = None, timeout: float = 10.0, patience: float = PATIENCE, *,
                  ca: str = "", cert: str = "", key: str = "") -> None:
         self.address, self.timeout, self.patience = Address(address or "", ca, cert, key), timeout, patience
-        self._newest = 0
+        self._newest = Newest()
         self._idle: list[AsyncConnection] = []
         self._home: tuple[int, asyncio.AbstractEventLoop | None] = (0, None)
         """Process and event loop that the idle connections are of."""
@@ -229,14 +229,14 @@ class AsyncClient:
             except Failed as failed:
                 await asyncio.sleep(attempts.again(failed, time.monotonic()))
                 continue
-            self._newest = max(self._newest, calls.generation(answer))
+            self._newest.note(call, answer)
             return call.told(answer)  # type: ignore[no-any-return]
 
     async def _once(self, call: Call[Any], left: float, timeout: float) -> Answer:
         idle = self._at_home()
         connection = idle.pop() if idle and not call.once else None
         stale = connection is not None
-        timeout += max(0.0, left) + (calls.HELD if self._newest and call.method == "GET" else 0.0)
+        timeout += max(0.0, left) + (calls.HELD if call.not_before(self._newest) else 0.0)
         try:
             connection = connection or await AsyncConnection.open(self.address, timeout)
         except OSError as error:

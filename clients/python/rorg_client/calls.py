@@ -4,7 +4,9 @@ share it."""
 from __future__ import annotations
 
 import json
+import os
 import re
+import threading
 from typing import Any, Generic, TypeVar
 from urllib.parse import quote, urlencode
 
@@ -20,7 +22,25 @@ HELD = 10.0
 """Seconds for which rorg may hold an answer back until it has acted on an earlier change."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0
 """Seconds between two attempts."""
+MANIFESTS = "/v1/manifests"
 T = TypeVar("T")
+
+
+class Newest:
+    """The newest changes that a client knows of: what it reads later must not be older."""
+
+    def __init__(self) -> None:
+        self.change, self.manifest = 0, 0
+        self._pid, self._lock = os.getpid(), threading.Lock()
+
+    def note(self, call: Call[Any], answer: Answer) -> None:
+        number = generation(answer)
+        if self._pid != os.getpid():  # a thread of the parent may have held the lock when this process was forked
+            self._pid, self._lock = os.getpid(), threading.Lock()
+        with self._lock:
+            self.change = max(self.change, number)
+            if call.path.startswith(MANIFESTS):
+                self.manifest = max(self.manifest, number)
 
 
 class Call(Generic[T]):
@@ -32,15 +52,22 @@ class Call(Generic[T]):
         self.method, self.path, self.pick, self.wait = method, path, pick, wait
         self.body = None if body is None else json.dumps(body).encode()
         self.renewal = method == "POST" and path.partition("?")[0].endswith("/renew")
-        self.once = (method == "POST" and not self.renewal) or (method != "GET" and path.startswith("/v1/manifests"))
+        self.once = (method == "POST" and not self.renewal) or (method != "GET" and path.startswith(MANIFESTS))
         """Whether it does something else the second time: only repeated when it surely did not arrive."""
 
     def at(self, left: float) -> str:
         """The path, with what is left of the time to wait."""
         return self.path if self.wait is None else f"{self.path}&timeout={max(0.0, left):.3f}"
 
-    def headers(self, generation: int) -> dict[str, str]:
-        return {"rorg-not-before": str(generation)} if generation and self.method == "GET" else {}
+    def not_before(self, newest: Newest) -> int:
+        """The change that the answer must know of. What is asked for may be declared by an earlier change; a renewal or
+        a release never has to wait."""
+        return newest.change if self.method == "GET" else 0 if self.renewal or self.method == "DELETE" else (
+            newest.manifest)
+
+    def headers(self, newest: Newest) -> dict[str, str]:
+        number = self.not_before(newest)
+        return {"rorg-not-before": str(number)} if number else {}
 
     def told(self, answer: Answer) -> Any:
         """What was answered. Raises a subclass of Error."""

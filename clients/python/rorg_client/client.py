@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, TypeVar
 
 from rorg_client import calls
 from rorg_client.address import Address
-from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed
+from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
 from rorg_client.connection import Connection
 from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
 from rorg_client.request import Request, new_id
@@ -32,19 +32,6 @@ from rorg_client.wire import Answer, asking, reading, reading_body, reading_chun
 T = TypeVar("T")
 RESTART_PAUSE = 0.05
 """Seconds between two looks at whether another run has begun."""
-
-
-class Newest:
-    """The newest change that a client knows of: what it reads later must not be older."""
-
-    def __init__(self) -> None:
-        self.number, self._pid, self._lock = 0, os.getpid(), threading.Lock()
-
-    def note(self, number: int) -> None:
-        if self._pid != os.getpid():  # a thread of the parent may have held the lock when this process was forked
-            self._pid, self._lock = os.getpid(), threading.Lock()
-        with self._lock:
-            self.number = max(self.number, number)
 
 
 class Client:
@@ -276,20 +263,20 @@ class Client:
             except Failed as failed:
                 time.sleep(attempts.again(failed, time.monotonic()))
                 continue
-            self._newest.note(calls.generation(answer))
+            self._newest.note(call, answer)
             return call.told(answer)  # type: ignore[no-any-return]
 
     def _once(self, call: Call[Any], left: float) -> Answer:
         connection = None if call.once else self._kept()
         stale = connection is not None
-        timeout = self.timeout + max(0.0, left) + (calls.HELD if self._newest.number and call.method == "GET" else 0.0)
+        timeout = self.timeout + max(0.0, left) + (calls.HELD if call.not_before(self._newest) else 0.0)
         try:
             connection = connection or Connection(self.address, timeout)
         except OSError as error:
             raise Failed(error, sent=False) from error
         whole = False
         try:
-            connection.send(asking(call.method, call.at(left), call.body, call.headers(self._newest.number)), timeout)
+            connection.send(asking(call.method, call.at(left), call.body, call.headers(self._newest)), timeout)
             answer = connection.drive(reading())
             whole = True
         except (OSError, ValueError) as error:
