@@ -5,9 +5,27 @@ from __future__ import annotations
 from typing import Any
 
 import rorg_client
-from rorg_client import *  # noqa: F403
-from rorg_client import __all__ as __all__
+from rorg_client import (
+    PATIENCE,
+    TTL,
+    Client,
+    Error,
+    Forbidden,
+    Invalid,
+    NotFound,
+    NotReady,
+    Refused,
+    Request,
+    Unreachable,
+    check_id,
+    client,
+    request,
+)
+
+__all__ = ["PATIENCE", "TTL", "Client", "Error", "Forbidden", "Invalid", "NotFound", "NotReady", "Refused", "Request",
+           "Unreachable", "check_id", "client", "request"]
 
 
 def __getattr__(name: str) -> Any:
+    """Everything else: AsyncClient, for one, which is only imported where it is used."""
     return getattr(rorg_client, name)

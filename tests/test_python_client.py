@@ -19,6 +19,7 @@ from test_deployment import certificate
 SERVICES = {
     "camera": {}, "lidar": {"idle": {"action": "pause"}}, "arm": {"needs": ["lidar"]},
     "slow": {"ready": {"delay": "2s"}}, "never": {"ready": {"file": "/nowhere/at/all", "timeout": "600s"}},
+    "low": {"exclusive": ["gpu"], "priority": 10}, "high": {"exclusive": ["gpu"], "priority": 90},
     "behaviour": {"may_request": ["camera", "lidar", "arm"], "may_restart": ["camera"], "may_manage": ["lab-*"]},
 }
 
@@ -240,6 +241,24 @@ def test_who_holds_a_request_is_told_what_it_loses(robot, behaviour):
         assert {e["kind"] for e in events} >= {"lost", "hold"}
         assert not [e for e in events if e.get("service") == "slow"], "what others do is not its to see"
         assert [e for e in people.events(tail=10_000, mine=True, requester="behaviour") if e["kind"] == "lost"]
+
+
+def test_why_something_is_lost_is_a_word(robot):
+    client = robot.client()
+    with client.request("low", wait=20) as held:
+        assert not held.lost.is_set()
+        wait_for(lambda: client.watcher._connections)
+        with client.request("high", wait=20):
+            assert held.lost.wait(20) and [loss.cause for loss in held.losses] == ["preempted"]
+    spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "idle": {"action": "remove"}}
+    client.put_service("changing", spec)
+    with client.request("changing", wait=20) as held:
+        assert not held.lost.is_set()
+        client.put_service("changing", {**spec, "command": ["sh", "-c", "exec sleep 1001"]})
+        assert held.lost.wait(20) and held.losses[0].cause == "replaced"
+        held.wait(20)
+        client.remove_service("changing")
+        assert held.lost.wait(20) and held.losses[0].cause == "ceased"
 
 
 def test_what_was_lost_while_rorg_was_away_is_told_too(robot):

@@ -44,8 +44,9 @@ def losses(before: Mapping[str, str], now: Mapping[str, str], decision: Decision
     holders: dict[str, list[str]] = {name: [] for name in gone}
     for request in (*catalog.requests, *decision.settled.requests):
         if request.requester in wanted:
-            for name in gone.keys() & closure(catalog.services, [m for s in request.services
-                                                                 for m in catalog.members(s)]):
+            members = [m for s in request.services for m in catalog.members(s)]
+            # What is not declared any more has no members, and is lost all the same.
+            for name in gone.keys() & {*request.services, *closure(catalog.services, members)}:
                 holders[name].append(f"{request.requester}/{request.id}")
     found = []
     for name, requests in holders.items():

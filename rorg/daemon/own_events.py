@@ -13,8 +13,8 @@ def own_events(entries: Iterable[Mapping[str, Any]], requester: str, catalog: Ca
                ) -> list[dict[str, Any]]:
     """Those of `entries` that are about the requester, what its `requests` name, or what that needs. Of `requests` that
     a line names, only its own are told, by their ids."""
-    named = [m for r in requests if r.requester == requester for s in r.services for m in catalog.members(s)]
-    services = {requester, *closure(catalog.services, named)}
+    named = {s for r in requests if r.requester == requester for s in r.services}
+    services = {requester, *named, *closure(catalog.services, [m for s in named for m in catalog.members(s)])}
     found = []
     for entry in entries:
         mine = [text.partition("/")[2] for text in entry.get("requests", ()) if text.startswith(f"{requester}/")]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from typing import TYPE_CHECKING
 
 from rorg_client import calls
 from rorg_client.aio_connection import AsyncConnection, events_of
-from rorg_client.errors import Error, Forbidden, Invalid, NotFound, Unreachable
+from rorg_client.errors import Error, Forbidden, Invalid, NotFound
+from rorg_client.types import Loss
 from rorg_client.watch import PAUSE, loss_of, lost_meanwhile
 
 if TYPE_CHECKING:
@@ -67,7 +67,10 @@ class AsyncWatcher:
         """What was lost while nobody was there to tell."""
         for request in self._of(requester):
             for name, run in list(request.runs.items()):
-                with contextlib.suppress(NotFound, Unreachable):
+                try:
                     loss = lost_meanwhile(name, run, await self._client.service(name))
-                    if loss:
-                        request.note(loss)
+                except NotFound:
+                    loss = Loss(name, "ceased", f"{name} is not declared any more", run)
+                if loss:
+                    request.runs.pop(name, None)
+                    request.note(loss)

@@ -69,5 +69,5 @@ def invalid(what: str, cause: str, remedy: str = "") -> Invalid:
     return Invalid(what, cause, remedy, "invalid", 422)
 
 
-def unreachable(where: str, error: BaseException | None) -> Unreachable:
+def unreachable(where: str, error: BaseException) -> Unreachable:
     return Unreachable(f"cannot reach rorg on {where}", str(error) or type(error).__name__, "`rorg run`", "unreachable")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import threading
-from typing import TYPE_CHECKING, Any, Iterable
+from typing import TYPE_CHECKING, Iterable
 
 from rorg_client import calls
 from rorg_client.connection import Connection
@@ -100,11 +99,12 @@ class Watcher:
         """What was lost while nobody was there to tell."""
         for request in self._of_now(requester):
             for name, run in list(request.runs.items()):
-                view: Any = None
-                with contextlib.suppress(NotFound, Unreachable):
-                    view = client.service(name)
-                loss = lost_meanwhile(name, run, view) if view else None
+                try:
+                    loss = lost_meanwhile(name, run, client.service(name))
+                except NotFound:
+                    loss = Loss(name, "ceased", f"{name} is not declared any more", run)
                 if loss:
+                    request.runs.pop(name, None)
                     request.note(loss)
 
     @staticmethod
@@ -116,7 +116,9 @@ class Watcher:
 
 
 def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
-    """Whether another run, or none, is there now."""
+    """Whether another run, or none, is there now. Raises Unreachable while that is not known."""
+    if view["sync"] == "Unknown":
+        raise Unreachable(f"cannot look at {name}", "the engine has not told yet what runs", "again in a moment")
     if view["incarnation"] == run and view["state"] == "running":
         return None
     cause = "restarted" if view["incarnation"] and view["incarnation"] != run else "held" if view["held"] else "ceased"
