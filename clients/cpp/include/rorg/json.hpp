@@ -40,9 +40,10 @@ class Value {
   const std::string& text() const { return string; }
 
  private:
+  // Never destroyed: a thread that outlives main() may still look something up.
   static const Value& none() {
-    static const Value value;
-    return value;
+    static const Value* const value = new Value;
+    return *value;
   }
 };
 
