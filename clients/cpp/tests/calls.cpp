@@ -77,8 +77,8 @@ void calls() {
   throws<rorg::Error>([&] { client.call("GET", "/v1/events?tail=3"); }, "cannot read", "lines are no JSON");
   check(client.service("lidar")["service"].text() == "lidar", "an answer in chunks is read to its end");
   {
-    const auto kept = client.request({"camera"}, "short", rorg::Seconds(0.6));
-    std::this_thread::sleep_for(std::chrono::seconds(2));  // three leases long
+    const auto kept = client.request({"camera"}, "short", rorg::Seconds(0.4));
+    std::this_thread::sleep_for(std::chrono::milliseconds(1300));  // three leases long
     check(client.requests().size() == 1, "the heartbeat keeps it");
   }
   const auto lidar = client.request({"lidar"}, "first");

@@ -21,13 +21,13 @@ inline void lifetimes() {
   std::future<rorg::Readiness> later;
   {
     Client client;
-    orphan.emplace(client.request({"camera"}, "orphan", Seconds(0.6)));
+    orphan.emplace(client.request({"camera"}, "orphan", Seconds(0.5)));
     later = client.wait_async({"camera"}, Seconds(30));
     client.wait_async({"lidar"}, Seconds(0.3));  // dropped
   }
   check(later.get()["camera"].ready, "the future of a client that is gone");
   Client client;
-  std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // two leases long
+  std::this_thread::sleep_for(std::chrono::milliseconds(1200));  // two leases long
   check(known(client, "orphan"), "it is kept without its client");
   auto ready = orphan->wait_async(Seconds(30));
   orphan.reset();
@@ -160,7 +160,7 @@ inline void losses() {
 
 // Against a server that answers nonsense: any error is fine, and each call ends.
 inline void nonsense(int rounds) {
-  Client client(rorg::detail::default_address(), Seconds(0.5), Seconds(0));
+  Client client(rorg::detail::default_address(), Seconds(0.15), Seconds(0));
   const std::string manifest = "kind: Service";
   for (int i = 0; i < rounds; ++i) {
     try {
@@ -174,7 +174,7 @@ inline void nonsense(int rounds) {
         case 6: client.requests(); break;
         default: {
           auto request = client.request({"camera"}, "x", Seconds(0.06));
-          within(0.05, [&] { return request.lost().has_value(); });
+          within(0.03, [&] { return request.lost().has_value(); });
         }
       }
     } catch (const rorg::Error&) {

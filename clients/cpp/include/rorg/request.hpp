@@ -107,7 +107,9 @@ class Request {
           try {
             tell("POST", "/renew", timeout, Seconds(0));
           } catch (const NotFound& error) {
-            if (!listener->loss()) listener->tell({"dropped", "", error.cause, 0});
+            // The stream of events may have told already.
+            const auto known = listener->loss();
+            if (!known || known->kind != "dropped") listener->tell({"dropped", "", error.cause, 0});
             tell("PUT", "", timeout, Seconds(0));
           }
         } catch (const std::exception&) {
