@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -239,3 +241,39 @@ class RealRobot(VirtualRobot):
             if container.alive:
                 self.engine.stop(container.id, "SIGKILL", 5.0)
             self.engine.remove(container.id)
+
+
+class Daemon:
+    """`rorg run` as a process of its own."""
+
+    def __init__(self, robot: RealRobot) -> None:
+        self.robot, self.process, self.starts = robot, None, 0
+
+    def start(self) -> None:
+        self.starts += 1
+        log = (self.robot.state.path.parent / "run.log").open("ab")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
+             "--engine", self.robot.kind], stdout=log, stderr=log)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> None:
+        """As systemd or `docker stop` does it."""
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(30) == 0
+
+    def status(self) -> dict:
+        status = read_json(self.robot.state.status) or {}
+        return status if status.get("pid") == self.process.pid else {}
+
+    def settled(self) -> bool:
+        status = self.status()
+        return bool(status) and not (status["plan"]["actions"] or status["plan"]["waitings"] or status["in_flight"])
+
+    def settled_but_waiting(self) -> bool:
+        """Nothing to do but to wait for something."""
+        status = self.status()
+        return bool(status) and not (status["plan"]["actions"] or status["in_flight"])

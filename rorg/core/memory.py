@@ -17,6 +17,11 @@ from rorg.core.pressure import Pressure
 from rorg.core.wanted import Wanted
 from rorg.manifest.catalog import Catalog, Service
 
+DEFAULT_GRACE = 5.0
+"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
+MARGIN = 4.0
+"""Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -62,12 +67,16 @@ class Progress:
     """This run was ready once."""
     probe: str = ""
     """What the last probe said."""
+    answered: float | None = None
+    """When the last readiness probe of this run began that said yes."""
     exits: int = 0
     """Exits in a row while wanted, short of a stable run."""
     exited: str = ""
     """The incarnation whose exit was counted last."""
     stopped: str = ""
     """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
+    doubted_since: float | None = None
+    """Since when a run goes on that was being stopped, by an rorg that was killed or by a call that failed."""
     followed: Followed = Followed()
     begun: Mapping[str, str] | None = None
     """Once we begin a start, until it is seen to run: the runs of what it follows, as they were then."""
@@ -161,6 +170,7 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         step = step if followed is step.followed else replace(step, followed=followed, begun=None)
         if name not in found and current is not None and current.state == "exited":
             step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
+        step = _doubt(step, service, current if name not in memory.in_flight else None, now)
         if name in found and name not in memory.in_flight:
             step = _exit(step, current, now, booted_at)
         step = _ready(step, service, findings.get((name, "ready")), now)
@@ -190,10 +200,10 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
     if current is None or current.state != "running":
         if step.running_since is None and not step.ready:
             return step
-        return replace(step, running_since=None, ready=False, was_ready=False, probe="")
+        return replace(step, running_since=None, ready=False, was_ready=False, probe="", answered=None)
     if step.running_since is None or step.incarnation != current.incarnation:
         return replace(step, incarnation=current.incarnation, running_since=now, ready=False, was_ready=False,
-                       probe="")
+                       probe="", answered=None)
     if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
         return replace(step, exits=0, tries=step.but("start"), error="")
     return step
@@ -203,6 +213,21 @@ def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
     if step.unwanted_since is None or current is None or current.active:
         return replace(step, ceased_since=None) if step.ceased_since is not None else step
     return replace(step, ceased_since=now) if step.ceased_since is None else step
+
+
+def doubt_ends(step: Progress, service: Service) -> float | None:
+    """When a run that was being stopped counts as one that goes on after all; None for one that was not."""
+    grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
+    return None if step.doubted_since is None else step.doubted_since + grace + MARGIN
+
+
+def _doubt(step: Progress, service: Service, current: Container | None, now: float) -> Progress:
+    """Nothing is said of a run that may end at any moment, until its time to do so is over."""
+    if current is None or not current.alive or not step.stopped or step.stopped != current.incarnation:
+        return replace(step, doubted_since=None) if step.doubted_since is not None else step
+    if step.doubted_since is None:
+        return replace(step, doubted_since=now)
+    return replace(step, stopped="", doubted_since=None) if now >= (doubt_ends(step, service) or 0.0) else step
 
 
 def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
@@ -222,6 +247,8 @@ def _exit(step: Progress, current: Container | None, now: float, booted_at: str)
 def _ready(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
     if step.running_since is None:
         return step
+    if step.doubted_since is not None:
+        return replace(step, ready=False) if step.ready else step
     if service.ready is None:
         return replace(step, ready=True, was_ready=True) if not step.ready else step
     if service.ready.kind == "delay":
@@ -230,6 +257,8 @@ def _ready(step: Progress, service: Service, found: Finding | None, now: float) 
             service.ready.target) else step
     if not _fits(found, step):
         return step
+    if found.ok and found.at != step.answered:
+        step = replace(step, answered=found.at)
     if step.ready:
         lost = service.ready.failures and found.failures >= service.ready.failures
         return replace(step, ready=False, probe=found.message) if lost else step
