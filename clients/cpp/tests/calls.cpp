@@ -68,7 +68,9 @@ void calls() {
     check(client.requests().size() >= 1 && client.why("camera")[0]["wanted"].flag, "why");
     auto found = client.readiness({"camera", "lidar"});
     check(found["camera"].ready && !found["lidar"].ready && !found["lidar"].reason.empty(), "readiness of each");
+    const auto before = request.wait()["camera"].incarnation;
     client.restart("camera", false, rorg::Seconds(20));
+    check(request.wait()["camera"].incarnation != before && !before.empty(), "restarted, and waited for the new run");
     auto moved = std::move(request);
     check(request.id().empty() && !moved.id().empty(), "moved");
     throws<rorg::Invalid>([&] { request.wait(); }, "released", "moved from");

@@ -17,8 +17,8 @@ inline std::string environment(const char* name) {
 }
 
 inline std::string default_address() {
-  if (const auto given = environment("RORG_ADDRESS"); !given.empty()) return given;
   if (const auto given = environment("RORG_SOCKET"); !given.empty()) return given;
+  if (const auto given = environment("RORG_ADDRESS"); !given.empty()) return given;
   if (const auto folder = environment("RORG_RUN_DIR"); !folder.empty()) return folder + "/rorg.sock";
   if (const auto state = environment("RORG_STATE_DIR"); !state.empty()) return state + "/run/rorg.sock";
   return "/run/rorg/rorg.sock";

@@ -149,7 +149,7 @@ inline Request Client::request(const std::vector<std::string>& services, std::st
   body += "],\"reason\":" + json::quoted(reason) + ",\"ttl\":\"" + detail::written(ttl) + "s\"";
   if (priority) body += ",\"priority\":" + std::to_string(*priority);
   state->body = body + "}";
-  state->listener = std::make_shared<detail::Listener>(state->id, services);
+  state->listener = std::make_shared<detail::Listener>(state->id);
   state->watcher = session_->watcher([&] { return std::make_shared<detail::Watcher>(session_); });
   state->watcher->add(state->listener);
   state->tell("PUT", "", session_->timeout, session_->patience);

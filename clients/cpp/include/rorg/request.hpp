@@ -53,7 +53,7 @@ class Request {
     return detail::in_background([state = state_, timeout] { return state->wait(timeout); });
   }
 
-  // The last that went away of what it holds, since it was made or a wait for it succeeded.
+  // The last loss since it was made, or since wait() succeeded.
   std::optional<Loss> lost() const {
     return state_ && state_->process == ::getpid() ? state_->listener->loss() : std::nullopt;
   }
@@ -88,7 +88,7 @@ class Request {
     }
     Readiness wait(Seconds timeout) {
       auto found = detail::wait(*session, services, timeout);
-      if (process == ::getpid()) listener->mended();
+      if (process == ::getpid()) listener->mended(found);
       return found;
     }
     detail::Answer tell(const std::string& method, const std::string& more, Seconds timeout, Seconds patience) {
@@ -107,9 +107,7 @@ class Request {
           try {
             tell("POST", "/renew", timeout, Seconds(0));
           } catch (const NotFound& error) {
-            // The stream of events may have told already.
-            const auto known = listener->loss();
-            if (!known || known->kind != "dropped") listener->tell({"dropped", "", error.cause, 0});
+            listener->tell({"", "dropped", error.cause, ""});
             tell("PUT", "", timeout, Seconds(0));
           }
         } catch (const std::exception&) {

@@ -6,10 +6,10 @@
 
 #include <algorithm>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -19,12 +19,13 @@
 
 namespace rorg {
 
-// Something that a request holds went away, or the request itself did.
+// A service of a request that was ready, and is so no more; or the request itself went.
 struct Loss {
-  std::string kind;     // crashed, ceased, held, shed; dropped: the request itself was, and has been made again
-  std::string service;  // empty when it is the request
-  std::string reason;   // for people
-  std::uint64_t seq;    // number of the event; 0 where it was seen otherwise
+  std::string service;      // empty when it is the request
+  std::string cause;        // crashed, hung, unready, restarted, replaced, held, shed, preempted, ceased; dropped: the
+                            // request was, and is made again
+  std::string reason;       // for people
+  std::string incarnation;  // the run that was ready
 };
 
 namespace detail {
@@ -32,7 +33,7 @@ namespace detail {
 // The part of a request that is told of losses.
 class Listener {
  public:
-  Listener(std::string id, std::vector<std::string> services) : id_(std::move(id)), services_(std::move(services)) {}
+  explicit Listener(std::string id) : id_(std::move(id)) {}
 
   void hear(const std::function<void(const Loss&)>& callback) {
     std::lock_guard<std::recursive_mutex> guard(calling_);
@@ -42,7 +43,10 @@ class Listener {
   void tell(const Loss& loss) {
     {
       std::lock_guard<std::mutex> guard(mutex_);
+      // Both the events and the heartbeat may see that the request went.
+      if (loss.cause == "dropped" && loss_ && loss_->cause == "dropped") return;
       loss_ = loss;
+      runs_.erase(loss.service);
     }
     std::lock_guard<std::recursive_mutex> guard(calling_);
     try {
@@ -55,50 +59,37 @@ class Listener {
     std::lock_guard<std::mutex> guard(mutex_);
     return loss_;
   }
-  void mended() {
+  // All is ready, in these runs.
+  void mended(const Readiness& services) {
     std::lock_guard<std::mutex> guard(mutex_);
     loss_.reset();
+    runs_.clear();
+    for (const auto& [name, one] : services)
+      if (!one.incarnation.empty()) runs_[name] = one.incarnation;
   }
-  // What an event means for it. `groups` are names that stand for several.
-  std::optional<Loss> loss_of(const json::Value& event, const json::Value& groups) const {
-    const std::string &kind = event["kind"].text(), &service = event["service"].text(), &verb = event["verb"].text();
-    const auto seq = static_cast<std::uint64_t>(std::clamp(event["seq"].number, 0.0, 9e15));
-    const auto names = members(groups);
-    const auto found = [&](const char* what, const std::string& whom) {
-      const std::string& reason = event["reason"].text();
-      return Loss{what, whom, reason.empty() ? event["message"].text() : reason, seq};
-    };
-    if (kind == "request-dropped" && is_own(event)) return found("dropped", "");
-    if (kind == "crashed" && names.count(service) != 0) return found("crashed", service);
-    if (kind == "done" && names.count(service) != 0 && (verb == "pause" || verb == "stop" || verb == "remove"))
-      return found("ceased", service);
-    if (kind == "holds")
-      for (const auto& one : event["services"].items)
-        if (names.count(one.text()) != 0) return found("held", one.text());
-    if (kind == "pressure")
-      for (const auto& [name, why] : event["shed"].fields)
-        if (names.count(name) != 0) return Loss{"shed", name, why.text(), seq};
-    return std::nullopt;
+  std::map<std::string, std::string> runs() const {
+    std::lock_guard<std::mutex> guard(mutex_);
+    return runs_;
+  }
+  // What an event means for it.
+  std::optional<Loss> loss_of(const json::Value& event) const {
+    const std::string &kind = event["kind"].text(), &service = event["service"].text(),
+                      &run = event["incarnation"].text();
+    if (kind == "request-dropped" && event["request"].text() == id_) return Loss{"", "dropped", event["message"].text(), ""};
+    const auto& ids = event["requests"].items;
+    if (kind != "lost" || std::none_of(ids.begin(), ids.end(), [&](const auto& id) { return id.text() == id_; }))
+      return std::nullopt;
+    const auto known = runs();
+    const auto found = known.find(service);
+    if (found != known.end() && found->second != run) return std::nullopt;  // of a run before the one that is ready
+    return Loss{service, event["cause"].text(), event["message"].text(), run};
   }
 
  private:
-  std::set<std::string> members(const json::Value& groups) const {
-    std::set<std::string> found(services_.begin(), services_.end());
-    for (const auto& group : groups.items)
-      if (found.count(group["name"].text()) != 0)
-        for (const auto& one : group["services"].items) found.insert(one.text());
-    return found;
-  }
-  bool is_own(const json::Value& event) const {
-    if (!event["id"].is_null()) return event["id"].text() == id_;
-    const auto& named = event["services"].items;
-    return std::equal(named.begin(), named.end(), services_.begin(), services_.end(),
-                      [](const json::Value& one, const std::string& service) { return one.text() == service; });
-  }
   const std::string id_;
-  const std::vector<std::string> services_;
   mutable std::mutex mutex_;
   std::optional<Loss> loss_;
+  std::map<std::string, std::string> runs_;  // of each service, the one that it was told is ready
   std::recursive_mutex calling_;
   std::function<void(const Loss&)> callback_;
 };
@@ -162,6 +153,7 @@ class Watcher {
       // From here on it is known what was missed, though nothing has been seen yet.
       if (!cursor) cursor = whole(head.header("rorg-cursor"));
       pause = Seconds(0.1);
+      look();
       while (connection->part(text, Time::max())) {
         for (std::size_t end; (end = text.find('\n')) != std::string::npos; text.erase(0, end + 1))
           tell(text.substr(0, end));
@@ -177,25 +169,31 @@ class Watcher {
       }
       const double seq = event["seq"].number;
       if (seq >= 1 && seq < 9e15) cursor = static_cast<std::uint64_t>(seq);
-      std::vector<std::shared_ptr<Listener>> all;
-      {
-        std::lock_guard<std::mutex> guard(mutex);
-        for (const auto& one : listeners)
-          if (auto found = one.lock()) all.push_back(std::move(found));
-      }
-      const auto& kind = event["kind"].text();
-      if (!groups || kind == "tree-accepted") groups = known_groups();
-      for (const auto& one : all)
-        if (const auto loss = one->loss_of(event, *groups)) one->tell(*loss);
+      for (const auto& one : all())
+        if (const auto loss = one->loss_of(event)) one->tell(*loss);
     }
-    json::Value known_groups() const {
-      try {
-        const auto answer = session->call(
-            {"GET", "/v1/groups", "", std::min(session->timeout, Seconds(2)), Seconds(0), true});
-        return answer.status < 300 ? parsed(answer.body) : json::Value();
-      } catch (const Error&) {
-        return {};
+    // What was lost while nobody told: another run, or none, is there now.
+    void look() {
+      for (const auto& one : all()) {
+        for (const auto& [name, run] : one->runs()) {
+          const auto answer = session->call({"GET", "/v1/services/" + escaped(name), "",
+                                             std::min(session->timeout, Seconds(2)), Seconds(0), true});
+          if (answer.status >= 300) continue;
+          const auto now = parsed(answer.body);
+          const auto &state = now["state"].text(), &incarnation = now["incarnation"].text();
+          if (state.empty() || (state == "running" && incarnation == run)) continue;
+          const bool other = !incarnation.empty() && incarnation != run;
+          const char* cause = other ? "restarted" : now["held"].text().empty() ? "ceased" : "held";
+          one->tell({name, cause, name + " is " + state + (other ? ", in another run than before" : ""), run});
+        }
       }
+    }
+    std::vector<std::shared_ptr<Listener>> all() {
+      std::vector<std::shared_ptr<Listener>> found;
+      std::lock_guard<std::mutex> guard(mutex);
+      for (const auto& one : listeners)
+        if (auto listener = one.lock()) found.push_back(std::move(listener));
+      return found;
     }
     static constexpr std::size_t longest = 1 << 20;
     const std::shared_ptr<Session> session;
@@ -204,7 +202,6 @@ class Watcher {
     std::mutex mutex;
     std::vector<std::weak_ptr<Listener>> listeners;
     std::optional<std::uint64_t> cursor;
-    std::optional<json::Value> groups;
   };
   std::shared_ptr<State> state_;
   std::thread thread_;
