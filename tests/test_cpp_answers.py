@@ -7,6 +7,7 @@ import json
 import random
 import socket
 import threading
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -146,6 +147,9 @@ class Script:
         if "services=late" in path:
             late = path.endswith("timeout=0.000000")
             return said(504, '{"title": "cannot wait", "code": "not-ready", "cause": "too late"}') if late else None
+        if "services=twice" in path:
+            time.sleep(1.2 if times == 3 else 0)  # as one who waits there
+            return None if times in (1, 3, 4) else said(503, "", Retry_After=1) if times == 2 else said(200, "{}")
         if "services=b" in path:
             return self.both()
         return said(200, '{"ready": true}')
@@ -169,7 +173,7 @@ def test_what_it_changed_it_asks_to_see_and_repeats_only_what_it_may(sanitized, 
     assert len(late) >= 2 and {call[2] for call in late} == {"20"}
     manifests = [("PUT", "/v1/manifests/Service/cut", "9"), ("GET", "/v1/manifests/Service/cut", "20"),
                  ("DELETE", "/v1/manifests/Service/gone?base=d1&message=", "0")]
-    assert [(m, p, n or "0") for m, p, n in script.calls if "late" not in p] == [
+    assert [(m, p, n or "0") for m, p, n in script.calls if "late" not in p and "twice" not in p] == [
         ("GET", "/v1/services/a", "0"), ("PUT", "/v1/requests/r", "0"), ("GET", "/v1/services/b", "7"),
         ("PUT", "/v1/manifests/Service/c", "0"), ("GET", "/v1/wait?services=c", "9"),
         ("DELETE", "/v1/requests/other", "0"), both, both, both, both, ("POST", "/v1/services/cut/restart", "9"),

@@ -33,8 +33,19 @@ def robot(tmp_path):
 @BOTH
 @pytest.mark.parametrize("word", ["calls", "lifetimes", "forks", "left"])
 def test_no_memory_is_misused(sanitized, robot, kind, word):
-    with program(sanitized[kind], word, RORG_SOCKET=robot.socket()):
+    with program(sanitized[kind], word, "2" if kind == "address" else "1", RORG_SOCKET=robot.socket()):
         pass
+
+
+@pytest.mark.parametrize("action", ["pause", "stop"])
+def test_what_it_is_told_is_ready_stays_so_while_it_is_held(sanitized, tmp_path, action):
+    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot.declare({"camera": {"idle": {"action": action, "linger": 0}}})
+    try:
+        with program(sanitized["thread"], "cycles", "25", RORG_SOCKET=robot.socket()):
+            pass
+    finally:
+        robot.close()
 
 
 @pytest.mark.skipif(not (ROOT / "rorg/core/losses.py").exists(), reason="this rorg does not tell of losses")

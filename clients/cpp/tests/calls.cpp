@@ -104,8 +104,9 @@ int main(int argc, char** argv) {
   try {
     if (word == "calls") calls();
     else if (word == "lifetimes") faults::lifetimes();
-    else if (word == "forks") faults::forks();
+    else if (word == "forks") faults::forks(count > 1);
     else if (word == "outages") faults::outages(count);
+    else if (word == "cycles") faults::cycles(count, argc > 3 ? argv[3] : "camera");
     else if (word == "losses") faults::losses();
     else if (word == "nonsense") faults::nonsense(count);
     else if (word == "scripted") scripts::scripted();

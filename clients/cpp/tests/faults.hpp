@@ -3,6 +3,8 @@
 
 #include <sys/wait.h>
 
+#include <random>
+
 #include "check.hpp"
 
 namespace faults {
@@ -60,7 +62,7 @@ inline void lifetimes() {
 }
 
 // A child has connections of its own, and leaves alone what its parent holds.
-inline void forks() {
+inline void forks(bool threads) {
   Client client;
   client.services();  // a connection that is kept
   auto request = client.request({"camera"}, "parents", Seconds(2));
@@ -76,6 +78,11 @@ inline void forks() {
       for (int i = 0; i < 100; ++i) wrong += client.service("lidar")["service"].text() != "lidar";
       wrong += request.lost().has_value() + (request.id() != "parents");
       { const auto left = std::move(request); }
+      // Threads of its own: only without the thread sanitizer, which cannot follow them into a child.
+      if (threads) {
+        auto own = client.request({"camera"}, "childs");
+        own.wait(Seconds(30));
+      }
       std::_Exit(wrong == 0 ? 0 : 1);
     }
     for (int i = 0; i < 100; ++i) check(client.service("camera")["service"].text() == "camera", "the parent's answers");
@@ -110,6 +117,27 @@ inline void outages(int rounds) {
   check(known(client, "held"), "it is still held");
   const auto lidar = client.request({"lidar"});
   check(end.get()["lidar"].ready, "a wait through all of it");
+}
+
+// Requests, looks and releases at random intervals: while it holds it, what it was told is ready is so, in that run.
+inline void cycles(int count, const std::string& name) {
+  Client client;
+  std::minstd_rand dice(static_cast<unsigned>(::getpid()));
+  const auto pause = [&dice](unsigned most) { std::this_thread::sleep_for(std::chrono::milliseconds(dice() % most)); };
+  for (int i = 0; i < count; ++i) {
+    auto request = client.request({name});
+    const auto run = request.wait(Seconds(60)).at(name).incarnation;
+    for (unsigned look = 0; look < 2; ++look) {
+      const auto now = client.service(name);
+      check(now["state"].text() == "running" && now["incarnation"].text() == run && !request.lost(),
+            "cycle " + std::to_string(i) + ": ready in " + run + ", found " + now["state"].text() + " in " +
+                now["incarnation"].text());
+      pause(20);
+    }
+    if (dice() % 4 == 0) client.restart(name, false, Seconds(60));
+    request.release();
+    pause(60);
+  }
 }
 
 // Told of what becomes of a held service. The test kills it when told to go.

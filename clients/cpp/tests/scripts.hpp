@@ -30,6 +30,9 @@ inline void scripted() {
   client.restart("ending");  // 503 says that it was not done
   client.restart("a", false, Seconds(5));
   throws<rorg::NotReady>([&] { client.wait({"late"}, Seconds(0.5)); }, "too late", "its time goes on while it is away");
+  // Two outages with a second of peace between them are two: patience is for each.
+  Client hasty(rorg::detail::default_address(), Seconds(5), Seconds(0.5));
+  check(hasty.wait({"twice"}, Seconds(30))["twice"].ready, "through two outages");
   client.put_manifest("Service", "cut", "text of cut");
   client.remove_manifest("Service", "gone", "d1");
 }

@@ -49,7 +49,8 @@ class Value {
 
 inline std::string quoted(const std::string& text) {
   std::string found = "\"";
-  for (unsigned char c : text) {
+  for (const char one : text) {
+    const auto c = static_cast<unsigned char>(one);
     if (c == '"' || c == '\\') {
       found += '\\';
       found += static_cast<char>(c);

@@ -51,6 +51,8 @@ class Outage {
     pause_ = std::min(pause_ * 2, Seconds(1));
     return true;
   }
+  // Somebody was there for a while: what comes is another one.
+  void over() { *this = Outage(patience_); }
 
  private:
   Time end_;
@@ -78,13 +80,17 @@ class Session {
     Outage outage(call.patience);
     for (;;) {
       bool kept = false;
+      const Time began = std::chrono::steady_clock::now();
+      const auto lasted = [began] { return Seconds(std::chrono::steady_clock::now() - began); };
       try {
         Answer answer = once(call, kept);
         if (answer.status != 503) return answer;
+        if (lasted() > longest_hold) outage.over();
         if (!outage.goes_on()) raise(answer.status, answer.body);
       } catch (const Lost& lost) {
         // One that was kept may have been closed meanwhile, which says nothing of who is there now.
         if (kept && !lost.late && call.repeatable) continue;
+        if (lost.sent && !lost.late && lasted() > Seconds(1)) outage.over();
         if ((lost.sent && !call.repeatable) || !outage.goes_on()) throw;
       }
     }
@@ -116,6 +122,8 @@ class Session {
     std::weak_ptr<Watcher> watcher;
   };
   static constexpr std::size_t most_idle = 4;
+  // rorg holds back an answer that must know of a change for so long, and then says 503.
+  static constexpr Seconds longest_hold{11};
 
   Local& local() {
     Local* found = local_;

@@ -31,7 +31,8 @@ inline Seconds left(Time deadline) {
 inline std::string escaped(const std::string& text) {
   static const char* digits = "0123456789ABCDEF";
   std::string found;
-  for (unsigned char c : text) {
+  for (const char one : text) {
+    const auto c = static_cast<unsigned char>(one);
     if (std::isalnum(c) || c == '-' || c == '_' || c == '.' || c == '~') {
       found += static_cast<char>(c);
     } else {
