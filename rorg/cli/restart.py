@@ -28,9 +28,6 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and client:
-        active = [n for n in names if client.service(n)["wanted"]]
-        client.wait(*active, timeout=timeout)
 
 
 def _confirm(service: str, why: str) -> None:
