@@ -14,27 +14,23 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
     from rorg_client import Refused as RefusedByApi
 
-    from rorg.cli.context import Context, unready
+    from rorg.cli.context import Context
     from rorg.daemon.wiring import wall_clock
 
     context = Context(state_dir, engine)
     asked_at, client = wall_clock(), context.client()
     if client:
         try:
-            names = client.restart(service, force=yes, wait=timeout if wait else None)
+            names = client.restart(service, force=yes)
         except RefusedByApi as refused:
             _confirm(service, refused.cause)
-            names = client.restart(service, force=True, wait=timeout if wait else None)
+            names = client.restart(service, force=True)
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and client is None and context.state.owner() is not None:
-        def done(view: dict) -> str:
-            active = {n for n in names if view["services"][n]["wanted"]}
-            old = [n for n in active if view["services"][n]["started_at"] < asked_at]
-            return f"{old[0]} has not started again" if old else unready(view, sorted(active))
-
-        context.wait(f"the restart of {service}", done, timeout)
+    if wait and client:
+        active = [n for n in names if client.service(n)["wanted"]]
+        client.wait(*active, timeout=timeout)
 
 
 def _confirm(service: str, why: str) -> None:
