@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.plan import Action
-from rorg.core.status import ENDS
+from rorg.core.status import ends
 from rorg.manifest.references import closure
 
 
@@ -62,7 +62,7 @@ def _ending(decision: Decision) -> dict[str, Action | None]:
         n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation)
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
-    return found | {a.service: a for a in (*planned, *under_way) if a.verb in ENDS}
+    return found | {a.service: a for a in (*planned, *under_way) if ends(a)}
 
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:
