@@ -67,9 +67,13 @@ def _ending(decision: Decision) -> dict[str, Action | None]:
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:
     situation, step = decision.situation, decision.memory.of(name)
-    if name in situation.gave_way:
-        return _barred(decision, name), situation.gave_way[name]
     if name not in situation.wanted:
+        services = situation.desired.catalog.services
+        # It gives way itself, or what it is needed for does.
+        first = next((n for n in (name, *situation.gave_way) if n in situation.gave_way and name in closure(
+            services, [n])), "")
+        if first:
+            return _barred(decision, first), situation.gave_way[first]
         return "ceased", "nothing wants it any more"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of == "replace" else "restarted"), action.reason
