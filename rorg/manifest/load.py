@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from rorg.manifest.catalog import DEVELOPER, Budget, Catalog, Group, Image, Poli
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.idling import check_idling
+from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
@@ -31,9 +32,10 @@ class Loaded:
         return [d for d in self.diagnostics if d.severity == "error"]
 
 
-def load(root: Path, overlay: Mapping[Path, str | None] | None = None) -> Loaded:
+def load(root: Path, overlay: Mapping[Path, str | None] | None = None,
+         found: Callable[[Inputs], None] = lambda _: None) -> Loaded:
     """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
-    at once, sorted by place; nothing is half accepted.
+    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is.
 
     Raises Invalid when `root` is no readable directory or holds no manifest at all.
     """
@@ -47,6 +49,7 @@ def load(root: Path, overlay: Mapping[Path, str | None] | None = None) -> Loaded
         raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
     diagnostics += more
+    found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken)
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
