@@ -14,7 +14,6 @@ from robots import RealRobot, write_tree
 
 from rorg.daemon.tree import Tree
 
-
 WRITER = """
 import sys, time
 with open(sys.argv[1], "a") as file:
@@ -76,7 +75,8 @@ def write_tree_beside(root: Path, name: str) -> None:
 
 def test_what_is_read_beside_the_manifests_counts(tmp_path):
     """env_file, a mount and a Dockerfile that are missing refuse the tree; that they come is seen."""
-    root = write_tree(tmp_path / "tree", {"camera": {"container": {"env_file": "camera.env"}, "mounts": ["./map:/map"]}})
+    camera = {"container": {"env_file": "camera.env"}, "mounts": ["./map:/map"]}
+    root = write_tree(tmp_path / "tree", {"camera": camera})
     (root / "images").mkdir()
     (root / "images/eye.yaml").write_text(
         "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: eye}\n")

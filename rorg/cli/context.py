@@ -185,6 +185,22 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
 
 
+def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
+    """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
+    failed, or it ended and is not begun again."""
+    found = {}
+    for name in names:
+        service = view["services"].get(name)
+        if service is None or not service["wanted"] or service["state"] == "meta":
+            continue
+        failed = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name and w.get("code") == "failed"]
+        stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
+        over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
+        if failed or stalled["status"] == "True" or over:
+            found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
+    return found
+
+
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:
     """What keeps these services from being ready, in words, the first one's reason first; empty when all are."""
     for name in names:
