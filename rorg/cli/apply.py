@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -29,14 +30,19 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
     owner = context.state.owner()
     if owner is None:
         context.state.acquire("rorg apply")
-    plan = context.decision(catalog).plan
+    decision = context.decision(catalog)
+    plan, withheld = decision.plan, sorted(decision.situation.withheld)
     note(plan.text().rstrip())
+    if withheld:
+        note(f"To be removed on your word, though they are named: {', '.join(withheld)}")
     if not plan.empty:
         _consent(yes)
     if owner is None:
+        if withheld:
+            context.change(lambda asked: replace(asked, removals=tuple(dict.fromkeys((*asked.removals, *withheld)))))
         _alone(context, wait, timeout)
     else:
-        _through(context, owner, catalog.fingerprint, wait, timeout)
+        _through(context, owner, catalog.fingerprint, withheld, wait, timeout)
 
 
 def _consent(yes: bool) -> None:
@@ -116,8 +122,9 @@ def _late(view: dict[str, Any]) -> dict[str, str]:
     return {name: found["message"] or found["reason"] for name, found in ready.items()}
 
 
-def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bool, timeout: float) -> None:
-    """The running rorg follows its own tree; this only waits for it."""
+def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: list[str], wait: bool, timeout: float
+             ) -> None:
+    """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
     from pathlib import Path
 
     from rorg.cli.context import hopeless, unready
@@ -135,6 +142,12 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
             return "it refused the manifests"
         if view["tree"]["fingerprint"] != fingerprint:
             return "it has not read these manifests yet"
+        left = [n for n in shown if n in view.get("withheld", ())]
+        if left and not confirmed:
+            confirmed.extend(left)
+            context.serving("confirm the removal").call("PUT", "/v1/removals", {"services": left})
+        if left:
+            return f"the removal of {', '.join(left)} has not begun"
         busy = view["plan"]["actions"] or view["in_flight"]
         failed = hopeless(view, view["services"]) if wait or not busy else {}
         if failed:
@@ -144,5 +157,6 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
             return view["plan"]["summary"]
         return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""
 
+    confirmed: list[str] = []
     note(f"rorg run (pid {owner.get('pid')}) carries it out")
     context.wait("the running rorg", done, timeout)

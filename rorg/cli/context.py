@@ -25,6 +25,7 @@ from rorg.errors import Invalid, NotReady, Unreachable
 from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
+from rorg.store.last_good import read_kept
 from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir, default_state_dir, read_json
 
@@ -118,9 +119,11 @@ class Context:
             # An interlock is asked when something is done; a plan that is only shown does not wait for it.
             allowed = {(n, "interlock"): Finding("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
             return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
-                                 holds=asked.holds, suspended=asked.suspended, wall=time.time()))
+                                 holds=asked.holds, suspended=asked.suspended, wall=time.time(),
+                                 confirmed=asked.removals))
 
-        return look(self._ready(look(recall(self.last())), desired))
+        memory = replace(recall(self.last()), kept=read_kept(self.state.path))
+        return look(self._ready(look(memory), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""
@@ -136,7 +139,7 @@ class Context:
                 if ready is None or ready.kind == "delay" or not ask(
                         (name, "ready"), Target(ready, step.incarnation, 0.0)):
                     progress[name] = replace(step, running_since=0.0, ready=True)
-        return Memory(progress)
+        return Memory(progress, kept=first.memory.kept)
 
     def view(self) -> dict[str, Any]:
         """The published state of the running rorg; computed the same way when none runs."""

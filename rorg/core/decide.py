@@ -19,6 +19,7 @@ from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.wanted import urgent
+from rorg.core.withheld import over, withhold
 from rorg.manifest.catalog import Hold, Probe, Request
 from rorg.manifest.scalars import format_time, parse_time, stamp
 
@@ -49,6 +50,8 @@ class Inputs:
     load: Load | None = None
     renewals: Mapping[tuple[str, str], int] = field(default_factory=dict)
     """The number of each request's last renewal; another one begins its lease anew."""
+    confirmed: tuple[str, ...] = ()
+    """What a person has confirmed to be removed, though it was named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +81,18 @@ class Decision:
     """Services that a person holds now, each with the reason."""
     served: Mapping[str, str] = field(default_factory=dict)
     """Restarts that were asked for, and done."""
+    confirmed: tuple[str, ...] = ()
+    """Confirmed removals that are done, or void."""
 
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
+    kept, desired, withheld = withhold(inputs.memory.kept, inputs.desired, (*inputs.desired.catalog.requests,
+                                       *inputs.requests), inputs.observed, inputs.confirmed)
+    ended = over(inputs.confirmed, kept, inputs.desired.catalog, inputs.observed)
+    inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept))
     situation, settled, holds, served = _assess(inputs)
+    situation = replace(situation, withheld=withheld)
     plan = make_plan(situation)
     memory = situation.memory
     if inputs.observed.complete:
@@ -93,7 +103,7 @@ def decide(inputs: Inputs) -> Decision:
     for action in chosen:
         memory = begin(memory, action, inputs.observed, inputs.now)
     return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan), holds, served)
+                    to_probe(situation, plan), holds, served, ended)
 
 
 def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:

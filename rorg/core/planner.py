@@ -48,6 +48,8 @@ class _Planner:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
         self.waitings += [Waiting(name, reason, code="gave-way") for name, reason in self.s.gave_way.items()]
+        self.waitings += [Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`",
+                                  code="withheld") for name, why in self.s.withheld.items()]
         if self.s.suspended:
             self.waitings.append(Waiting("rorg", self.s.suspended, code="suspended"))
         return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
@@ -66,7 +68,7 @@ class _Planner:
 
     def undeclared(self, name: str) -> None:
         """A service of ours that no manifest declares any more."""
-        if name in self.s.memory.in_flight:
+        if name in self.s.memory.in_flight or name in self.s.withheld:
             return
         if not self.s.removals:
             self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))

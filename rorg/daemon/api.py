@@ -16,7 +16,7 @@ from starlette.exceptions import HTTPException
 from rorg import __version__
 from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_manifests import add_manifests
-from rorg.daemon.api_models import Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.api_models import ConfirmBody, Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
@@ -220,6 +220,13 @@ def _people(app: FastAPI, robot: Robot) -> None:
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
         await asyncio.wrap_future(robot.suspend(caller, None, ""))
+        return Response(status_code=204)
+
+
+    @app.put("/v1/removals", dependencies=[needs("manifests")], status_code=204, response_class=Response)
+    async def confirm(body: ConfirmBody, caller: Who) -> Response:
+        """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
+        await asyncio.wrap_future(robot.confirm(caller, tuple(body.services)))
         return Response(status_code=204)
 
 

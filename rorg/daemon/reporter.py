@@ -61,8 +61,8 @@ class Reporter:
 
     def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
         """Says what is new since the last pass, and publishes the state when it changed."""
-        self._when_new("tree", (tuple(map(str, tree.errors)), tree.desired.catalog.fingerprint, tree.revision),
-                       self._tree, tree)
+        self._when_new("tree", (tuple(map(str, (*tree.errors, *tree.warnings))), tree.desired.catalog.fingerprint,
+                                tree.revision), self._tree, tree)
         self._unknown(decision)
         self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
         observed = decision.situation.observed
@@ -76,6 +76,7 @@ class Reporter:
         self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"])), self._pressure, decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
+        self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
         about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
                       "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
         self._publish(decision, {**self.about, "tree": about_tree,
@@ -102,6 +103,8 @@ class Reporter:
             count = sum(not s.meta for s in tree.desired.catalog.services.values())
             self.event("tree-accepted", f"manifests in force: {count} services"
                        + (f", revision {tree.revision}" if tree.revision else ""))
+            for warning in tree.warnings:
+                self.event("manifest-warning", str(warning))
             self._ignored(tree)
 
     def _ignored(self, tree: Tree) -> None:
@@ -154,6 +157,12 @@ class Reporter:
     def _holds(self, decision: Decision) -> None:
         held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
         self.event("holds", held or "no service is held any more", services=list(decision.holds))
+
+    def _withheld(self, decision: Decision) -> None:
+        found = decision.situation.withheld
+        lines = "; ".join(f"{name} is not declared any more, but {why}" for name, why in found.items())
+        self.event("withheld", f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found
+                   else "no removal is withheld any more", services=list(found))
 
     def _suspended(self, decision: Decision) -> None:
         self.event("suspended", decision.situation.suspended or "no longer suspended")

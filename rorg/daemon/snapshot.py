@@ -21,6 +21,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         **about,
         "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
         "suspended": situation.suspended,
+        "withheld": dict(situation.withheld),
         "requests": [request_json(r) for r in requests],
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),

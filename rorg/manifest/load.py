@@ -54,7 +54,15 @@ def load(root: Path, overlay: Mapping[Path, str | None] | None = None,
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
+    diagnostics += _misnamed(sources)
     return Loaded(replace(catalog, fingerprint=_fingerprint(catalog)), tuple(sorted(set(diagnostics))))
+
+
+def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
+    """Files that are called otherwise than what they declare: one of both may be a typing error."""
+    return [Diagnostic(s.where("metadata", "name"), f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
+                       f"'{s.path.stem}', or to rename the file", "warning")
+            for s in sources if s.name != s.path.stem]
 
 
 def load_or_raise(root: Path) -> Catalog:
@@ -162,7 +170,8 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
 def _policy(spec: Any) -> Policy:
     budget, pressure = spec.budget, spec.pressure
     return Policy(spec.resync, spec.bulk_workers, Budget(**budget.model_dump()) if budget else None,
-                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros)
+                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros,
+                  spec.removals)
 
 
 def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
