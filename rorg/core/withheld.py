@@ -48,9 +48,10 @@ def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collect
     found = {n: f for n, f in kept.former.items() if f.withheld or not _bodiless(f.what)}
     last = kept.catalog
     if last is not None and last is not catalog:
+        held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
         for name, what in {**last.services, **last.groups}.items():
             found[name] = Former(
-                what, tuple(s.name for s in last.services.values() if name in s.needs),
+                what, tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
                 tuple(g.name for g in last.groups.values() if name in g.services))
     there = observed.by_service()
     return {name: f for name, f in found.items() if name not in catalog.services and name not in catalog.groups and (
@@ -81,8 +82,6 @@ def _why(name: str, former: Former, requests: Collection[Request], staying: Coll
     own = next((f"it has made request '{r.id}'" for r in requests if r.requester == name), "")
     if asked or (former.what.meta and own):
         return asked or own
-    if former.what.always_on:
-        return "it was always on"
     need = next((n for n in former.needed_by if n in staying), "")
     if need:
         return f"{need} needed it"
