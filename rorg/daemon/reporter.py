@@ -73,7 +73,8 @@ class Reporter:
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
         told = pressure_json(decision)
-        self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"])), self._pressure, decision)
+        self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"]), self._pressure,
+                       decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
@@ -152,7 +153,9 @@ class Reporter:
     def _pressure(self, decision: Decision) -> None:
         told = pressure_json(decision)
         what = ", ".join([*told["measures"], *(f"{name} ceased" for name in told["shed"])])
-        self.event("pressure", f"pressure: {told['reason']}; in force: {what}" if what else "pressure is over", **told)
+        text = f"pressure: {told['reason']}" + (f"; in force: {what}" if what else "")
+        text += "; nothing that rorg runs would help" * (told["helpless"] and not what)
+        self.event("pressure", text if what or told["helpless"] else "pressure is over", **told)
 
     def _holds(self, decision: Decision) -> None:
         held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())

@@ -55,5 +55,5 @@ def request_json(request: Request) -> dict[str, Any]:
 def pressure_json(decision: Decision) -> dict[str, Any]:
     """Measures in force, mildest first, and what was shed."""
     state = decision.memory.pressure
-    return {"reason": state.reason, "measures": list(MEASURES[:state.level]),
+    return {"reason": state.reason, "measures": [m for m in MEASURES if state.in_force(m)], "helpless": state.helpless,
             "shed": {s.service: s.reason for s in state.shed}}
