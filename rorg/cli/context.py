@@ -26,6 +26,7 @@ from rorg.errors import Invalid, NotReady, Refused, Unreachable
 from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
+from rorg.store.last_good import read_kept
 from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir, default_state_dir, read_json
 
@@ -143,9 +144,11 @@ class Context:
             # An interlock is asked when something is done; a plan that is only shown does not wait for it.
             allowed = {(n, "interlock"): Finding("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
             return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
-                                 holds=asked.holds, suspended=asked.suspended, wall=time.time()))
+                                 holds=asked.holds, suspended=asked.suspended, wall=time.time(),
+                                 confirmed=asked.removals))
 
-        return look(self._ready(look(recall(self.last())), desired))
+        memory = replace(recall(self.last()), kept=read_kept(self.state.path))
+        return look(self._ready(look(memory), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""
@@ -161,7 +164,7 @@ class Context:
                 if ready is None or ready.kind == "delay" or not ask(
                         (name, "ready"), Target(ready, step.incarnation, 0.0)):
                     progress[name] = replace(step, running_since=0.0, ready=True)
-        return Memory(progress)
+        return Memory(progress, kept=first.memory.kept)
 
     def view(self) -> dict[str, Any]:
         """The published state of the running rorg; computed the same way when none runs."""
@@ -209,6 +212,22 @@ def is_ready(service: dict[str, Any]) -> bool:
 
 def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
+
+
+def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
+    """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
+    failed, or it ended and is not begun again."""
+    found = {}
+    for name in names:
+        service = view["services"].get(name)
+        if service is None or not service["wanted"] or service["state"] == "meta":
+            continue
+        failed = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name and w.get("code") == "failed"]
+        stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
+        over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
+        if failed or stalled["status"] == "True" or over:
+            found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
+    return found
 
 
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:

@@ -107,3 +107,5 @@ class Situation:
     """Why nothing below `admit` is started now; empty when everything may be."""
     suspended: str = ""
     """Why nothing is done at all now."""
+    withheld: Mapping[str, str] = field(default_factory=dict)
+    """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

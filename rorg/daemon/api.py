@@ -18,6 +18,7 @@ from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_events import add_events
 from rorg.daemon.api_manifests import add_manifests
 from rorg.daemon.api_models import (
+    ConfirmBody,
     GroupView,
     Held,
     HoldBody,
@@ -231,6 +232,12 @@ def _people(app: FastAPI, robot: Robot) -> None:
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
         return accepted(await asyncio.wrap_future(robot.suspend(caller, None, "")))
+
+
+    @app.put("/v1/removals", dependencies=[needs("manifests")], status_code=204, response_class=Response)
+    async def confirm(body: ConfirmBody, caller: Who) -> Response:
+        """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
+        return accepted(await asyncio.wrap_future(robot.confirm(caller, tuple(body.services))))
 
 
 def duration(value: str | None, field: str) -> float:

@@ -26,6 +26,11 @@ class HoldBody(Body):
     reason: Short = ""
 
 
+class ConfirmBody(Body):
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
+        description="Exactly what is to go: services and groups whose removal is withheld.")
+
+
 class RequestView(BaseModel):
     id: str
     requester: str

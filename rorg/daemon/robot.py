@@ -235,6 +235,17 @@ class Robot:
         told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
         return self._change(caller, lambda asked: replace(asked, suspended=hold), "suspend", told)
 
+    def confirm(self, caller: Caller, names: tuple[str, ...]) -> Future[int]:
+        """Lets go of what is withheld: exactly these, and for as long as they are not declared again."""
+        withheld = self.decision.situation.withheld
+        others = [n for n in names if n not in withheld]
+        if others:
+            raise Refused(f"confirm the removal of {', '.join(others)}", "it is not withheld",
+                          "`rorg diff` for what is")
+        return self._change(
+            caller, lambda asked: replace(asked, removals=tuple(dict.fromkeys((*asked.removals, *names)))), "removal",
+            f"removal of {', '.join(names)} confirmed", services=list(names))
+
     def _change(self, caller: Caller, edit: Callable[[Asked], Asked], kind: str, message: str, **more: Any
                 ) -> Future[int]:
         changed: list[bool] = []

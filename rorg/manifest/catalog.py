@@ -195,6 +195,8 @@ class Policy:
     resources: Mapping[str, int] = field(default_factory=dict)
     """Exclusive resource -> how many units there are; 1 where it is not named."""
     purge_ros: bool = True
+    removals: str = "ask"
+    """ask or auto."""
 
 
 @dataclass(frozen=True, slots=True)
