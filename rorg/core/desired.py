@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
@@ -21,6 +21,8 @@ class Desired:
 
     catalog: Catalog
     digests: Mapping[str, str]
+    editions: Mapping[str, str]
+    """Service -> all that the trial of a new container of it depends on."""
     declared: Mapping[str, Mapping[str, Any]]
     """Service -> its options as a container's record has them."""
     order: tuple[str, ...]
@@ -52,6 +54,8 @@ def desire(catalog: Catalog, run: str = "/run/rorg") -> Desired:
     return Desired(
         catalog,
         {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
+        {name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready)})
+         for name, s in services.items() if s.spec is not None},
         {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
         tuple(TopologicalSorter(graph).static_order()),
         {name: tuple(sorted(found)) for name, found in dependants.items()},

@@ -14,6 +14,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
+from rorg.core.update import Update
 from rorg.core.wanted import Wanted
 from rorg.manifest.catalog import Catalog, Service
 
@@ -78,6 +79,7 @@ class Progress:
     tries: Mapping[str, Try] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""
+    update: Update = Update()
 
     def over(self, service: Service, container: Container) -> bool:
         """It ended by itself while wanted, and its restart policy leaves it at that."""
@@ -244,7 +246,7 @@ def _live(step: Progress, service: Service, found: Finding | None, now: float) -
     if service.live is None or not _fits(found, step):
         return step
     if step.hung == step.incarnation:
-        return step if not found.ok else replace(step, hung="", exits=step.exits - 1, crashes=step.crashes - 1,
+        return step if not found.ok else replace(step, hung="", exits=max(0, step.exits - 1), crashes=step.crashes - 1,
                                                  tries=step.but("start"), error="")
     if found.failures < service.live.failures:
         return step

@@ -48,6 +48,7 @@ class _Planner:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
         self.waitings += [Waiting(name, reason) for name, reason in self.s.gave_way.items()]
+        self.waitings += self.chains.notes
         if self.s.suspended:
             self.waitings.append(Waiting("rorg", self.s.suspended))
         return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
@@ -71,7 +72,7 @@ class _Planner:
         if not self.s.removals:
             self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))
             return
-        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it")]
+        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]
         self.emit(Service(name), steps)
 
     # -- what may happen now -----------------------------------------------------------------------------------
@@ -129,14 +130,15 @@ class _Planner:
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",
                                tried.at)
-        locked = self.s.interlocks.get(service.name, "") if step.verb not in ("create", "rename") else ""
+        swap = step.part_of == "replace" and step.verb in ("stop", "rename")
+        locked = self.s.interlocks.get(service.name, "") if swap or step.verb not in ("create", "rename") else ""
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
         begins = step.verb in ("start", "resume") or step.part_of
         if self.s.closed and begins and self.s.ranks.get(service.name, 0) < self.desired.catalog.policy.pressure.admit:
             return (), Waiting(service.name, self.s.closed)
-        if step.verb in ("start", "resume"):
-            return self.gate_start(service)
+        if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
+            return self.gate_start(service)  # what runs goes on until the new one can begin
         if step.verb in ("pause", "stop", "remove") and service.name not in self.s.wanted:
             return self.gate_cease(service)
         return (), None

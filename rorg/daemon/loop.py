@@ -15,12 +15,13 @@ from rorg.core.memory import finish
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, pressed
+from rorg.core.trial import refuse
 from rorg.daemon.ledger import Ledger
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros import RosPurger
 from rorg.daemon.snapshot import recall
 from rorg.daemon.tree import Tree
-from rorg.engines.execute import perform
+from rorg.engines.execute import perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
@@ -76,7 +77,7 @@ class Loop:
         self._woken = threading.Event()
         self._files, self._asked = True, True
         """Whether the tree, or the requests file, may have changed."""
-        self._outcomes: list[tuple[Action, str]] = []
+        self._outcomes: list[tuple[Action, str, bool]] = []
         self._calls: set[Future] = set()
         self.hung: set[Future] = set()
         """Calls that were still under way when the loop had ended."""
@@ -191,9 +192,9 @@ class Loop:
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
 
-    def _finished(self, action: Action, error: str) -> None:
+    def _finished(self, action: Action, error: str, refused: bool = False) -> None:
         with self._lock:
-            self._outcomes.append((action, error))
+            self._outcomes.append((action, error, refused))
         self.wake()
 
     def _read_files(self) -> None:
@@ -207,8 +208,9 @@ class Loop:
     def _take_outcomes(self) -> None:
         with self._lock:
             outcomes, self._outcomes = self._outcomes, []
-        for action, error in outcomes:
+        for action, error, refused in outcomes:
             self.memory = finish(self.memory, action, error, self.clock())
+            self.memory = refuse(self.memory, action, error) if refused else self.memory
 
     # -- what the pass's helpers ask ---------------------------------------------------------------------------
 
@@ -232,13 +234,13 @@ class Loop:
     # -- workers -----------------------------------------------------------------------------------------------
 
     def _work(self, action: Action) -> None:
-        began, error = self.clock(), ""
+        began, error, refused = self.clock(), "", False
         container = action.container
         try:
             with nullcontext() if action.urgent else self.observer.acting(action.container):
                 container = perform(self.engine, action)
         except RorgError as failed:
-            error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
+            error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
@@ -246,7 +248,7 @@ class Loop:
                 self.observer.refresh(container)
             self.reporter.outcome(action, error, self.clock() - began)
         finally:
-            self._finished(action, error)
+            self._finished(action, error, refused)
         if action.verb == "pause" and not error:
             self._reclaim(action)
 

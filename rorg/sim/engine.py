@@ -63,14 +63,15 @@ class SimEngine:
     def inspect(self, container: str) -> Container | None:
         return self.containers.get(container)
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
         self._fault("create", labels[LABEL_SERVICE])
         if name in self.foreign or any(c.name == name for c in self.containers.values()):
             raise EngineError(f"create {name}", f"the name {name} is already in use", kind="name_taken")
         container = next(self._ids)
         live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
         assert labels[LABEL_OWNER] == self.owner
-        self.containers[container] = Container(container, name, state="created", live=live, **from_labels(labels))
+        self.containers[container] = Container(container, name, state="created", live=live,
+                                               created_at=iso(self.clock()), **from_labels(labels))
         return container
 
     def start(self, container: str) -> None:
@@ -86,7 +87,7 @@ class SimEngine:
     def stop(self, container: str, signal: str, grace: float) -> None:
         self._change("stop", container, ("running", "paused"), state="exited", exit_code=0)
 
-    def remove(self, container: str) -> None:
+    def remove(self, container: str, volumes: bool = False) -> None:
         self._change("remove", container, ("created", "exited", "dead"))
         del self.containers[container]
 

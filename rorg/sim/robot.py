@@ -14,7 +14,8 @@ from rorg.core.memory import Finding, Memory, finish
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
-from rorg.engines.execute import perform
+from rorg.core.trial import refuse
+from rorg.engines.execute import perform, said_no
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
@@ -82,13 +83,14 @@ class SimRobot:
         return decision
 
     def _finish(self, action: Action) -> None:
-        error = ""
+        error, refused = "", False
         try:
             perform(self.engine, action)  # type: ignore[arg-type]
         except RorgError as failed:
-            error = failed.why
+            error, refused = failed.why, said_no(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         self.memory = finish(self.memory, action, error, self.now)
+        self.memory = refuse(self.memory, action, error) if refused else self.memory
         if action.verb == "start" and not error and action.service in self.faults.crash_after:
             run = self.engine.containers[action.container].incarnation
             self.at(self.now + self.faults.crash_after[action.service], lambda: self._crash(action.container, run))
