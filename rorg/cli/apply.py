@@ -83,7 +83,7 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
         if not loop.tree.loaded or decision.memory.in_flight or decision.plan.actions:
             return None
         views = statuses(decision.situation, decision.plan).values()
-        if any(s.health == "Degraded" for s in views):
+        if any(s.health == "Degraded" or s.update_failed for s in views):
             return False
         return True if decision.plan.empty and not any(s.health == "Progressing" for s in views) else None
 
@@ -91,10 +91,11 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
     timer.cancel()
     context.state.release()
     bad = {s.service: s for s in statuses(seen[0].situation, seen[0].plan).values()
-           if s.health in ("Progressing", "Degraded")} if seen else {}
+           if s.health in ("Progressing", "Degraded") or s.update_failed} if seen else {}
     for status in bad.values():
         ready = next(c for c in status.conditions if c.type == "Ready")
-        note(f"{status.service} is not ready: {ready.message or ready.reason}")
+        note(f"{status.service}: its change failed, {status.update_failed}; it stays as it was" if status.update_failed
+             else f"{status.service} is not ready: {ready.message or ready.reason}")
     if timed_out.is_set() or (bad and wait):
         raise NotReady("finish", f"{len(bad)} service(s) are not ready" + (
             f" after {timeout:g} s" if timed_out.is_set() else ""), "`rorg describe SERVICE`")

@@ -120,7 +120,10 @@ class Context:
             return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
                                  holds=asked.holds, suspended=asked.suspended, wall=time.time()))
 
-        return look(self._ready(look(recall(self.last())), desired))
+        # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
+        running = self.published()
+        memory = recall(running, time.monotonic()) if running else recall(self.last())
+        return look(self._ready(look(memory), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
         """What is ready, found by one look at each: this process has seen nothing run yet."""

@@ -122,10 +122,8 @@ class _Planner:
     def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
         """Actions that this step must follow, or what it waits for."""
         memory = self.s.memory.of(service.name)
-        asked = self.s.restarts.get(service.name)
-        impatient = step.verb == "start" and step.container is not None and step.container.incarnation == asked
         tried = memory.tries.get(step.verb)
-        if tried and tried.at > self.s.now and not impatient:
+        if tried and tried.at > self.s.now:
             wait = format_seconds(tried.at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",

@@ -36,6 +36,8 @@ class Faults:
     crash_after: dict[str, float] = field(default_factory=dict)
     """Service -> seconds after each start until it exits."""
     exit_code: int = 1
+    bad: dict[str, str] = field(default_factory=dict)
+    """Digest -> what is wrong with containers of it: `start` is refused, or they `exit` soon after it."""
     unreachable: bool = False
 
 
@@ -75,6 +77,8 @@ class SimEngine:
         return container
 
     def start(self, container: str) -> None:
+        if self.faults.bad.get(self._get(container).digest) == "start":
+            raise EngineError(f"start {container[:12]}", "no such program")
         self._change("start", container, ("created", "exited"), state="running", started_at=iso(self.clock()),
                      exit_code=None)
 

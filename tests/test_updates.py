@@ -1,0 +1,316 @@
+"""An update never hurts a running robot: what a new container does not manage, the one before it goes on doing."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from conftest import BASE_IMAGE, wait_for
+from robots import WORK, RealRobot, VirtualRobot, write_tree
+
+from rorg.cli.main import app
+from rorg.daemon.snapshot import recall, snapshot
+
+
+def look(robot, container: str) -> dict:
+    return robot.engine.api().inspect_container(container)
+
+
+def identity(robot, service: str) -> tuple[str, str]:
+    """Which container it is, and since when it runs, as the engine says."""
+    found = robot.container(service)
+    return found.id, found.started_at
+
+
+def failed(robot, service: str) -> str:
+    """Why its update failed, as it is published."""
+    conditions = robot.status().get("services", {}).get(service, {}).get("conditions", [])
+    return next((c["message"] for c in conditions if c["type"] == "Updated" and c["status"] == "False"), "")
+
+
+def running(robot, service: str):
+    return next((c for c in robot.containers() if c.service == service and c.state == "running"), None)
+
+
+# -- a start failure has a way back ------------------------------------------------------------------------------
+
+BAD = {
+    "program": {"command": ["rosluanch", "x.launch"]},
+    "user": {"container": {"user": "nosuch"}},
+    "device": {"container": {"devices": ["/dev/nosuch:/dev/nosuch"]}},
+    "crash": {"command": ["python3", "-S", "-c", "raise SystemExit(3)"]},
+    "never ready": {"command": WORK, "ready": {"exec": "false", "timeout": "1s"},
+                    "container": {"environment": {"NEW": "1"}}},
+    "image": {"image": "nosuch-image"},
+}
+
+
+def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
+    """All of BAD at once: the container of before is the one that runs afterwards, and the robot comes to rest."""
+    robot = docker_robot
+    names = {kind: kind.replace(" ", "-") for kind in BAD}
+    robot.declare({n: {"always_on": True} for n in names.values()})
+    robot.settle()
+    before = {n: identity(robot, n)[0] for n in names.values()}
+    robot.declare({n: {"always_on": True, **BAD[kind]} for kind, n in names.items()})
+    started = [n for kind, n in names.items() if kind != "image"]
+    robot.wait(lambda: all(failed(robot, n) for n in started), 60)
+    robot.wait(lambda: not robot.status()["in_flight"] and not robot.status()["plan"]["actions"]
+               and {c.id for c in robot.containers()} == {*before.values()}, 60)
+    for name, container in before.items():
+        data = look(robot, container)
+        assert data["State"]["Running"] and data["Name"] == f"/{name}"
+    assert "rosluanch" in failed(robot, "program") and "nosuch" in failed(robot, "user")
+    assert "exit code 3" in failed(robot, "crash") and "not ready within 1 s" in failed(robot, "never-ready")
+    assert "no such image" in robot.waits("image").lower()
+    assert "stays as it was" in robot.waits("user")
+    # It does not try again by itself, also not after a restart of rorg.
+    held = {n: identity(robot, n) for n in names.values()}
+    robot.stop()
+    robot.start()
+    robot.wait(lambda: all(failed(robot, n) for n in started))
+    assert {n: identity(robot, n) for n in names.values()} == held
+    # A revert ends it without touching anything; another change is tried at once.
+    good = {n: {"always_on": True} for n in names.values()}
+    robot.declare(good)
+    robot.settle()
+    assert {n: identity(robot, n) for n in names.values()} == held
+    robot.declare({**good, "user": {"always_on": True, "container": {"user": "0"}}})
+    robot.settle()
+    assert identity(robot, "user")[0] != held["user"][0]
+    assert {n: identity(robot, n) for n in names.values() if n != "user"} == {
+        n: run for n, run in held.items() if n != "user"}
+    assert len(robot.containers()) == len(names)
+
+
+def test_processes_have_the_same_way_back(tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    try:
+        robot.declare({"a": {"always_on": True}, "b": {"always_on": True}})
+        robot.settle()
+        before = {n: identity(robot, n)[0] for n in "ab"}
+        robot.declare({"a": {"always_on": True, "command": "rosluanch x"},
+                       "b": {"always_on": True, "command": "sh -c 'exit 3'"}})
+        robot.wait(lambda: failed(robot, "a") and failed(robot, "b"))
+        robot.wait(lambda: {c.id for c in robot.containers()} == {*before.values()})
+        robot.wait(lambda: robot.active() == {"a", "b"})
+    finally:
+        robot.close()
+
+
+def test_apply_says_that_a_change_failed(docker_robot):
+    from typer.testing import CliRunner
+
+    robot = docker_robot
+    write_tree(robot.tree, {"arm": {"always_on": True}})
+    apply = ["apply", str(robot.tree), "--yes", "--wait", "--state-dir", str(robot.state.path), "--engine", "docker"]
+    assert CliRunner().invoke(app, apply).exit_code == 0
+    before = identity(robot, "arm")[0]
+    write_tree(robot.tree, {"arm": {"always_on": True, "container": {"user": "nosuch"}}})
+    done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
+    assert done.exit_code == 4 and "its change failed" in done.output
+    assert identity(robot, "arm")[0] == before and running(robot, "arm")
+
+
+def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):
+    """A new need that is never ready ends nothing."""
+    virtual.declare({"nav": {"always_on": True}, "gps": {"ready": {"tcp": 1}}})
+    virtual.settle()
+    virtual.sim.ready_after["gps"] = 1e9
+    run = virtual.container("nav").incarnation
+    virtual.declare({"nav": {"always_on": True, "needs": ["gps"], "container": {"environment": {"N": "1"}}},
+                     "gps": {"ready": {"tcp": 1}}})
+    later(virtual, 60)
+    assert running(virtual, "nav").incarnation == run
+    assert "gps is not ready" in virtual.waits("nav")
+
+
+def test_what_changed_while_idle_can_go_back_too(virtual):
+    virtual.declare({"nav": {}})
+    virtual.request("nav")
+    virtual.settle()
+    virtual.release()
+    virtual.settle()
+    before = virtual.container("nav").id
+    virtual.declare({"nav": {"container": {"environment": {"N": "1"}}}})
+    virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = "start"
+    virtual.settle()
+    virtual.request("nav")
+    virtual.wait(lambda: (c := running(virtual, "nav")) is not None and c.id == before)
+    later(virtual, 10)
+    assert [c.id for c in virtual.containers()] == [before]
+
+
+@pytest.mark.parametrize("bad", ["", "start", "exit"])
+def test_a_kill_of_rorg_at_any_moment_of_a_swap(virtual, bad):
+    """rorg is killed before each of its actions in turn; what the next one finds always leads to the same end."""
+    for kill_at in range(1, 12):
+        virtual.sim = None
+        virtual.declare({"nav": {"always_on": True}})
+        virtual.settle()
+        later(virtual, 5)
+        before = virtual.container("nav").id
+        virtual.declare({"nav": {"always_on": True, "container": {"environment": {"N": "1"}}}})
+        if bad:
+            virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = bad
+        done = len(virtual.sim.log) + kill_at
+        virtual.wait(lambda done=done: len(virtual.sim.log) >= done or virtual.sim.idle)
+        # Nothing that it published but the state of before: the worst that a kill can leave.
+        virtual.sim.reborn(recall(None))
+        virtual.wait(lambda: running(virtual, "nav") and len(virtual.containers()) == 1, 120)
+        later(virtual, 10)
+        assert [c.name for c in virtual.containers()] == ["nav"]
+        assert (virtual.container("nav").id == before) == bool(bad), f"killed before action {kill_at}"
+
+
+def test_what_failed_is_remembered_by_the_next_rorg(virtual):
+    virtual.declare({"nav": {"always_on": True}})
+    virtual.settle()
+    virtual.declare({"nav": {"always_on": True, "container": {"environment": {"N": "1"}}}})
+    virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = "start"
+    later(virtual, 10)
+    calls = len(virtual.sim.engine.calls)
+    virtual.sim.reborn(recall(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+    later(virtual, 200)
+    assert len(virtual.sim.engine.calls) == calls
+    assert "its change failed" in virtual.waits("nav")
+    # A person who asks for a restart wants it tried again.
+    del virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]]
+    restart(virtual, "nav")
+    later(virtual, 10)
+    assert virtual.container("nav").digest == virtual.sim.desired.digests["nav"]
+
+
+@pytest.fixture
+def virtual(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+def later(virtual, seconds: float) -> None:
+    """So much virtual time goes by."""
+    end = virtual.now() + seconds
+    virtual.sim.at(end, lambda: None)
+    virtual.wait(lambda: virtual.now() >= end, seconds + 1)
+
+
+def restart(virtual, name: str) -> None:
+    from dataclasses import replace
+
+    from rorg.manifest.scalars import stamp
+
+    virtual.change(lambda asked: replace(asked, restarts={name: stamp(virtual.wall())}))
+
+
+# -- what is mended does not wait --------------------------------------------------------------------------------
+
+
+def test_a_mended_manifest_is_tried_at_once(docker_robot):
+    robot = docker_robot
+    bad = {"container": {"devices": ["/dev/nosuch:/dev/nosuch"]}}
+    robot.declare({"arm": {"always_on": True, **bad}, "cam": {"always_on": True, "image": "nosuch"}})
+    # Until the next attempt is some seconds away.
+    robot.wait(lambda: all(robot.loop.memory.of(n).retry_at > robot.loop.clock() + 3.5 for n in ("arm", "cam")), 60)
+    until = min(robot.loop.memory.of(n).retry_at for n in ("arm", "cam"))
+    wait_for(lambda: "again in" in diff(robot), 5, "diff says that the start waits")
+    robot.declare({"arm": {"always_on": True}, "cam": {"always_on": True}})
+    robot.wait(lambda: robot.active() == {"arm", "cam"})
+    assert robot.loop.clock() < until
+
+
+def diff(robot) -> str:
+    from typer.testing import CliRunner
+
+    return CliRunner().invoke(app, ["diff", str(robot.tree), "--state-dir", str(robot.state.path), "--engine",
+                                    robot.kind]).output
+
+
+def test_attempts_may_go_on_for_days():
+    from rorg.core.backoff import CAP, delay
+
+    assert delay(100_000) == CAP
+
+
+def test_a_restart_of_what_does_not_start_keeps_to_the_back_off(virtual):
+    virtual.declare({"nav": {"always_on": True}})
+    virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = "start"
+    later(virtual, 1)
+    restart(virtual, "nav")
+    before = len(virtual.log())
+    later(virtual, 100)
+    assert len(virtual.log()) - before < 20
+
+
+# -- volumes that nobody named -----------------------------------------------------------------------------------
+
+
+def volumes(robot) -> set[str]:
+    return {v["Name"] for v in robot.engine.api().volumes()["Volumes"] or []}
+
+
+@pytest.fixture
+def image_with_volume(dockerd):
+    import docker
+
+    api = docker.APIClient(dockerd.host, version="auto")
+    text = f'FROM {BASE_IMAGE}\nVOLUME /data\n'
+    list(api.build(fileobj=io.BytesIO(text.encode()), tag="with-volume", decode=True, rm=True))
+    return "with-volume"
+
+
+def put(robot, service: str, path: str, text: str) -> None:
+    code, said = robot.engine.exec(robot.container(service).id, ["python3", "-S", "-c",
+                                                                f"open({path!r}, 'w').write({text!r})"], 30)
+    assert code == 0, said
+
+
+def get(robot, service: str, path: str) -> str:
+    return robot.engine.exec(robot.container(service).id, ["python3", "-S", "-c",
+                                                          f"print(open({path!r}).read())"], 30)[1].decode().strip()
+
+
+def test_unnamed_volumes_go_with_the_service_not_with_a_container(docker_robot, image_with_volume):
+    robot, at_first = docker_robot, volumes(docker_robot)
+    spec = {"image": image_with_volume, "always_on": True, "container": {"volumes": ["/more"]}}
+    robot.declare({"map": spec, "other": {"always_on": True}})
+    robot.settle()
+    put(robot, "map", "/data/map", "here")
+    put(robot, "map", "/more/map", "there")
+    for n in range(2):
+        before = robot.container("map").id
+        robot.declare({"map": {**spec, "container": {**spec["container"], "environment": {"N": str(n)}}},
+                       "other": {"always_on": True}})
+        robot.settle()
+        assert robot.container("map").id != before
+        assert (get(robot, "map", "/data/map"), get(robot, "map", "/more/map")) == ("here", "there")
+    assert len(volumes(robot) - at_first) == 2
+    robot.declare({"other": {"always_on": True}})
+    robot.settle()
+    assert volumes(robot) == at_first
+
+
+def test_volumes_of_a_container_that_an_older_rorg_made(docker_robot, image_with_volume):
+    """There the engine gave them their names; they are found all the same."""
+    robot, at_first = docker_robot, volumes(docker_robot)
+    spec = {"image": image_with_volume, "always_on": True}
+    robot.declare({"map": spec})
+    robot.settle()
+    robot.stop()
+    found = robot.container("map")
+    data = look(robot, found.id)
+    robot.engine.stop(found.id, "SIGKILL", 5)
+    robot.engine.remove(found.id, volumes=True)
+    body = {"Image": image_with_volume, "Cmd": WORK, "Labels": data["Config"]["Labels"], "HostConfig": {}}
+    made = robot.engine.api().create_container_from_config(body, "map")["Id"]
+    robot.engine.start(made)
+    put(robot, "map", "/data/map", "here")
+    robot.start()
+    robot.declare({"map": {**spec, "container": {"environment": {"N": "1"}}}})
+    robot.wait(lambda: made not in {c.id for c in robot.containers()})
+    assert get(robot, "map", "/data/map") == "here"
+    robot.declare({"map": {**spec, "container": {"environment": {"N": "2"}}}})
+    robot.settle()
+    assert get(robot, "map", "/data/map") == "here"
+    robot.declare({"other": {}})
+    robot.settle()
+    assert volumes(robot) == at_first
