@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 
 import pytest
 from conftest import BASE_IMAGE, wait_for
@@ -313,3 +314,109 @@ def test_volumes_of_a_container_that_an_older_rorg_made(docker_robot, image_with
     assert get(robot, "map", "/data/map") == "here"
     robot.declare({"other": {}})
     robot.wait(lambda: volumes(robot) == at_first)
+
+
+# -- files that a service mounts from the tree -------------------------------------------------------------------
+
+
+def test_changed_files_restart_signal_or_nothing(real_robot):
+    """Also by a rorg that was not there when they changed; a revert counts as a change."""
+    robot = real_robot
+    folder = robot.tree / "services/config"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "deep/a.yaml").write_text("speed: 1\n")
+    seen = robot.tree.parent / "hups"
+    seen.mkdir()
+    counts = ("import signal, sys, pathlib\nout = pathlib.Path('/seen')\nout = out if out.exists() else "
+              f"pathlib.Path({str(seen)!r})\n"
+              "def hup(*_): (out / 'n').write_text(str(int((out / 'n').read_text() or 0) + 1))\n"
+              "(out / 'n').write_text('0')\nsignal.signal(signal.SIGHUP, hup)\n"
+              "for s in (2, 15): signal.signal(s, lambda *_: sys.exit(0))\n(out / 'up').write_text('')\n"
+              "while True: signal.pause()")
+    spec = {"always_on": True, "mounts": ["./config:/config"]}
+    tree = {
+        "again": spec, "quiet": {**spec, "on_change": "none"}, "other": {"always_on": True},
+        "file": {"always_on": True, "container": {"volumes": ["./config/deep/a.yaml:/a.yaml:ro"]}},
+        "writes": {"always_on": True, "container": {"volumes": ["./config:/config"]}},
+        "told": {**spec, "on_change": "signal HUP", "command": ["python3", "-S", "-c", counts],
+                 "container": {"volumes": [f"{seen}:/seen"]}}}
+    robot.declare(tree)
+    robot.wait(lambda: robot.active() == {*tree} and (seen / "up").exists())
+    robot.wait(robot.quiet)
+    runs = {n: identity(robot, n) for n in tree}
+    restarted = ("again", "file")
+
+    def expect(hups: int) -> None:
+        """Those that read it are another run of the same container, `told` was told, nobody else noticed."""
+        robot.wait(lambda: all(identity(robot, n)[1] > runs[n][1] for n in restarted))
+        robot.wait(lambda: (seen / "n").read_text() == str(hups))
+        robot.wait(robot.quiet)
+        assert {n: identity(robot, n) for n in tree if n not in restarted} == {
+            n: run for n, run in runs.items() if n not in restarted}
+        assert all(identity(robot, n)[0] == runs[n][0] for n in tree)
+        runs.update({n: identity(robot, n) for n in tree})
+
+    (folder / "deep/a.yaml").write_text("speed: 2\n")
+    expect(1)
+    os.utime(folder / "deep/a.yaml")  # nothing of it changed
+    (folder / ".a.yaml.swp").write_text("an editor's own")
+    robot.loop.files_changed()
+    robot.settle()
+    assert {n: identity(robot, n) for n in tree} == runs
+    robot.stop()
+    (folder / "deep/a.yaml").write_text("speed: 1\n")
+    shown = diff(robot)
+    assert "changed: services/config" in shown and "quiet" not in shown and "signal  told" in shown, shown
+    robot.start()
+    expect(2)
+
+
+def test_only_files_that_changed_are_read_again(tmp_path):
+    from rorg.host.contents import Contents
+    from rorg.manifest.load import load_or_raise
+
+    write_tree(tmp_path, {"nav": {"mounts": ["./config:/config"]}, "twin": {"mounts": ["./config:/config"]}})
+    config = tmp_path / "services/config"
+    config.mkdir()
+    for n in range(20):
+        (config / f"{n}.yaml").write_text(str(n))
+    os.mkfifo(config / "pipe")
+    (config / "gone").symlink_to("nowhere")
+    catalog, contents = load_or_raise(tmp_path), Contents()
+    first = contents.of(catalog, tmp_path)
+    assert contents.read == 20 and first["nav"] == first["twin"]
+    assert contents.of(catalog, tmp_path) == first and contents.read == 20
+    (config / "3.yaml").write_text("x")
+    second = contents.of(catalog, tmp_path)
+    assert contents.read == 21 and second != first
+    (config / "3.yaml").write_text("3")
+    assert contents.of(catalog, tmp_path) == first
+    (config / "3.yaml").chmod(0)
+    assert contents.of(catalog, tmp_path).keys() == first.keys()
+    (config / "big").open("wb").truncate(1 << 40)
+    assert contents.of(catalog, tmp_path) == {}, "what is too big is not looked at"
+
+
+def test_a_container_of_an_older_rorg_is_taken_as_it_is(virtual):
+    """What it has read is not known; nothing restarts by itself, and from then on changes count."""
+    from rorg.core.desired import desire
+
+    virtual.declare({"nav": {"always_on": True}})
+    virtual.settle()
+    run = virtual.container("nav").incarnation
+    catalog = virtual.sim.desired.catalog
+    virtual.sim.reborn(recall({"runs": {"nav": {"run": "", "needs": {}, "stopped": ""}}}))
+    virtual.sim.desired = desire(catalog, contents={"nav": {"services/nav": "1"}})
+    later(virtual, 5)
+    assert virtual.container("nav").incarnation == run
+    virtual.sim.desired = desire(catalog, contents={"nav": {"services/nav": "2"}})
+    later(virtual, 5)
+    assert virtual.container("nav").incarnation != run
+
+
+@pytest.mark.parametrize("said", ["signal", "signal NOSUCH", "sometimes", 5])
+def test_on_change_says_what_it_takes(tmp_path, said):
+    from rorg.manifest.load import load
+
+    write_tree(tmp_path, {"nav": {"on_change": said}})
+    assert "signal SIGHUP" in str(load(tmp_path).errors[0])

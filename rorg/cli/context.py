@@ -22,6 +22,7 @@ from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.host.contents import Contents
 from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
@@ -109,7 +110,8 @@ class Context:
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-        desired, asked = desire(catalog, str(self.state.run)), self.asked()
+        desired = desire(catalog, str(self.state.run), Contents().of(catalog, self.root))
+        asked = self.asked()
         observed = Observed(tuple(self.engine().list()))
         last = self.last() or {}
         owner = last.get("instance") or self.state.instance(lambda: "")

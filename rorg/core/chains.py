@@ -4,36 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Container as Names
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
+from rorg.core.content import changed
 from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
-from rorg.core.digest import Rules, declared_of, labels, rules_of
+from rorg.core.digest import Rules, labels, rules_of
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.pressure import LOWERED_SHARES
+from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.trial import candidate
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
-STOP_GRACE = 5.0
-"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
 DEFAULT_SHARES = 1024
 """What an engine gives a container that declares no cpu_shares."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One link of a service's chain, not yet let through."""
-
-    verb: str
-    container: Container | None
-    reason: str
-    fields: tuple[str, ...] = ()
-    args: Mapping[str, Any] = field(default_factory=dict)
-    part_of: str = ""
 
 
 class Chains:
@@ -166,7 +154,11 @@ class Chains:
             steps.append(Step("update", container, why, ("cpu_shares",), {"options": {"cpu_shares": shares}}))
         if container.name != service.container_name and container.name != (name := self.next_name(service)):
             steps.append(Step("rename", container, f"it is called {container.name}", args={"name": name}))
-        why = self.restart(service, container)
+        why, now = self.restart(service, container), self.desired.contents.get(service.name, {})
+        if container.state == "running" and service.name in self.s.wanted and service.on_change not in (
+                "restart", "none") and (paths := changed(self.s.memory.of(service.name).update, container, now)):
+            steps.append(Step("signal", container, "changed", paths, {
+                "signal": service.on_change, "content": dict(now), "incarnation": container.incarnation}))
         if why:
             steps.append(stop(container, why, service))
         return steps
@@ -198,6 +190,9 @@ class Chains:
         memory = self.s.memory.of(service.name)
         if memory.hung == container.incarnation:
             return memory.error
+        paths = changed(memory.update, container, self.desired.contents.get(service.name, {}))
+        if paths and service.on_change == "restart":
+            return f"changed: {', '.join(paths)}"
         for need in service.follows:
             current = next(iter(self.containers.get(need, [])), None)
             # Its readiness is waited for, since what ends now still wants to say goodbye to it.
@@ -213,7 +208,9 @@ class Chains:
     def wake(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
         why = str(self.s.wanted[service.name][0])
         runs = {n: cs[0].incarnation for n in service.follows if (cs := self.containers.get(n)) and cs[0].started_at}
-        start = {"follows": runs} if runs else {}
+        start: dict[str, Any] = {"follows": runs} if runs else {}
+        if service.name in self.desired.contents:
+            start["content"] = dict(self.desired.contents[service.name])
         if container is None or any(s.verb == "stop" and s.container is container for s in steps):
             return [Step("start", container, why, args=start)]
         if container.state == "paused":
@@ -282,28 +279,3 @@ class Chains:
         current = next(iter(self.containers.get(name, [])), None)
         service = self.desired.catalog.services[name]
         return current is not None and self.s.memory.of(name).over(service, current)
-
-
-def away(container: Container, reason: str, service: Service | None = None, volumes: bool = False) -> list[Step]:
-    """Stop if it is alive, then remove; `volumes`: with what nobody named, and nobody will look for again."""
-    if container.state == "removing":
-        return []
-    steps = [stop(container, reason, service)] if container.alive else []
-    return [*steps, Step("remove", container, reason, args={"volumes": True} if volumes else {})]
-
-
-def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
-    """Steps that stop and start the same container are one restart."""
-    if container and any(s.verb == "stop" and s.container is container for s in steps) and any(
-            s.verb == "start" for s in steps):
-        return [replace(s, part_of="restart") if s.verb in ("stop", "start") else s for s in steps]
-    return steps
-
-
-def stop(container: Container, reason: str, service: Service | None) -> Step:
-    spec = (service.spec if service else None) or declared_of(container.declared)
-    return Step("stop", container, reason, args={
-        "signal": spec.get("stop_signal", "SIGTERM"),
-        "grace": spec.get("stop_grace_period", STOP_GRACE),
-        "incarnation": container.incarnation,
-    })

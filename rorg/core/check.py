@@ -11,6 +11,7 @@ STATES = {
     "pause": ("running", "restarting"),
     "stop": ("running", "restarting", "paused"),
     "remove": ("created", "exited", "dead"),
+    "signal": ("running",),
 }
 """In which state of a container the engine takes a verb; other verbs go in any."""
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.arbitrate import arbitrate, judge
 from rorg.core.check import check
+from rorg.core.content import note_content
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
 from rorg.core.lanes import Lanes, relief, select
@@ -111,6 +112,7 @@ def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapp
     verdict = judged.verdict
     memory = renew(replace(inputs.memory, leases=settled.leases, judged=judged), desired.editions)
     memory = advance(memory, desired.catalog, verdict.wanted, inputs.observed, inputs.findings, now, inputs.booted_at)
+    memory = note_content(memory, desired, inputs.observed)
     memory = try_out(memory, desired, verdict.wanted, inputs.observed, now)
     memory, relieved = relieve(
         memory, desired, verdict, arbitrate(desired.catalog, requests, holds) if shed else verdict, inputs.observed,

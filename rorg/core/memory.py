@@ -279,7 +279,8 @@ def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Mem
     count = before.count + 1 if signature == before.signature else 1
     step = replace(step, tries={**step.tries, action.verb: replace(before, signature=signature, count=count)})
     if action.verb == "start":
-        step = replace(step, begun=action.args.get("follows", {}))
+        step = replace(step, begun=action.args.get("follows", {}), update=replace(
+            step.update, begun=action.args.get("content")))
     if action.verb == "stop":
         # From now on its end is our doing, even if this rorg does not live to see it.
         step = replace(step, stopped=action.args.get("incarnation", ""))
@@ -298,6 +299,8 @@ def finish(memory: Memory, action: Action, error: str, now: float) -> Memory:
     elif tried.error and not step.exits:
         step = replace(step, tries={**step.tries, action.verb: replace(tried, at=0.0, error="")})
         step = replace(step, error=next((t.error for t in step.tries.values() if t.error), ""))
+    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
+        step = replace(step, update=replace(step.update, content=action.args["content"]))
     if action.verb == "start" and error:
         step = replace(step, begun=None)
     return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

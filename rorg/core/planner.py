@@ -7,10 +7,11 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from rorg.core.chains import Chains, Step, away
+from rorg.core.chains import Chains
 from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
+from rorg.core.steps import Step, away
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
@@ -100,7 +101,7 @@ class _Planner:
             linked, waiting = self.gate(service, step)
             if waiting:
                 self.waitings += [waiting] if waiting not in self.waitings else []
-                if step.verb in ("update", "rename"):
+                if step.verb in ("update", "rename", "signal"):
                     continue
                 self.blocked[name] = waiting.reason
                 return

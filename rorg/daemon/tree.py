@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
+from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
 from rorg.manifest.catalog import EMPTY
 from rorg.manifest.diagnostics import Diagnostic, Where
@@ -26,6 +27,7 @@ class Tree:
         """Whether any tree has been good yet."""
         self._stamp: tuple = ("never",)
         self._git = git_dir(root)
+        self._contents = Contents()
 
     @property
     def removals(self) -> bool:
@@ -55,9 +57,11 @@ class Tree:
         stamp = self.stamp()
         if stamp == self._stamp:
             return False, False
+        contents: dict[str, dict[str, str]] = {}
         try:
             loaded = load(self.root)
             catalog, diagnostics = loaded.catalog, loaded.diagnostics
+            contents = self._contents.of(catalog, self.root) if catalog else {}
         except RorgError as error:
             catalog, diagnostics = None, (Diagnostic(Where(str(self.root)), str(error)),)
         if self.stamp() != stamp or checkout_under_way(self._git):
@@ -66,6 +70,6 @@ class Tree:
         self.errors = tuple(d for d in diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in diagnostics if d.severity == "warning")
         if catalog is not None:
-            self.desired, self.loaded = desire(catalog, self.run), True
+            self.desired, self.loaded = desire(catalog, self.run, contents), True
             self.revision = revision(self.root)
         return True, False

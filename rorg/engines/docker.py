@@ -19,7 +19,7 @@ from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.docker_body import create_body, live_options, update_body
-from rorg.engines.docker_volumes import drop_volumes, keep_volumes, unnamed_volumes
+from rorg.engines.docker_volumes import keep_volumes, remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
 from rorg.host.cgroups import container_usage
@@ -173,6 +173,9 @@ class DockerEngine:
                 return
         raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
 
+    def signal(self, container: str, name: str) -> None:
+        self._call(f"signal {container[:12]}", lambda api: api.kill(container, name))
+
     def _ended(self, container: str, seconds: float) -> bool:
         try:
             with docker_errors(f"wait for {container[:12]}"):
@@ -188,13 +191,8 @@ class DockerEngine:
             raise
 
     def remove(self, container: str, volumes: bool = False) -> None:
-        def drop(api: docker.APIClient) -> None:
-            names = list(unnamed_volumes(api.inspect_container(container)).values()) if volumes else []
-            api.remove_container(container)
-            drop_volumes(api, names)
-
         try:
-            self._call(f"remove {container[:12]}", drop)
+            self._call(f"remove {container[:12]}", lambda api: remove_container(api, container, volumes))
         except EngineError as error:
             if error.kind != "gone":
                 raise

@@ -72,8 +72,10 @@ def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:
             if m["Type"] == "volume" and re.fullmatch(r"[0-9a-f]{64}", m.get("Name") or "") and m["Name"] not in said}
 
 
-def drop_volumes(api: docker.APIClient, names: list[str]) -> None:
-    """Removes them; those that another container still has stay."""
+def remove_container(api: docker.APIClient, container: str, volumes: bool) -> None:
+    """With its unnamed volumes, or without; those that another container still has stay."""
+    names = list(unnamed_volumes(api.inspect_container(container)).values()) if volumes else []
+    api.remove_container(container)
     for name in names:
         with contextlib.suppress(APIError):
             api.remove_volume(name)

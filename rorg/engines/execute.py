@@ -26,6 +26,8 @@ def perform(engine: Engine, action: Action) -> str:
             engine.pause(action.container)
         case "stop":
             engine.stop(action.container, args["signal"], args["grace"])
+        case "signal":
+            engine.signal(action.container, args["signal"])
         case "remove":
             engine.remove(action.container, args.get("volumes", False))
         case "rename":

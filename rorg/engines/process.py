@@ -162,7 +162,7 @@ class ProcessEngine:
             container = os.urandom(32).hex()
             self._folder(container).mkdir(mode=0o700)
             live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
-            self._write({"id": container, "name": name, "spec": dict(spec), "labels": dict(labels), "live": live,
+            self._write({"id": container, "name": name, "spec": {**spec}, "labels": {**labels}, "live": live,
                          "created_at": stamp(time.time())})
             return container
 
@@ -221,8 +221,7 @@ class ProcessEngine:
 
     def _need(self, container: str, verb: str, state: str) -> None:
         record = self._record(container)
-        now = self._state(record)[0]
-        if now != state:
+        if (now := self._state(record)[0]) != state:
             raise EngineError(f"{verb} {record['name']}", f"it is {now}, not {state}", kind="conflict")
 
     def _await(self, container: str, state: str, seconds: float) -> None:
@@ -244,6 +243,9 @@ class ProcessEngine:
             if self._ended(record, seconds):
                 break
         self._tell(container)
+
+    def signal(self, container: str, name: str) -> None:
+        self._signal(container, signal.Signals[name].value)
 
     def _ended(self, record: Mapping[str, Any], seconds: float) -> bool:
         deadline = time.monotonic() + seconds
@@ -294,8 +296,7 @@ class ProcessEngine:
         return done.returncode, done.stdout
 
     def _cwd(self, record: Mapping[str, Any]) -> str:
-        folder = record["spec"].get("working_dir") or ""
-        return folder if os.path.isdir(folder) else "/"
+        return folder if os.path.isdir(folder := record["spec"].get("working_dir") or "") else "/"
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """One look at the process table for all. CPU of ended children is lost with them, as in ps."""

@@ -62,6 +62,9 @@ class Engine(Protocol):
     def stop(self, container: str, signal: str, grace: float) -> None:
         """The signal, `grace` seconds, SIGTERM, 2 seconds, SIGKILL; returns when it has ended."""
 
+    def signal(self, container: str, name: str) -> None:
+        """Sends a signal to the program of a running container, nothing more."""
+
     def remove(self, container: str, volumes: bool = False) -> None:
         """`volumes`: with those that nobody named, since the service ends with it."""
 
