@@ -182,7 +182,7 @@ class SimRobot:
 
     def states(self) -> dict[str, str]:
         """Service -> state of its container."""
-        return {c.service: c.state for c in self.engine.list()}
+        return {c.service: c.state for c in sorted(self.engine.list(), key=lambda c: (c.alive, c.started_at))}
 
     def active(self) -> set[str]:
         return {c.service for c in self.engine.list() if c.state == "running"}
