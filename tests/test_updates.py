@@ -5,10 +5,13 @@ from __future__ import annotations
 import io
 import json
 import os
+import random
+import time
 
 import pytest
 from conftest import BASE_IMAGE, wait_for
 from robots import WORK, RealRobot, VirtualRobot, write_tree
+from test_recovery import Daemon
 
 from rorg.cli.main import app
 from rorg.daemon.snapshot import recall, snapshot
@@ -127,6 +130,21 @@ def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):
     assert "gps is not ready" in virtual.waits("nav")
 
 
+def test_while_the_new_one_cannot_be_made_the_old_one_is_kept_running(virtual):
+    virtual.declare({"nav": {"always_on": True}})
+    virtual.settle()
+    later(virtual, 100)
+    before = virtual.container("nav")
+    virtual.sim.faults.fail["create", "nav"] = ["no such image"] * 1000
+    virtual.declare({"nav": {"always_on": True, "image": "nosuch"}})
+    later(virtual, 10)
+    assert virtual.container("nav").incarnation == before.incarnation
+    virtual.kill("nav")
+    virtual.wait(lambda: running(virtual, "nav") is not None)
+    assert virtual.container("nav").id == before.id
+    assert "no such image" in virtual.waits("nav")
+
+
 def test_what_changed_while_idle_can_go_back_too(virtual):
     virtual.declare({"nav": {}})
     virtual.request("nav")
@@ -164,6 +182,33 @@ def test_a_kill_of_rorg_at_any_moment_of_a_swap(virtual, bad):
         later(virtual, 10)
         assert [c.name for c in virtual.containers()] == ["nav"]
         assert (virtual.container("nav").id == before) == bool(bad), f"killed before action {kill_at}"
+
+
+def test_kill_9_of_rorg_during_updates_on_docker(docker_robot):
+    """Good and bad changes in turn, rorg killed at random in each: the service always comes to what it should be."""
+    robot, chance, daemon = docker_robot, random.Random(20261121), Daemon(docker_robot)
+    write_tree(robot.tree, {"arm": {"always_on": True}})
+    try:
+        daemon.start()
+        wait_for(lambda: running(robot, "arm"), 60)
+        for n in range(4):
+            wait_for(daemon.settled, 60)
+            before, bad = robot.container("arm").id, n % 2 == 0
+            options = {"environment": {"N": str(n)}, **({"user": "nosuch"} if bad else {})}
+            write_tree(robot.tree, {"arm": {"always_on": True, "container": options}})
+            # The moment is random on purpose: any point of a pass, a call or a write.
+            time.sleep(0.2 + chance.random() * 0.5)
+            daemon.kill()
+            daemon.start()
+            wait_for(lambda bad=bad: bool(failed(robot, "arm")) == bad and daemon.status() and running(robot, "arm")
+                     and len(robot.containers()) == 1, 60)
+            found = look(robot, robot.container("arm").id)
+            assert (found["Id"] == before) == bad and found["Name"] == "/arm"
+            if bad:
+                write_tree(robot.tree, {"arm": {"always_on": True, "container": {"environment": {"N": str(n - 1)}}}}
+                           if n else {"arm": {"always_on": True}})
+    finally:
+        daemon.kill()
 
 
 def test_what_failed_is_remembered_by_the_next_rorg(virtual):

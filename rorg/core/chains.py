@@ -89,7 +89,7 @@ class Chains:
         left = [c for c, _ in stale if c is not old] + [new] * (new is not None)
         steps += [s for c in left for s in away(c, why, service) if s.verb == "remove" or c is not new]
         if left:
-            return [replace(s, part_of="replace") for s in steps]
+            return [replace(s, part_of="replace", reason=why) for s in steps]
         steps = restarting(old, steps)
         return steps if swap.failed else [*steps, self.create(service, self.free_name(service, [old]), stale, old)]
 
