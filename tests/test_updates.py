@@ -66,6 +66,7 @@ def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
     for name, container in before.items():
         data = look(robot, container)
         assert data["State"]["Running"] and data["Name"] == f"/{name}"
+    assert any("said last" in line and "rosluanch" in line for line in robot.lines)
     assert "exit code 127" in failed(robot, "program") and "nosuch" in failed(robot, "user")
     assert "exit code 3" in failed(robot, "crash") and "not ready within 1 s" in failed(robot, "never-ready")
     assert "no such image" in robot.waits("image").lower()

@@ -88,6 +88,7 @@ class Chains:
         steps += self.run(service, old, steps)
         left = [c for c, _ in stale if c is not old] + [new] * (new is not None)
         steps += [s for c in left for s in away(c, why, service) if s.verb == "remove" or c is not new]
+        steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
         if left:
             return [replace(s, part_of="replace", reason=why) for s in steps]
         steps = restarting(old, steps)

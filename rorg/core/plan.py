@@ -38,7 +38,8 @@ class Action:
     """Actions of this plan that must have happened, and made their service ready, before this one. Only actions
     without any can be performed now; after each outcome the rest is planned anew."""
     args: Mapping[str, Any] = field(default_factory=dict)
-    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal."""
+    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
+    remove: volumes (with them), words (its last ones are worth telling)."""
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50

@@ -7,7 +7,7 @@ import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.lanes import Lanes
@@ -236,6 +236,7 @@ class Loop:
     def _work(self, action: Action) -> None:
         began, error, refused = self.clock(), "", False
         container = action.container
+        self._last_words(action)
         try:
             with nullcontext() if action.urgent else self.observer.acting(action.container):
                 container = perform(self.engine, action)
@@ -251,6 +252,16 @@ class Loop:
             self._finished(action, error, refused)
         if action.verb == "pause" and not error:
             self._reclaim(action)
+
+    def _last_words(self, action: Action) -> None:
+        """What a container said that did not come up, before it is gone."""
+        if not action.args.get("words"):
+            return
+        with suppress(RorgError):
+            said = b"".join(self.engine.logs(action.container, False, 10)).decode(errors="replace").strip()
+            if said:
+                self.reporter.event("last-words", f"the container of {action.service} that failed said last:\n{said}",
+                                    service=action.service, container=action.container[:12])
 
     def _reclaim(self, action: Action) -> None:
         """Pushes out what a paused service has in memory, where its manifest asks for that and the machine has swap."""
