@@ -116,13 +116,15 @@ class VirtualRobot:
         pass
 
     def states(self) -> dict[str, str]:
-        return {c.service: c.state for c in self.containers()}
+        """Of the container that counts: one that is kept, to be gone back to, does not."""
+        return {c.service: c.state for c in sorted(self.containers(), key=lambda c: (c.alive, c.started_at))}
 
     def active(self) -> set[str]:
         return {c.service for c in self.containers() if c.state == "running"}
 
     def container(self, service: str):
-        return next(c for c in self.containers() if c.service == service)
+        found = sorted(self.containers(), key=lambda c: (c.alive, c.started_at), reverse=True)
+        return next(c for c in found if c.service == service)
 
 
 class RealRobot(VirtualRobot):

@@ -42,7 +42,7 @@ def test_manifests_load_beside_a_file_that_is_written_all_the_time(dockerd, tmp_
     """Below the tree, in a folder that a service mounts, and in a YAML file that is no manifest."""
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     (robot.tree / "services/map").mkdir(parents=True)
-    camera = {"always_on": True, "mounts": ["./map:/map"]}
+    camera = {"always_on": True, "mounts": ["./map:/map"], "on_change": "none"}
     try:
         with busy(robot.tree / place):
             robot.declare({"camera": camera, **IDLE})

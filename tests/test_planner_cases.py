@@ -6,6 +6,7 @@ like their service, with their name as id, and were created from the declared sp
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from rorg.core.memory import Finding, InFlight, Memory, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
+from rorg.core.update import Update
 from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.container import LIVE
 from rorg.manifest.load import load_or_raise
@@ -27,7 +29,7 @@ from rorg.manifest.yaml_source import read_yaml
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
 KEYS = {"about", "services", "groups", "requests", "observed", "complete", "memory", "in_flight", "now", "removals",
-        "restarts", "plan", "dropped", "policy", "holds", "suspended", "interlocks", "pressure"}
+        "restarts", "plan", "contents", "dropped", "policy", "holds", "suspended", "interlocks", "pressure"}
 STARTED = "2026-01-01T00:00:00Z"
 
 
@@ -74,13 +76,18 @@ def container_of(entry: dict, catalog) -> Container:
     return Container(id=name, name=name, service=service, state=entry["state"], started_at=started,
                      exit_code=entry.get("exit_code"), digest=entry.get("digest", digest(spec)),
                      declared=canonical(declared_fields(spec)), live={**live, **entry.get("live", {})},
-                     oom_killed=entry.get("oom_killed", False))
+                     oom_killed=entry.get("oom_killed", False), previous=entry.get("previous", ""),
+                     created_at=entry.get("created_at", ""))
 
 
-def memory_of(case: dict, containers: list[Container]) -> Memory:
+def memory_of(case: dict, containers: list[Container], editions: Mapping[str, str]) -> Memory:
     progress = {c.service: Progress(running_since=0.0, ready=True, incarnation=c.incarnation)
                 for c in containers if c.state == "running"}
     for name, known in case.get("memory", {}).items():
+        if "update" in known:
+            said, edition = known["update"], editions[name]  # an error is that of what the manifest says now
+            failed = edition if "error" in said else ""
+            known = {**known, "update": Update(edition=edition, failed=failed, **said)}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in
                case.get("in_flight", {}).items()}
@@ -104,10 +111,12 @@ def test_plan(path, tmp_path):
     findings = {(n, "interlock"): Finding("", said == "allows", now, said)
                 for n, said in case.get("interlocks", {}).items()}
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
+    desired = desire(catalog, contents=case.get("contents"))
     decision = decide(Inputs(
-        desired=desire(catalog), requests=requests, restarts=case.get("restarts", {}),
+        desired=desired, requests=requests, restarts=case.get("restarts", {}),
         observed=Observed(tuple(containers), complete=case.get("complete", True)), findings=findings,
-        memory=memory_of(case, containers), now=now, owner="robot", removals=case.get("removals", True), holds=holds,
+        memory=memory_of(case, containers, desired.editions), now=now, owner="robot", holds=holds,
+        removals=case.get("removals", True),
         suspended=suspended, wall=wall, load=quiet))
     assert decision.plan.text() == case["plan"]
     assert decision.violations == ()

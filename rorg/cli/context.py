@@ -23,6 +23,7 @@ from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid, NotReady, Refused, Unreachable
+from rorg.host.contents import Contents
 from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
@@ -135,7 +136,8 @@ class Context:
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-        desired, asked = desire(catalog, str(self.state.run)), self.asked()
+        desired = desire(catalog, str(self.state.run), Contents().of(catalog, self.root))
+        asked = self.asked()
         observed = Observed(tuple(self.engine().list()))
         last = self.last() or {}
         owner = last.get("instance") or self.state.instance(lambda: "")
@@ -147,7 +149,10 @@ class Context:
                                  holds=asked.holds, suspended=asked.suspended, wall=time.time(),
                                  confirmed=asked.removals))
 
-        memory = replace(recall(self.last()), kept=read_kept(self.state.path))
+        # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
+        running = self.published()
+        memory = recall(running, time.monotonic()) if running else recall(self.last())
+        memory = replace(memory, kept=read_kept(self.state.path))
         return look(self._ready(look(memory), desired))
 
     def _ready(self, first: Decision, desired: Desired) -> Memory:
@@ -225,7 +230,10 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
         failed = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name and w.get("code") == "failed"]
         stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
-        if failed or stalled["status"] == "True" or over:
+        updated = condition(service, "Updated")
+        if updated["status"] == "False":
+            found[name] = f"its change failed, {updated['message']}; it stays as it was"
+        elif failed or stalled["status"] == "True" or over:
             found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
     return found
 

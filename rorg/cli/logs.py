@@ -32,7 +32,7 @@ def command(
             raise missing("service", service, {*catalog.services, *catalog.groups})
     if follow and len(names) > 1:
         raise Invalid(f"follow the logs of {service}", "it is a group", "one of " + ", ".join(names))
-    containers = {c.service: c for c in context.engine().list()}
+    containers = {c.service: c for c in sorted(context.engine().list(), key=lambda c: (c.alive, c.started_at))}
     if not any(n in containers for n in names):
         raise Invalid(f"read the logs of {service}", "it has no container yet", "`rorg request` or `rorg apply`")
     for name in names:

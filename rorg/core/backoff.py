@@ -10,4 +10,4 @@ STALLED_AFTER = 3
 
 def delay(failures: int) -> float:
     """Seconds to wait after that many failures in a row: 0 after the first, then 1, 2, 4 and so on up to CAP."""
-    return 0.0 if failures <= 1 else min(2.0 ** (failures - 2), CAP)
+    return 0.0 if failures <= 1 else min(2.0 ** min(failures - 2, 10), CAP)

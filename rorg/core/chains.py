@@ -4,32 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Container as Names
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
+from rorg.core.content import changed
 from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
-from rorg.core.digest import Rules, declared_of, labels, rules_of
-from rorg.core.memory import DEFAULT_GRACE
+from rorg.core.digest import Rules, labels, rules_of
 from rorg.core.observed import Container
+from rorg.core.plan import Waiting
 from rorg.core.pressure import LOWERED_SHARES
+from rorg.core.steps import Step, away, restarting, stop
+from rorg.core.swap import Swap
+from rorg.core.trial import candidate
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
 DEFAULT_SHARES = 1024
 """What an engine gives a container that declares no cpu_shares."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One link of a service's chain, not yet let through."""
-
-    verb: str
-    container: Container | None
-    reason: str
-    fields: tuple[str, ...] = ()
-    args: Mapping[str, Any] = field(default_factory=dict)
-    part_of: str = ""
 
 
 class Chains:
@@ -39,6 +31,8 @@ class Chains:
         self.s, self.desired, self.containers, self.moving = situation, situation.desired, containers, moving
         self.alarms: list[float] = []
         """Times at which something will be done that is no waiting of anybody's."""
+        self.notes: list[Waiting] = []
+        """What holds nothing back, and is worth telling."""
         services = situation.desired.catalog.services
         self.undeclared = {n: cs for n, cs in containers.items() if n not in services or services[n].meta}
         """Containers of services that no manifest declares, or not as having one."""
@@ -46,32 +40,72 @@ class Chains:
     def of(self, service: Service) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
         name, spec = service.name, service.spec or {}
-        is_wanted = name in self.s.wanted
         pairs = [(c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
                  for c in self.containers.get(name, [])]
         current = next(((c, d) for c, d in pairs if not d.recreate), None)
-        keep = is_wanted or self.keeps(service, current is not None)
-        current = current if keep else None
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
+        swap = Swap(self.s, service, current and current[0], [c for c, _ in stale])
+        if swap.stays and swap.old:
+            return self.stay(service, swap, current, stale)
+        if not (name in self.s.wanted or self.keeps(service, current is not None)):
+            return self.clear(service, pairs, False)
         steps: list[Step] = []
         new_name = ""
-        if keep and current is None:
+        if current is None:
             new_name = self.free_name(service, [c for c, _ in stale])
-            steps.append(self.create(service, new_name, stale))
-        steps += self.clear(service, stale, keep)
+            steps.append(self.create(service, new_name, stale, swap.old))
+        steps += self.clear(service, [p for p in stale if p[0] is not swap.old], True)
+        if swap.old:
+            steps += self.make_room(service, swap.old)
         if current:
             steps += self.adjust(service, *current)
-        elif keep and new_name != service.container_name:
+        elif new_name != service.container_name:
             steps.append(Step("rename", None, "it takes its name", args={"name": service.container_name}))
-        if is_wanted:
-            steps += self.wake(service, current[0] if current else None, steps)
-        elif current:
-            steps += self.cease(service, current[0])
-        if any(diff.recreate for _, diff in stale) and keep:
+        if swap.old and swap.old.alive:
+            steps.append(stop(swap.old, "changed", service))
+        steps += self.run(service, current and current[0], steps)
+        if swap.old:
+            trial = {"trial": self.desired.editions[name]}
+            steps = [replace(s, args={**s.args, **trial}) if s.verb == "start" else s for s in steps]
+        if swap.under_way:
+            self.notes += [swap.note()] if name in self.s.wanted else []
+        elif swap.old or any(diff.recreate for _, diff in stale):
             return [replace(s, part_of="replace") for s in steps]
-        if current and is_wanted and any(s.verb == "stop" and s.container is current[0] for s in steps):
-            return [replace(s, part_of="restart") if s.verb in ("stop", "start") else s for s in steps]
-        return steps
+        return restarting(current and current[0], steps)
+
+    def stay(self, service: Service, swap: Swap, current: tuple[Container, Difference] | None,
+             stale: list[tuple[Container, Difference]]) -> list[Step]:
+        """The new container cannot be had, or did not come up: the one before it goes on, or again."""
+        old, new = swap.old, current and current[0]
+        assert old is not None
+        if swap.failed:
+            self.notes.append(Waiting(service.name, swap.failed, code="failed"))
+        if not (service.name in self.s.wanted or self.keeps(service, True)):
+            return self.clear(service, [p for p in (*stale, current) if p], False)
+        why = f"back to the one before: {swap.update.error}" if swap.failed else "changed"
+        steps = [stop(new, why, service)] if new and new.alive else []
+        steps += [s for s in self.adjust(service, old, Difference()) if new is None or s.verb != "rename"]
+        steps += self.run(service, old, steps)
+        left = [c for c, _ in stale if c is not old] + [new] * (new is not None)
+        steps += [s for c in left for s in away(c, why, service) if s.verb == "remove" or c is not new]
+        steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
+        if left:
+            return [replace(s, part_of="replace", reason=why) for s in steps]
+        steps = restarting(old, steps)
+        return steps if swap.failed else [*steps, self.create(service, self.free_name(service, [old]), stale, old)]
+
+    def run(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
+        """What makes it active, or ceases it."""
+        if service.name in self.s.wanted:
+            return self.wake(service, container, steps)
+        return self.cease(service, container) if container else []
+
+    def make_room(self, service: Service, old: Container) -> list[Step]:
+        """The name of the service is for the new container; the old one keeps a passing one."""
+        if old.name != service.container_name:
+            return []
+        name = f"{service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
+        return [Step("rename", old, "changed", args={"name": name})]
 
     @staticmethod
     def keeps(service: Service, has_one: bool) -> bool:
@@ -86,12 +120,16 @@ class Chains:
             return self.passing_name(service)
         return service.container_name
 
-    def create(self, service: Service, name: str, stale: list[tuple[Container, Difference]]) -> Step:
+    def create(self, service: Service, name: str, stale: list[tuple[Container, Difference]], old: Container | None
+               ) -> Step:
+        """`old` is to be gone back to if the new one does not come up."""
         spec = service.spec or {}
         fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
+        marks = labels(self.s.owner, service.name, spec, self.rules(service), old.id if old else "")
+        before = old or next((c for c, _ in stale), None)
         return Step("create", None, "changed" if stale else "no container", fields, {
-            "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec, self.rules(service)),
-            "digest": self.desired.digests[service.name],
+            "name": name, "spec": spec, "labels": marks, "digest": self.desired.digests[service.name],
+            "before": before.id if before else "",
         })
 
     def rules(self, service: Service) -> Rules:
@@ -102,7 +140,7 @@ class Chains:
         steps: list[Step] = []
         for container, diff in stale:
             reason = "changed" if diff.recreate else "a second container of this service"
-            steps += away(container, reason if keep else "not wanted", service)
+            steps += away(container, reason if keep else "not wanted", service, volumes=not keep)
         return steps
 
     def adjust(self, service: Service, container: Container, diff: Difference) -> list[Step]:
@@ -117,7 +155,11 @@ class Chains:
             steps.append(Step("update", container, why, ("cpu_shares",), {"options": {"cpu_shares": shares}}))
         if container.name != service.container_name and container.name != (name := self.next_name(service)):
             steps.append(Step("rename", container, f"it is called {container.name}", args={"name": name}))
-        why = self.restart(service, container)
+        why, now = self.restart(service, container), self.desired.contents.get(service.name, {})
+        if container.state == "running" and service.name in self.s.wanted and service.on_change not in (
+                "restart", "none") and (paths := changed(self.s.memory.of(service.name).update, container, now)):
+            steps.append(Step("signal", container, "changed", paths, {
+                "signal": service.on_change, "content": dict(now), "incarnation": container.incarnation}))
         if why:
             steps.append(stop(container, why, service))
         return steps
@@ -149,18 +191,27 @@ class Chains:
         memory = self.s.memory.of(service.name)
         if memory.hung == container.incarnation:
             return memory.error
+        paths = changed(memory.update, container, self.desired.contents.get(service.name, {}))
+        if paths and service.on_change == "restart":
+            return f"changed: {', '.join(paths)}"
         for need in service.follows:
             current = next(iter(self.containers.get(need, [])), None)
             # Its readiness is waited for, since what ends now still wants to say goodbye to it.
             if current and current.state == "running" and memory.followed.lost(need, container, current) \
-                    and need not in self.moving and self.s.memory.of(need).ready:
+                    and need not in self.moving and self.s.memory.of(need).ready and not self.tried(need):
                 return f"{need} was restarted"
         return ""
+
+    def tried(self, name: str) -> bool:
+        """Whether a new container of it is on trial: it may yet be that the one before comes back."""
+        return candidate(self.containers[name], self.s.memory.of(name).update) is not None
 
     def wake(self, service: Service, container: Container | None, steps: list[Step]) -> list[Step]:
         why = str(self.s.wanted[service.name][0])
         runs = {n: cs[0].incarnation for n in service.follows if (cs := self.containers.get(n)) and cs[0].started_at}
-        start = {"follows": runs} if runs else {}
+        start: dict[str, Any] = {"follows": runs} if runs else {}
+        if service.name in self.desired.contents:
+            start["content"] = dict(self.desired.contents[service.name])
         if container is None or any(s.verb == "stop" and s.container is container for s in steps):
             return [Step("start", container, why, args=start)]
         if container.state == "paused":
@@ -198,7 +249,7 @@ class Chains:
             return []
         why = f"not wanted for {format_seconds(self.s.now - since)}"
         if action == "remove":
-            return away(container, why, service)
+            return away(container, why, service, volumes=True)
         return [stop(container, why, service)] if container.alive else []
 
     def contested(self, service: Service) -> bool:
@@ -229,20 +280,3 @@ class Chains:
         current = next(iter(self.containers.get(name, [])), None)
         service = self.desired.catalog.services[name]
         return current is not None and self.s.memory.of(name).over(service, current)
-
-
-def away(container: Container, reason: str, service: Service | None = None) -> list[Step]:
-    """Stop if it is alive, then remove."""
-    if container.state == "removing":
-        return []
-    steps = [stop(container, reason, service)] if container.alive else []
-    return [*steps, Step("remove", container, reason)]
-
-
-def stop(container: Container, reason: str, service: Service | None) -> Step:
-    spec = (service.spec if service else None) or declared_of(container.declared)
-    return Step("stop", container, reason, args={
-        "signal": spec.get("stop_signal", "SIGTERM"),
-        "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
-        "incarnation": container.incarnation,
-    })

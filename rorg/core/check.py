@@ -11,6 +11,7 @@ STATES = {
     "pause": ("running", "restarting"),
     "stop": ("running", "restarting", "paused"),
     "remove": ("created", "exited", "dead"),
+    "signal": ("running",),
 }
 """In which state of a container the engine takes a verb; other verbs go in any."""
 
@@ -36,6 +37,10 @@ def check(plan: Plan, situation: Situation) -> list[str]:
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
         found += _activation(action, situation)
+        if action in executable and action.verb in ("start", "resume"):
+            others = situation.observed.by_service().get(action.service, [])
+            found += [f"{action} beside another active container of it" for c in others
+                      if c.active and c.id != action.container]
         if situation.interlocks.get(action.service) and action.verb not in ("create", "rename"):
             found.append(f"{action} against its interlock")
     if plan.actions and not situation.observed.complete:

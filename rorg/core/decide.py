@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.arbitrate import arbitrate, judge
 from rorg.core.check import check
+from rorg.core.content import note_content
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
 from rorg.core.lanes import Lanes, relief, select
@@ -18,6 +19,7 @@ from rorg.core.pressure import Load
 from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
+from rorg.core.trial import renew, try_out
 from rorg.core.wanted import urgent
 from rorg.core.withheld import over, withhold
 from rorg.manifest.catalog import Hold, Probe, Request
@@ -122,8 +124,10 @@ def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapp
     barred = {**{s.service: s.reason for s in shed}, **holds}
     judged = judge(inputs.memory.judged, desired.catalog, requests, barred)
     verdict = judged.verdict
-    memory = replace(inputs.memory, leases=settled.leases, judged=judged)
+    memory = renew(replace(inputs.memory, leases=settled.leases, judged=judged), desired.editions)
     memory = advance(memory, desired.catalog, verdict.wanted, inputs.observed, inputs.findings, now, inputs.booted_at)
+    memory = note_content(memory, desired, inputs.observed)
+    memory = try_out(memory, desired, verdict.wanted, inputs.observed, now)
     memory, relieved = relieve(
         memory, desired, verdict, arbitrate(desired.catalog, requests, holds) if shed else verdict, inputs.observed,
         inputs.load, barred, [n for n, why in interlocks.items() if why],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
@@ -21,6 +21,8 @@ class Desired:
 
     catalog: Catalog
     digests: Mapping[str, str]
+    editions: Mapping[str, str]
+    """Service -> all that the trial of a new container of it depends on."""
     declared: Mapping[str, Mapping[str, Any]]
     """Service -> its options as a container's record has them."""
     order: tuple[str, ...]
@@ -30,10 +32,14 @@ class Desired:
     """In both directions, whichever side declared them."""
     sharers: Mapping[str, tuple[str, ...]]
     """Exclusive resource -> the services that use it."""
+    contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
 
-def desire(catalog: Catalog, run: str = "/run/rorg") -> Desired:
+def desire(catalog: Catalog, run: str = "/run/rorg", contents: Mapping[str, Mapping[str, str]] | None = None
+           ) -> Desired:
     """Digests and orders of a catalog. `run` is the directory of rorg's sockets."""
+    contents = contents or {}
     catalog = _located(catalog, run)
     services = catalog.services
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
@@ -52,11 +58,14 @@ def desire(catalog: Catalog, run: str = "/run/rorg") -> Desired:
     return Desired(
         catalog,
         {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
+        {name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
+         for name, s in services.items() if s.spec is not None},
         {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
         tuple(TopologicalSorter(graph).static_order()),
         {name: tuple(sorted(found)) for name, found in dependants.items()},
         {name: tuple(sorted(found)) for name, found in conflicts.items()},
         {resource: tuple(sorted(found)) for resource, found in sharers.items()},
+        contents,
     )
 
 

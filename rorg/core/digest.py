@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_RULES, LABEL_SERVICE, LABEL_SPEC
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_PREVIOUS, LABEL_RULES, LABEL_SERVICE, LABEL_SPEC
 from rorg.manifest.catalog import Probe, Spec
 
 VERSION = "v1"
@@ -48,8 +48,8 @@ class Rules:
     """Whichever side declared them."""
 
 
-def labels(owner: str, service: str, spec: Spec, rules: Rules) -> Mapping[str, str]:
-    """What marks a container as ours and says what it was created from."""
+def labels(owner: str, service: str, spec: Spec, rules: Rules, previous: str = "") -> Mapping[str, str]:
+    """What marks a container as ours and says what it was created from, and in the place of which one."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
@@ -57,6 +57,7 @@ def labels(owner: str, service: str, spec: Spec, rules: Rules) -> Mapping[str, s
         LABEL_SPEC: digest(spec),
         LABEL_DECLARED: canonical(declared_fields(spec)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
+        **({LABEL_PREVIOUS: previous} if previous else {}),
     }
 
 

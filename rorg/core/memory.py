@@ -15,6 +15,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
+from rorg.core.update import Update
 from rorg.core.wanted import Wanted
 from rorg.manifest.catalog import Catalog, Service
 
@@ -88,6 +89,7 @@ class Progress:
     tries: Mapping[str, Try] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""
+    update: Update = Update()
 
     def over(self, service: Service, container: Container) -> bool:
         """It ended by itself while wanted, and its restart policy leaves it at that."""
@@ -275,7 +277,7 @@ def _live(step: Progress, service: Service, found: Finding | None, now: float) -
     if service.live is None or not _fits(found, step):
         return step
     if step.hung == step.incarnation:
-        return step if not found.ok else replace(step, hung="", exits=step.exits - 1, crashes=step.crashes - 1,
+        return step if not found.ok else replace(step, hung="", exits=max(0, step.exits - 1), crashes=step.crashes - 1,
                                                  tries=step.but("start"), error="")
     if found.failures < service.live.failures:
         return step
@@ -308,7 +310,8 @@ def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Mem
     count = before.count + 1 if signature == before.signature else 1
     step = replace(step, tries={**step.tries, action.verb: replace(before, signature=signature, count=count)})
     if action.verb == "start":
-        step = replace(step, begun=action.args.get("follows", {}))
+        step = replace(step, begun=action.args.get("follows", {}), update=replace(
+            step.update, begun=action.args.get("content")))
     if action.verb == "stop":
         # From now on its end is our doing, even if this rorg does not live to see it.
         step = replace(step, stopped=action.args.get("incarnation", ""))
@@ -327,6 +330,8 @@ def finish(memory: Memory, action: Action, error: str, now: float) -> Memory:
     elif tried.error and not step.exits:
         step = replace(step, tries={**step.tries, action.verb: replace(tried, at=0.0, error="")})
         step = replace(step, error=next((t.error for t in step.tries.values() if t.error), ""))
+    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
+        step = replace(step, update=replace(step.update, content=action.args["content"]))
     if action.verb == "start" and error:
         step = replace(step, begun=None)
     return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

@@ -11,12 +11,14 @@ LABEL_SERVICE = "rorg.io/service"
 LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
+LABEL_PREVIOUS = "rorg.io/previous"
 
 
 def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
     """What our labels say of a container, as fields of Container."""
     return {"service": labels.get(LABEL_SERVICE, ""), "digest": labels.get(LABEL_SPEC, ""),
-            "declared": labels.get(LABEL_DECLARED, ""), "rules": labels.get(LABEL_RULES, "")}
+            "declared": labels.get(LABEL_DECLARED, ""), "rules": labels.get(LABEL_RULES, ""),
+            "previous": labels.get(LABEL_PREVIOUS, "")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,10 @@ class Container:
     """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
     rules: str = ""
     """The label rorg.io/rules: what of its manifest still counts when no manifest declares it any more."""
+    previous: str = ""
+    """The label rorg.io/previous: id of the container that it takes the place of, kept until this one is proven."""
+    created_at: str = ""
+    """When it was made, as started_at."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """Options that the engine can change in place, as they are now."""
     pid: int = 0

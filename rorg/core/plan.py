@@ -10,6 +10,7 @@ SYMBOLS = {
     "create": "+",
     "update": "~",
     "rename": "~",
+    "signal": "~",
     "replace": "-/+",
     "start": ">",
     "resume": "=",
@@ -26,7 +27,7 @@ class Action:
 
     index: int
     verb: str
-    """create, update, rename, start, resume, pause, stop or remove."""
+    """create, update, rename, signal, start, resume, pause, stop or remove."""
     service: str
     container: str = ""
     """Id of the container; empty for one that an earlier action of the plan will create."""
@@ -37,7 +38,8 @@ class Action:
     """Actions of this plan that must have happened, and made their service ready, before this one. Only actions
     without any can be performed now; after each outcome the rest is planned anew."""
     args: Mapping[str, Any] = field(default_factory=dict)
-    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds)."""
+    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
+    remove: volumes (with them), words (its last ones are worth telling)."""
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50
@@ -91,7 +93,7 @@ class Plan:
         """One line with the counts."""
         if self.empty:
             return "No differences."
-        names = ("create", "update", "rename", "start", "resume", "pause", "stop", "remove")
+        names = ("create", "update", "rename", "signal", "start", "resume", "pause", "stop", "remove")
         replaced = len({a.service for a in self.actions if a.part_of == "replace"})
         counts = {n: sum(a.verb == n and a.part_of != "replace" for a in self.actions) for n in names}
         parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]

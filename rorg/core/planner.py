@@ -7,10 +7,11 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from rorg.core.chains import Chains, Step, away
+from rorg.core.chains import Chains
 from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
+from rorg.core.steps import Step, away
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
@@ -50,6 +51,7 @@ class _Planner:
         self.waitings += [Waiting(name, reason, code="gave-way") for name, reason in self.s.gave_way.items()]
         self.waitings += [Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`",
                                   code="withheld") for name, why in self.s.withheld.items()]
+        self.waitings += self.chains.notes
         if self.s.suspended:
             self.waitings.append(Waiting("rorg", self.s.suspended, code="suspended"))
         return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
@@ -73,7 +75,7 @@ class _Planner:
         if not self.s.removals:
             self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))
             return
-        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it")]
+        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]
         self.emit(Service(name), steps)
 
     # -- what may happen now -----------------------------------------------------------------------------------
@@ -101,7 +103,7 @@ class _Planner:
             linked, waiting = self.gate(service, step)
             if waiting:
                 self.waitings += [waiting] if waiting not in self.waitings else []
-                if step.verb in ("update", "rename"):
+                if step.verb in ("update", "rename", "signal"):
                     continue
                 self.blocked[name] = waiting.reason
                 return
@@ -123,22 +125,21 @@ class _Planner:
     def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
         """Actions that this step must follow, or what it waits for."""
         memory = self.s.memory.of(service.name)
-        asked = self.s.restarts.get(service.name)
-        impatient = step.verb == "start" and step.container is not None and step.container.incarnation == asked
         tried = memory.tries.get(step.verb)
-        if tried and tried.at > self.s.now and not impatient:
+        if tried and tried.at > self.s.now:
             wait = format_seconds(tried.at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",
                                tried.at, "failed")
-        locked = self.s.interlocks.get(service.name, "") if step.verb not in ("create", "rename") else ""
+        swap = step.part_of == "replace" and step.verb in ("stop", "rename")
+        locked = self.s.interlocks.get(service.name, "") if swap or step.verb not in ("create", "rename") else ""
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
         begins = step.verb in ("start", "resume") or step.part_of
         if self.s.closed and begins and self.s.ranks.get(service.name, 0) < self.desired.catalog.policy.pressure.admit:
             return (), Waiting(service.name, self.s.closed)
-        if step.verb in ("start", "resume"):
-            return self.gate_start(service)
+        if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
+            return self.gate_start(service)  # what runs goes on until the new one can begin
         if step.verb in ("pause", "stop", "remove") and service.name not in self.s.wanted:
             return self.gate_cease(service)
         return (), None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rorg.core.memory import Due, Memory
+from rorg.core.memory import Due, Memory, Progress
 from rorg.core.observed import Observed
 
 
@@ -20,7 +20,7 @@ def note_restarts(memory: Memory, asked: Mapping[str, str], observed: Observed, 
     if not observed.complete:
         return memory, {}
     containers = observed.by_service()
-    known, due, done = memory.restarts or {}, {}, {}
+    known, due, done, begun = memory.restarts or {}, {}, {}, []
     for name, stamp in asked.items():
         if stamp > wall:
             continue
@@ -36,7 +36,15 @@ def note_restarts(memory: Memory, asked: Mapping[str, str], observed: Observed, 
             continue
         else:
             due[name] = Due(stamp, run)
+            begun.append(name)
         if current and current.alive and run != due[name].run:
             done[name] = stamp
             del due[name]
-    return (memory if due == memory.restarts else replace(memory, restarts=due)), done
+    progress = {**memory.progress, **{name: _at_once(memory.of(name)) for name in begun}} if begun else memory.progress
+    return (memory if due == memory.restarts else replace(memory, restarts=due, progress=progress)), done
+
+
+def _at_once(step: Progress) -> Progress:
+    """Whoever asks for a restart does not wait for an earlier failure's back-off, and wants a change that failed tried
+    again."""
+    return replace(step, tries=step.but("start"), update=replace(step.update, failed="", error=""))

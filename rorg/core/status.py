@@ -11,13 +11,15 @@ from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
+from rorg.core.trial import candidate
 from rorg.core.wanted import chain
 from rorg.manifest.catalog import Service
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; status is True, False or Unknown."""
+    """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; Updated beside, where a change failed
+    (False) or is on trial (Unknown). status is True, False or Unknown."""
 
     type: str
     status: str
@@ -58,6 +60,11 @@ class Status:
     def condition(self, kind: str) -> Condition:
         """Its condition of this type; "Unknown" for one that it does not have."""
         return next((c for c in self.conditions if c.type == kind), Condition(kind, "Unknown", ""))
+
+    @property
+    def update_failed(self) -> str:
+        """Why its last change did not come up; empty where none failed."""
+        return next((c.message for c in self.conditions if c.type == "Updated" and c.status == "False"), "")
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -113,6 +120,7 @@ def _status(situation: Situation, service: Service, current: Container | None, p
                   " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name)))),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
+        *_updated(situation, name),
     )
     health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(name, current.state if current else "none", sync, health, bool(causes), why, conditions,
@@ -125,6 +133,16 @@ def _status(situation: Situation, service: Service, current: Container | None, p
 def ros_nodes(service: Service) -> tuple[str, ...]:
     ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
+
+
+def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
+    update = situation.memory.of(name).update
+    containers = situation.observed.by_service().get(name, [])
+    if update.failed and update.failed == situation.desired.editions[name]:
+        return (Condition("Updated", "False", "Failed", update.error),)
+    if containers and containers[0].active and candidate(containers, update):
+        return (Condition("Updated", "Unknown", "OnTrial"),)
+    return ()
 
 
 def _stalled(step: Progress) -> str:

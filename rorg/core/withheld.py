@@ -29,7 +29,7 @@ def withhold(kept: Kept, desired: Desired, requests: Collection[Request], observ
         return Kept(catalog, former), desired, found
     merged = kept.merged
     if merged is None or merged[0] is not catalog or merged[1] != held:
-        merged = catalog, held, desire(_with(catalog, held))
+        merged = catalog, held, desire(_with(catalog, held), contents=desired.contents)
     return Kept(catalog, former, merged), merged[2], found
 
 

@@ -7,7 +7,7 @@ import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
@@ -17,13 +17,14 @@ from rorg.core.memory import finish
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, pressed
+from rorg.core.trial import refuse
 from rorg.daemon.generations import Generations
 from rorg.daemon.ledger import Ledger
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros import RosPurger
 from rorg.daemon.snapshot import recall
 from rorg.daemon.tree import Tree
-from rorg.engines.execute import perform
+from rorg.engines.execute import perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
@@ -84,7 +85,7 @@ class Loop:
         self._woken = threading.Event()
         self._files, self._asked = True, True
         """Whether the tree, or the requests file, may have changed."""
-        self._outcomes: list[tuple[Action, str]] = []
+        self._outcomes: list[tuple[Action, str, bool]] = []
         self._calls: set[Future] = set()
         self.hung: set[Future] = set()
         """Calls that were still under way when the loop had ended."""
@@ -213,9 +214,9 @@ class Loop:
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
 
-    def _finished(self, action: Action, error: str) -> None:
+    def _finished(self, action: Action, error: str, refused: bool = False) -> None:
         with self._lock:
-            self._outcomes.append((action, error))
+            self._outcomes.append((action, error, refused))
         self.wake()
 
     def _asked_for(self) -> dict[str, float]:
@@ -236,8 +237,9 @@ class Loop:
     def _take_outcomes(self) -> None:
         with self._lock:
             outcomes, self._outcomes = self._outcomes, []
-        for action, error in outcomes:
+        for action, error, refused in outcomes:
             self.memory = finish(self.memory, action, error, self.clock())
+            self.memory = refuse(self.memory, action, error) if refused else self.memory
 
     # -- what the pass's helpers ask ---------------------------------------------------------------------------
 
@@ -261,12 +263,13 @@ class Loop:
     # -- workers -----------------------------------------------------------------------------------------------
 
     def _work(self, action: Action) -> None:
-        began, error, made = self.clock(), "", ""
+        began, error, made, refused = self.clock(), "", "", False
+        self._last_words(action)
         try:
             with self.observer.acting(action.container) if action.container else nullcontext():
                 made = perform(self.engine, action)
         except RorgError as failed:
-            error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
+            error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
@@ -276,9 +279,19 @@ class Loop:
                 self.observer.refresh(made or action.container)
             self.reporter.outcome(action, error, self.clock() - began)
         finally:
-            self._finished(action, error)
+            self._finished(action, error, refused)
         if action.verb == "pause" and not error:
             self._reclaim(action)
+
+    def _last_words(self, action: Action) -> None:
+        """What a container said that did not come up, before it is gone."""
+        if not action.args.get("words"):
+            return
+        with suppress(RorgError):
+            said = b"".join(self.engine.logs(action.container, False, 10)).decode(errors="replace").strip()
+            if said:
+                self.reporter.event("last-words", f"the container of {action.service} that failed said last:\n{said}",
+                                    service=action.service, container=action.container[:12])
 
     def _reclaim(self, action: Action) -> None:
         """Pushes out what a paused service has in memory, where its manifest asks for that and the machine has swap."""

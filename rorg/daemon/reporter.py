@@ -75,6 +75,7 @@ class Reporter:
         for name, step in decision.memory.progress.items():
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
+            self._when_new(f"update {name}", step.update.failed, self._updated, (name, step))
         told = pressure_json(decision)
         self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"]), self._pressure,
                        decision)
@@ -154,6 +155,12 @@ class Reporter:
         self.event("stalled" if step.stalled else "recovered",
                    f"{name} is stalled: {step.error}; next try in {again}" if step.stalled
                    else f"{name} is not stalled any more", service=name)
+
+    def _updated(self, what: Any) -> None:
+        name, step = what
+        if step.update.failed:
+            self.event("update-failed", f"the change of {name} failed: {step.update.error}; back to the container "
+                       "before, until it is changed again", service=name, error=step.update.error)
 
     def _pressure(self, decision: Decision) -> None:
         told = pressure_json(decision)

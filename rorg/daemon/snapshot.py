@@ -7,9 +7,10 @@ from typing import Any
 
 from rorg.core.decide import Decision
 from rorg.core.follow import Followed
-from rorg.core.memory import Memory, Progress
+from rorg.core.memory import Memory, Progress, Try
 from rorg.core.pressure import MEASURES
 from rorg.core.status import statuses
+from rorg.core.update import Update
 from rorg.manifest.catalog import Request
 
 
@@ -26,24 +27,47 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
-        "runs": {n: {"run": p.followed.run, "needs": dict(p.followed.needs), "stopped": p.stopped}
-                 for n, p in decision.memory.progress.items() if p.followed.run or p.stopped},
+        "runs": {n: _run_json(p, situation.now) for n, p in decision.memory.progress.items()},
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
 
 
-def recall(view: Mapping[str, Any] | None) -> Memory:
-    """What of a loop's memory outlives it: on which runs of their needs services count, and which runs it ended
-    itself. `view` is what it published; what is not as it should be is passed over."""
+def _run_json(step: Progress, now: float) -> dict[str, Any]:
+    """`tries` are times of the machine's monotonic clock."""
+    update = step.update
+    more = {"edition": update.edition, "failed": update.failed, "error": update.error, "proven": update.proven,
+            "loaded": update.run, "content": dict(update.content),
+            "tries": {verb: [t.at, t.error] for verb, t in step.tries.items() if t.at > now}}
+    return {"run": step.followed.run, "needs": dict(step.followed.needs), "stopped": step.stopped,
+            **{k: v for k, v in more.items() if v}}
+
+
+def recall(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
+    """What of a loop's memory outlives it: on which runs of their needs services count, which runs it ended itself,
+    which change failed, and what content a run has read. `view` is what it published; what is not as it should be is
+    passed over. With `now`, of the machine's monotonic clock, also what it waits for, with that as time 0."""
     runs = view.get("runs") if isinstance(view, Mapping) else None
     found = {}
     for name, known in runs.items() if isinstance(runs, Mapping) else ():
         if isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping):
             needs = {str(need): str(run) for need, run in known["needs"].items()}
-            found[name] = Progress(followed=Followed(str(known.get("run", "")), needs),
-                                   stopped=str(known.get("stopped", "")))
+            said = {k: str(known.get(k) or "") for k in ("edition", "failed", "error", "proven")}
+            content, loaded = known.get("content"), str(known.get("loaded") or "")
+            update = Update(**said, run=loaded if isinstance(content, Mapping) else "", content={
+                str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {})
+            found[name] = Progress(followed=Followed(str(known.get("run", "")), needs), update=update,
+                                   stopped=str(known.get("stopped", "")),
+                                   tries={} if now is None else _tries(known.get("tries"), now))
     return Memory(found)
+
+
+def _tries(known: Any, now: float) -> dict[str, Try]:
+    found = {}
+    for verb, said in known.items() if isinstance(known, Mapping) else ():
+        if isinstance(said, list) and len(said) == 2 and isinstance(said[0], int | float):
+            found[str(verb)] = Try(at=said[0] - now, error=str(said[1]))
+    return found
 
 
 def request_json(request: Request) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
+from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
 from rorg.manifest.catalog import EMPTY
 from rorg.manifest.diagnostics import Diagnostic, Where
@@ -21,8 +22,8 @@ PATIENCE = 2.0
 """Seconds for which a tree that changes while it is read is left for later; then it is taken as it can be had."""
 CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
-MOUNTS_EVERY = 1.0
-"""Seconds between two reads at the least when nothing has changed but what services mount: it may never be still."""
+MOUNTS_REST = 0.5
+"""Seconds for which what services mount must be left alone before its change counts: it may never be still."""
 Stamp = tuple[tuple, tuple, tuple]
 
 
@@ -40,12 +41,14 @@ class Tree:
         self._inputs = Inputs()
         self._stamp: Stamp | None = None
         """Of what was read last."""
-        self._read_at = float("-inf")
+        self._mounts: tuple[tuple, float] = (), 0.0
+        """How what is mounted was when last looked at, and since when it has been so."""
         self._since: float | None = None
         """Since when the tree has been too busy to be read."""
         self._seen: Stamp | None = None
         """How it was then when last looked at."""
         self._git = git_dir(root)
+        self._contents = Contents()
 
     @property
     def removals(self) -> bool:
@@ -73,16 +76,23 @@ class Tree:
         still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
         if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
             return self._later(now, stamp)
-        if self._stamp and stamp[:2] == self._stamp[:2] and now - self._read_at < MOUNTS_EVERY:
+        if self._stamp and stamp[:2] == self._stamp[:2] and not self._rests(stamp, now):
             return False, True
         before, loaded = self._load(stamp)
         after = self.stamp()
         whole = after[:2] == before[:2] and not (checkout_under_way(self._git) and not checkout)
         if not whole and (waited < PATIENCE or (loaded.catalog is None and waited < 2 * PATIENCE)):
             return self._later(now, after)
-        self._since, self._stamp, self._read_at = None, before, now
+        self._since, self._stamp = None, before
         self._take(loaded)
         return True, not whole
+
+    def _rests(self, stamp: Stamp, now: float) -> bool:
+        """Whether what is mounted has been left alone for a while: a file that is written all the time, or half
+        written, restarts nobody."""
+        if self._mounts[0] != stamp[2]:
+            self._mounts = stamp[2], now
+        return now - self._mounts[1] >= MOUNTS_REST
 
     def _later(self, now: float, seen: Stamp) -> tuple[bool, bool]:
         self._since, self._seen = now if self._since is None else self._since, seen
@@ -106,7 +116,8 @@ class Tree:
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
         if loaded.catalog is not None:
-            self.desired, self.loaded = desire(loaded.catalog, self.run), True
+            contents = self._contents.of(loaded.catalog, self.root)
+            self.desired, self.loaded = desire(loaded.catalog, self.run, contents), True
             self.revision = revision(self.root)
 
 

@@ -19,6 +19,7 @@ from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.docker_body import create_body, live_options, update_body
+from rorg.engines.docker_volumes import keep_volumes, remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
 from rorg.host.cgroups import container_usage
@@ -142,11 +143,13 @@ class DockerEngine:
 
     # -- acting ------------------------------------------------------------------------------------------------
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
-        body = create_body(spec, labels)
-        platform = spec.get("platform")
-        made = self._call(f"create {name}", lambda api: api.create_container_from_config(body, name, platform))
-        return str(made["Id"])
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
+        def make(api: docker.APIClient) -> Any:
+            body = create_body(spec, labels)
+            keep_volumes(api, body, before)
+            return api.create_container_from_config(body, name, spec.get("platform"))
+
+        return str(self._call(f"create {name}", make)["Id"])
 
     def start(self, container: str) -> None:
         self._call(f"start {container[:12]}", lambda api: api.start(container))
@@ -170,6 +173,9 @@ class DockerEngine:
                 return
         raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
 
+    def signal(self, container: str, name: str) -> None:
+        self._call(f"signal {container[:12]}", lambda api: api.kill(container, name))
+
     def _ended(self, container: str, seconds: float) -> bool:
         try:
             with docker_errors(f"wait for {container[:12]}"):
@@ -184,9 +190,9 @@ class DockerEngine:
                 return True
             raise
 
-    def remove(self, container: str) -> None:
+    def remove(self, container: str, volumes: bool = False) -> None:
         try:
-            self._call(f"remove {container[:12]}", lambda api: api.remove_container(container, v=True))
+            self._call(f"remove {container[:12]}", lambda api: remove_container(api, container, volumes))
         except EngineError as error:
             if error.kind != "gone":
                 raise
@@ -268,6 +274,7 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
         exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
         oom_killed=bool(state.get("OOMKilled")),
         error=state.get("Error") or "",
+        created_at=data.get("Created") or "",
         live=live_options(data.get("HostConfig") or {}),
         pid=state.get("Pid") or 0,
         health=(state.get("Health") or {}).get("Status", ""),

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from rorg.core.plan import Action
 from rorg.engines.protocol import Engine
+from rorg.errors import EngineError, RorgError
+
+
+def said_no(error: RorgError) -> bool:
+    """Whether the engine refused what was asked; not that it gave no answer, or found another state than it thought."""
+    return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken")
 
 
 def perform(engine: Engine, action: Action) -> str:
@@ -11,7 +17,7 @@ def perform(engine: Engine, action: Action) -> str:
     args = action.args
     match action.verb:
         case "create":
-            return engine.create(args["name"], args["spec"], args["labels"])
+            return engine.create(args["name"], args["spec"], args["labels"], args.get("before", ""))
         case "start":
             engine.start(action.container)
         case "resume":
@@ -20,8 +26,10 @@ def perform(engine: Engine, action: Action) -> str:
             engine.pause(action.container)
         case "stop":
             engine.stop(action.container, args["signal"], args["grace"])
+        case "signal":
+            engine.signal(action.container, args["signal"])
         case "remove":
-            engine.remove(action.container)
+            engine.remove(action.container, args.get("volumes", False))
         case "rename":
             engine.rename(action.container, args["name"])
         case "update":

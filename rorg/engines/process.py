@@ -95,7 +95,7 @@ class ProcessEngine:
         return Container(
             id=record["id"], name=record["name"], state=state, started_at=record.get("started_at", ""), exit_code=code,
             live=record["live"], pid=record.get("pid", 0) if state in ("running", "paused") else 0,
-            **from_labels(labels),
+            created_at=record.get("created_at", ""), **from_labels(labels),
         )
 
     def _state(self, record: Mapping[str, Any]) -> tuple[str, int | None]:
@@ -155,14 +155,15 @@ class ProcessEngine:
 
     # -- acting ------------------------------------------------------------------------------------------------
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
         with self._lock:
             if any(c.name == name for c in self.list()):
                 raise EngineError(f"create {name}", "the name is taken", "another container_name", "name_taken")
             container = os.urandom(32).hex()
             self._folder(container).mkdir(mode=0o700)
             live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
-            self._write({"id": container, "name": name, "spec": dict(spec), "labels": dict(labels), "live": live})
+            self._write({"id": container, "name": name, "spec": {**spec}, "labels": {**labels}, "live": live,
+                         "created_at": stamp(time.time())})
             return container
 
     def start(self, container: str) -> None:
@@ -220,8 +221,7 @@ class ProcessEngine:
 
     def _need(self, container: str, verb: str, state: str) -> None:
         record = self._record(container)
-        now = self._state(record)[0]
-        if now != state:
+        if (now := self._state(record)[0]) != state:
             raise EngineError(f"{verb} {record['name']}", f"it is {now}, not {state}", kind="conflict")
 
     def _await(self, container: str, state: str, seconds: float) -> None:
@@ -247,6 +247,9 @@ class ProcessEngine:
                 break
         self._tell(container)
 
+    def signal(self, container: str, name: str) -> None:
+        self._signal(container, signal.Signals[name].value)
+
     def _ended(self, record: Mapping[str, Any], seconds: float) -> bool:
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -255,7 +258,7 @@ class ProcessEngine:
             time.sleep(0.005)
         return False
 
-    def remove(self, container: str) -> None:
+    def remove(self, container: str, volumes: bool = False) -> None:
         try:
             record = self._record(container)
         except EngineError:
@@ -296,8 +299,7 @@ class ProcessEngine:
         return done.returncode, done.stdout
 
     def _cwd(self, record: Mapping[str, Any]) -> str:
-        folder = record["spec"].get("working_dir") or ""
-        return folder if os.path.isdir(folder) else "/"
+        return folder if os.path.isdir(folder := record["spec"].get("working_dir") or "") else "/"
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """One look at the process table for all. CPU of ended children is lost with them, as in ps."""

@@ -52,8 +52,9 @@ class Engine(Protocol):
         """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
         the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
-        """Makes a container, not started, and returns its id."""
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
+        """Makes a container, not started, and returns its id. It gets the unnamed volumes of `before`, an older
+        container of the service."""
 
     def start(self, container: str) -> None: ...
     def pause(self, container: str) -> None: ...
@@ -61,7 +62,12 @@ class Engine(Protocol):
     def stop(self, container: str, signal: str, grace: float) -> None:
         """The signal, `grace` seconds, SIGTERM, 2 seconds, SIGKILL; returns when it has ended."""
 
-    def remove(self, container: str) -> None: ...
+    def signal(self, container: str, name: str) -> None:
+        """Sends a signal to the program of a running container, nothing more."""
+
+    def remove(self, container: str, volumes: bool = False) -> None:
+        """`volumes`: with those that nobody named, since the service ends with it."""
+
     def rename(self, container: str, name: str) -> None: ...
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         """Sets live options in place."""

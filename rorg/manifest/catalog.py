@@ -80,6 +80,8 @@ class Service:
     protected: bool = False
     restart: str = "always"
     """always, on-failure or never."""
+    on_change: str = "restart"
+    """What to do when files change that it mounts from the tree: restart, none, or the name of a signal."""
     priority: int = 50
     cpu: float = 0.0
     """Expected use, cores."""

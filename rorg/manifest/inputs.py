@@ -17,7 +17,7 @@ class Inputs:
     files: frozenset[Path] = frozenset()
     """Read with the manifests: env_file, Dockerfiles."""
     mounted: frozenset[Path] = frozenset()
-    """Files and directories of the tree that services mount."""
+    """Files and directories of the tree that services mount to read. What they may write is their own."""
 
 
 def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
@@ -30,7 +30,8 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         for options in (spec.container, *profiles):
             files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
             mounted |= {source.directory / path for path in _sources(options)}
-        mounted |= {source.directory / mount.partition(":")[0] for mount in spec.mounts or ()}
+        mounted |= {source.directory / mount.partition(":")[0] for mount in spec.mounts or ()
+                    if not mount.endswith(":rw")}
     for source in by_kind.get("Image", {}).values():
         image: Any = source.spec
         if image.context is not None:
@@ -40,8 +41,12 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
 
 
 def _sources(options: Any) -> Iterator[str]:
-    """Paths on the host of what a container mounts."""
+    """Paths on the host of what a container mounts to read."""
     for volume in getattr(options, "volumes", None) or ():
-        source = getattr(volume, "source", None) if not isinstance(volume, str) else volume.partition(":")[0]
-        if source and str(source).startswith((".", "/")):
+        if isinstance(volume, str):
+            source, _, rest = volume.partition(":")
+            reads = "ro" in rest.partition(":")[2].split(",")
+        else:
+            source, reads = getattr(volume, "source", None), bool(getattr(volume, "read_only", False))
+        if reads and source and str(source).startswith((".", "/")):
             yield str(source)

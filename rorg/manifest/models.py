@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from signal import Signals
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.container import ContainerOptions, Device, Pairs, Strict, Texts, Words, recreate, unchanging
 from rorg.manifest.policy import Idle, PolicySpec, Units
@@ -52,6 +53,20 @@ def _need(value: object) -> object:
     return {"service": value} if isinstance(value, str) else value
 
 
+def _on_change(value: object) -> object:
+    if value in ("restart", "none"):
+        return value
+    word, _, name = value.partition(" ") if isinstance(value, str) else ("", "", "")
+    known = {s.name for s in Signals}
+    name = name.strip().upper()
+    name = name if name.startswith("SIG") else f"SIG{name}"
+    if word != "signal" or name not in known:
+        raise ValueError("must be restart, none, or signal NAME, such as signal SIGHUP")
+    return name
+
+
+OnChange = Annotated[str, BeforeValidator(_on_change), WithJsonSchema(
+    {"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"})]
 Needs = list[Annotated[Need, BeforeValidator(_need)]]
 
 
@@ -95,6 +110,9 @@ class ServiceSpec(Strict):
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )
+    on_change: OnChange = unchanging(
+        "restart", description="What to do when files change that this service mounts from the tree, read only: "
+                               "restart, `signal NAME`, or none. Default: restart.")
     priority: Priority = unchanging(50, description="Under pressure the lowest give way first. Default: 50.")
     resources: Resources = Field(default_factory=Resources, json_schema_extra={"x-rorg-change": "none"})
     driver: Driver | None = recreate()

@@ -57,6 +57,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         interlock=None if meta else probe(interlock, "interlock", master),
         protected=protected,
         restart=spec.restart or profile.restart or "always",
+        on_change=spec.on_change,
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,

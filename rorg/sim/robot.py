@@ -14,7 +14,8 @@ from rorg.core.memory import Finding, Memory, finish
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
-from rorg.engines.execute import perform
+from rorg.core.trial import refuse
+from rorg.engines.execute import perform, said_no
 from rorg.errors import RorgError
 from rorg.manifest.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
@@ -51,6 +52,8 @@ class SimRobot:
         """What the last pass wanted to be probed."""
         self.removals = True
         self.booted_at = ""
+        self.life = 0
+        """How often another rorg took over."""
         self.log: list[tuple[float, str]] = []
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._numbers = itertools.count()
@@ -79,20 +82,30 @@ class SimRobot:
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
-            self.at(self.now + self.engine.latency(action.verb, action.service), lambda a=action: self._finish(a))
+            self.at(self.now + self.engine.latency(action.verb, action.service),
+                    lambda a=action, life=self.life: self._finish(a, life))
         return decision
 
-    def _finish(self, action: Action) -> None:
-        error = ""
+    def reborn(self, memory: Memory) -> None:
+        """Another rorg takes over. What the one before had begun is done, and nobody hears of the outcome."""
+        self.life += 1
+        self.memory = memory
+
+    def _finish(self, action: Action, life: int) -> None:
+        error, refused = "", False
         try:
             perform(self.engine, action)  # type: ignore[arg-type]
         except RorgError as failed:
-            error = failed.why
+            error, refused = failed.why, said_no(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
-        self.memory = finish(self.memory, action, error, self.now)
-        if action.verb == "start" and not error and action.service in self.faults.crash_after:
-            run = self.engine.containers[action.container].incarnation
-            self.at(self.now + self.faults.crash_after[action.service], lambda: self._crash(action.container, run))
+        if life == self.life:
+            self.memory = finish(self.memory, action, error, self.now)
+            self.memory = refuse(self.memory, action, error) if refused else self.memory
+        if action.verb == "start" and not error:
+            found = self.engine.containers[action.container]
+            after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
+            if after is not None:
+                self.at(self.now + after, lambda: self._crash(found.id, found.incarnation))
 
     def _crash(self, container: str, run: str) -> None:
         found = self.engine.containers.get(container)
@@ -170,7 +183,7 @@ class SimRobot:
 
     def states(self) -> dict[str, str]:
         """Service -> state of its container."""
-        return {c.service: c.state for c in self.engine.list()}
+        return {c.service: c.state for c in sorted(self.engine.list(), key=lambda c: (c.alive, c.started_at))}
 
     def active(self) -> set[str]:
         return {c.service for c in self.engine.list() if c.state == "running"}

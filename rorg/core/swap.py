@@ -1,0 +1,66 @@
+"""Which container of a service is the new one, and which one it is gone back to if that does not come up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rorg.core.backoff import STALLED_AFTER
+from rorg.core.desired import Situation
+from rorg.core.observed import Container
+from rorg.core.plan import Waiting
+from rorg.core.trial import asks, candidate, patience
+from rorg.manifest.catalog import Service
+from rorg.manifest.scalars import format_seconds
+
+
+class Swap:
+    """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others."""
+
+    def __init__(self, situation: Situation, service: Service, new: Container | None, stale: Sequence[Container]
+                 ) -> None:
+        self.s, self.service, self.step = situation, service, situation.memory.of(service.name)
+        self.update = self.step.update
+        self.new: Container | None = None
+        """The new one, as long as it is on trial."""
+        self.old: Container | None = None
+        """What is kept, to be gone back to."""
+        tried = self.step.tries.get("create")
+        self.denied = new is None and tried is not None and tried.at > situation.now
+        """It cannot be created now."""
+        self.failed = ""
+        """Why the edition that is desired is not tried again, in words."""
+        if self.update.failed and self.update.failed == situation.desired.editions[service.name]:
+            self.failed = f"its change failed ({self.update.error}); it stays as it was until it is changed again"
+        pair = candidate([c for c in (new, *stale) if c], self.update)
+        if pair and (new is None or pair[0] is new) and pair[1] in stale:
+            self.new, self.old = new, pair[1]
+        elif new is None and stale:
+            self.old = stale[0] if self.worthy(stale[0]) else None
+
+    @property
+    def stays(self) -> bool:
+        return self.denied or bool(self.failed)
+
+    @property
+    def under_way(self) -> bool:
+        """The new one runs, and it is to be seen how it does."""
+        return self.new is not None and self.new.active and self.old is not None and not self.old.alive
+
+    def worthy(self, container: Container) -> bool:
+        """Whether it is worth going back to: it ran, and did not end by itself. Where nothing else can be had, what ran
+        will do."""
+        if not container.started_at or container.state in ("dead", "removing"):
+            return False
+        if self.stays:
+            return True
+        if container.alive:
+            return self.step.exits < STALLED_AFTER
+        return self.step.exited != container.incarnation
+
+    def note(self) -> Waiting:
+        """That the trial goes on."""
+        since, limit = self.step.running_since, patience(self.service)
+        ran = 0.0 if since is None else self.s.now - since
+        what = "is ready" if asks(self.service) else "has run"
+        return Waiting(self.service.name, f"the container before is kept until this one {what} ({format_seconds(ran)} "
+                       f"of {format_seconds(limit)})", None if since is None else since + limit)
