@@ -131,7 +131,7 @@ class Watcher {
         } catch (const Unreachable&) {
           // rorg may be restarting; the cursor knows what was missed.
         } catch (const Error& error) {
-          if (error.status >= 400) return;  // this caller may not, or this rorg cannot
+          if (error.status >= 400) pause = Seconds(5);  // it may not, or that rorg cannot: the next one, perhaps
         } catch (const std::exception&) {
         }
         pollfd found{wake, POLLIN, 0};
