@@ -160,7 +160,8 @@ inline void losses() {
   check(!request.lost(), "nothing is lost");
   say("kill");
   check(heard("crashed camera"), "the callback hears of a crash");
-  check(request.lost() && request.lost()->cause == "crashed" && request.lost()->incarnation == first, "and lost() tells");
+  const auto lost = request.lost();
+  check(lost && lost->cause == "crashed" && lost->incarnation == first, "and lost() tells");
   hear();
   const auto second = request.wait(Seconds(60))["camera"].incarnation;
   check(!request.lost() && first != second, "a wait that succeeds takes it back");

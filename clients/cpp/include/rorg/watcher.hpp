@@ -75,7 +75,8 @@ class Listener {
   std::optional<Loss> loss_of(const json::Value& event) const {
     const std::string &kind = event["kind"].text(), &service = event["service"].text(),
                       &run = event["incarnation"].text();
-    if (kind == "request-dropped" && event["request"].text() == id_) return Loss{"", "dropped", event["message"].text(), ""};
+    if (kind == "request-dropped" && event["request"].text() == id_)
+      return Loss{"", "dropped", event["message"].text(), ""};
     const auto& ids = event["requests"].items;
     if (kind != "lost" || std::none_of(ids.begin(), ids.end(), [&](const auto& id) { return id.text() == id_; }))
       return std::nullopt;
