@@ -201,15 +201,15 @@ class RealRobot(VirtualRobot):
 
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""
-        seen = self.loop.passes
+        generation = self.loop.generations.changed(manifest=True)
         self.loop.files_changed()
-        self.wait(lambda: self.loop.passes > seen + 1 or (self.loop.passes > seen and self.quiet()))
-        self.wait(self.quiet)
+        self.wait(lambda: self.loop.generations.reached(generation) and self.quiet())
 
     def quiet(self) -> bool:
-        status = self.status()
-        plan = status.get("plan", {"actions": [1]})
-        return not (plan["actions"] or plan["waitings"] or status["in_flight"]) and not self.loop.memory.in_flight
+        """The last pass has nothing to do, nothing is under way, and all that is known is published."""
+        decision = self.loop.decision
+        return decision is not None and not (decision.plan.actions or decision.plan.waitings) and (
+            not self.loop.memory.in_flight and self.loop.reporter.due() is None)
 
     def containers(self):
         return self.engine.list()

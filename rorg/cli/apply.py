@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -29,14 +30,19 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
     owner = context.state.owner()
     if owner is None:
         context.state.acquire("rorg apply")
-    plan = context.decision(catalog).plan
+    decision = context.decision(catalog)
+    plan, withheld = decision.plan, sorted(decision.situation.withheld)
     note(plan.text().rstrip())
+    if withheld:
+        note(f"To be removed on your word, though they are named: {', '.join(withheld)}")
     if not plan.empty:
         _consent(yes)
     if owner is None:
+        if withheld:
+            context.change(lambda asked: replace(asked, removals=tuple(dict.fromkeys((*asked.removals, *withheld)))))
         _alone(context, wait, timeout)
     else:
-        _through(context, owner, catalog.fingerprint, wait, timeout)
+        _through(context, owner, catalog.fingerprint, withheld, wait, timeout)
 
 
 def _consent(yes: bool) -> None:
@@ -51,16 +57,17 @@ def _consent(yes: bool) -> None:
 
 
 def _alone(context: Context, wait: bool, timeout: float) -> None:
-    """Runs the loop here until there is nothing left to do."""
+    """Runs the loop here until there is nothing left to do, or nothing that helps."""
     import threading
 
+    from rorg.cli.context import hopeless
     from rorg.cli.output import note
-    from rorg.core.status import statuses
+    from rorg.daemon.snapshot import snapshot
     from rorg.daemon.wiring import make_loop
     from rorg.errors import NotReady
 
     loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
-    seen: list[Decision] = []
+    view: dict[str, Any] = {"services": {}, "plan": {"waitings": []}}
     timed_out = threading.Event()
     timer = threading.Timer(timeout, lambda: (timed_out.set(), loop.stop()))
     timer.daemon = True
@@ -69,8 +76,9 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
     good_since: list[float] = []
 
     def finished(decision: Decision) -> bool:
-        """Degraded, or good for SETTLED seconds on end: what crashes at its start does so within them."""
-        good = good_or_bad(decision)
+        """Bad, or good for SETTLED seconds on end: what crashes at its start does so within them."""
+        view.update(snapshot(decision, {}))
+        good = _good_or_bad(decision, view) if loop.tree.loaded else None
         if good is None:
             good_since.clear()
         elif not good_since:
@@ -78,35 +86,50 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
             threading.Timer(SETTLED, loop.wake).start()
         return good is False or bool(good_since and loop.clock() - good_since[0] >= SETTLED)
 
-    def good_or_bad(decision: Decision) -> bool | None:
-        seen[:] = [decision]
-        if not loop.tree.loaded or decision.memory.in_flight or decision.plan.actions:
-            return None
-        views = statuses(decision.situation, decision.plan).values()
-        if any(s.health == "Degraded" for s in views):
-            return False
-        return True if decision.plan.empty and not any(s.health == "Progressing" for s in views) else None
-
     loop.run(finished)
     timer.cancel()
     context.state.release()
-    bad = {s.service: s for s in statuses(seen[0].situation, seen[0].plan).values()
-           if s.health in ("Progressing", "Degraded")} if seen else {}
-    for status in bad.values():
-        ready = next(c for c in status.conditions if c.type == "Ready")
-        note(f"{status.service} is not ready: {ready.message or ready.reason}")
-    if timed_out.is_set() or (bad and wait):
-        raise NotReady("finish", f"{len(bad)} service(s) are not ready" + (
+    failed = hopeless(view, view["services"])
+    late = {**_late(view), **failed}
+    for name, why in late.items():
+        note(f"{name} is not ready: {why}")
+    if timed_out.is_set() or failed or (late and wait):
+        raise NotReady("finish", f"{len(late)} service(s) are not ready" + (
             f" after {timeout:g} s" if timed_out.is_set() else ""), "`rorg describe SERVICE`")
 
 
-def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bool, timeout: float) -> None:
-    """The running rorg follows its own tree; this only waits for it."""
+def _good_or_bad(decision: Decision, view: dict[str, Any]) -> bool | None:
+    """Whether all is done that can be; None while something goes on. What only takes its time is waited for, and what
+    may never be done is not."""
+    from rorg.cli.context import hopeless
+
+    if decision.memory.in_flight or decision.plan.actions:
+        return None
+    health = {s["health"] for s in view["services"].values()}
+    if "Degraded" in health or hopeless(view, view["services"]):
+        return False
+    if decision.situation.suspended:
+        return True
+    return None if "Progressing" in health or any(not w.code for w in decision.plan.waitings) else True
+
+
+def _late(view: dict[str, Any]) -> dict[str, str]:
+    """Wanted services that are not ready, with the reason."""
+    from rorg.cli.context import condition
+
+    ready = {n: condition(s, "Ready") for n, s in view["services"].items()
+             if s["health"] in ("Progressing", "Degraded")}
+    return {name: found["message"] or found["reason"] for name, found in ready.items()}
+
+
+def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: list[str], wait: bool, timeout: float
+             ) -> None:
+    """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
     from pathlib import Path
 
-    from rorg.cli.context import unready
+    from rorg.cli.context import hopeless, unready
     from rorg.cli.output import note
-    from rorg.errors import Refused
+    from rorg.errors import NotReady, Refused
 
     live = context.live()
     followed = (live or {}).get("tree", {}).get("root")
@@ -119,9 +142,21 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
             return "it refused the manifests"
         if view["tree"]["fingerprint"] != fingerprint:
             return "it has not read these manifests yet"
-        if view["plan"]["actions"] or view["in_flight"]:
+        left = [n for n in shown if n in view.get("withheld", ())]
+        if left and not confirmed:
+            confirmed.extend(left)
+            context.serving("confirm the removal").call("PUT", "/v1/removals", {"services": left})
+        if left:
+            return f"the removal of {', '.join(left)} has not begun"
+        busy = view["plan"]["actions"] or view["in_flight"]
+        failed = hopeless(view, view["services"]) if wait or not busy else {}
+        if failed:
+            raise NotReady("wait for the running rorg", "; ".join(f"{n}: {why}" for n, why in failed.items()),
+                           "`rorg describe SERVICE`")
+        if busy:
             return view["plan"]["summary"]
         return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""
 
+    confirmed: list[str] = []
     note(f"rorg run (pid {owner.get('pid')}) carries it out")
     context.wait("the running rorg", done, timeout)

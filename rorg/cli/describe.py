@@ -17,6 +17,8 @@ def command(service: ServiceName, state_dir: StateDirectory = None, engine: Engi
 
     context = Context(state_dir, engine)
     catalog, view = context.catalog(), context.view()
+    if service in view.get("withheld", ()):  # no manifest declares it any more, and it is kept as it was
+        catalog = context.decision(catalog).situation.desired.catalog
     if service in catalog.groups:
         names = list(catalog.groups[service].services)
     elif service in catalog.services:

@@ -34,7 +34,7 @@ def _found(context: Any, service: str) -> list[dict]:
     from rorg.cli.output import missing
 
     catalog, view, found = context.catalog(), context.view(), []
-    names = catalog.members(service)
+    names = catalog.members(service) or ((service,) if service in view["services"] else ())
     if not names:
         raise missing("service", service, {*catalog.services, *catalog.groups})
     for name in names:

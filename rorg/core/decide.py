@@ -19,6 +19,7 @@ from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.wanted import urgent
+from rorg.core.withheld import over, withhold
 from rorg.manifest.catalog import Hold, Probe, Request
 from rorg.manifest.scalars import format_time, parse_time, stamp
 
@@ -51,6 +52,8 @@ class Inputs:
     """The number of each request's last renewal; another one begins its lease anew."""
     asked: Mapping[str, float] = field(default_factory=dict)
     """Service -> since when somebody waits for it, by the clock of `now`: its readiness must have been told since."""
+    confirmed: tuple[str, ...] = ()
+    """What a person has confirmed to be removed, though it was named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +85,18 @@ class Decision:
     """Services that a person holds now, each with the reason."""
     served: Mapping[str, str] = field(default_factory=dict)
     """Restarts that were asked for, and done."""
+    confirmed: tuple[str, ...] = ()
+    """Confirmed removals that are done, or void."""
 
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
+    kept, desired, withheld = withhold(inputs.memory.kept, inputs.desired, (*inputs.desired.catalog.requests,
+                                       *inputs.requests), inputs.observed, inputs.confirmed)
+    ended = over(inputs.confirmed, kept, inputs.desired.catalog, inputs.observed)
+    inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept))
     situation, settled, holds, served = _assess(inputs)
+    situation = replace(situation, withheld=withheld)
     plan = make_plan(situation)
     memory = situation.memory
     if inputs.observed.complete:
@@ -97,7 +107,7 @@ def decide(inputs: Inputs) -> Decision:
     for action in chosen:
         memory = begin(memory, action, inputs.observed, inputs.now)
     return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan, inputs.asked), holds, served)
+                    to_probe(situation, plan, inputs.asked), holds, served, ended)
 
 
 def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:

@@ -64,7 +64,7 @@ def _located(catalog: Catalog, run: str) -> Catalog:
     """With the sockets' directory in the containers that get one."""
     found = {}
     for name, service in catalog.services.items():
-        if service.may_request and service.spec is not None:
+        if service.calls and service.spec is not None:
             spec = {**service.spec, "volumes": [v.replace(RUN, run) if isinstance(v, str) else v
                                                 for v in service.spec["volumes"]]}
             spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
@@ -107,3 +107,5 @@ class Situation:
     """Why nothing below `admit` is started now; empty when everything may be."""
     suspended: str = ""
     """Why nothing is done at all now."""
+    withheld: Mapping[str, str] = field(default_factory=dict)
+    """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

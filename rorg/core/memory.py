@@ -10,6 +10,7 @@ from rorg.core.arbitrate import Judged
 from rorg.core.backoff import STABLE, STALLED_AFTER, delay
 from rorg.core.digest import canonical
 from rorg.core.follow import Followed, follow
+from rorg.core.former import Kept
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
@@ -144,6 +145,7 @@ class Memory:
     """Of the last pass."""
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
+    kept: Kept = Kept()
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

@@ -56,6 +56,9 @@ class Waiting:
     reason: str
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
+    code: str = ""
+    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), gave-way or
+    suspended; empty for what only takes its time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +115,7 @@ class Plan:
                 }
                 for a in self.actions
             ],
-            "waitings": [{"service": w.service, "reason": w.reason} for w in self.waitings],
+            "waitings": [{"service": w.service, "reason": w.reason, "code": w.code} for w in self.waitings],
             "summary": self.summary(),
         }
 

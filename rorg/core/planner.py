@@ -47,9 +47,11 @@ class _Planner:
         for name in self.desired.order:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
-        self.waitings += [Waiting(name, reason) for name, reason in self.s.gave_way.items()]
+        self.waitings += [Waiting(name, reason, code="gave-way") for name, reason in self.s.gave_way.items()]
+        self.waitings += [Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`",
+                                  code="withheld") for name, why in self.s.withheld.items()]
         if self.s.suspended:
-            self.waitings.append(Waiting("rorg", self.s.suspended))
+            self.waitings.append(Waiting("rorg", self.s.suspended, code="suspended"))
         return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
 
     def leave_at_once(self) -> set[str]:
@@ -66,7 +68,7 @@ class _Planner:
 
     def undeclared(self, name: str) -> None:
         """A service of ours that no manifest declares any more."""
-        if name in self.s.memory.in_flight:
+        if name in self.s.memory.in_flight or name in self.s.withheld:
             return
         if not self.s.removals:
             self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))
@@ -128,7 +130,7 @@ class _Planner:
             wait = format_seconds(tried.at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
             return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",
-                               tried.at)
+                               tried.at, "failed")
         locked = self.s.interlocks.get(service.name, "") if step.verb not in ("create", "rename") else ""
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")

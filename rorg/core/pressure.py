@@ -20,6 +20,11 @@ that nobody writes, so that a rorg that was killed meanwhile still knows whose s
 FLAP = 60.0
 """Seconds within which a service that must be shed again has its time of calm doubled."""
 CALM_MOST = 300.0
+LEAST = {"cpu": 0.02, "memory": 8 << 20}
+"""Cores, or bytes: what frees less of what is short does not help,"""
+SHARE = 0.05
+"""nor what frees less than this part of what is too much."""
+OTHERS = "programs that rorg does not run"
 PATIENCE = 30.0
 """Seconds that the next measure waits for what was shed to end. What takes longer is taken to hang."""
 
@@ -39,7 +44,7 @@ class Load:
     """PSI, percent of the last 10 s in which some program waited."""
     memory_some: float = 0.0
     use: Mapping[str, tuple[float, int]] = field(default_factory=dict)
-    """Service -> (cores, bytes); empty while nobody asks for it."""
+    """Service -> (cores, bytes); empty while that is not measured: then nothing is concluded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,10 @@ class Pressure:
     level: int = 0
     pressed: tuple[str, ...] = ()
     """What is above its threshold: cpu, memory."""
+    skipped: frozenset[str] = frozenset()
+    """Milder measures than the last one that are not in force, since they would not have helped."""
+    helpless: bool = False
+    """It goes on, and nothing that could be done would help."""
     reason: str = ""
     shed: tuple[Shed, ...] = ()
     changed_at: float = 0.0
@@ -74,7 +83,7 @@ class Pressure:
         return bool(self.level or self.shed)
 
     def in_force(self, measure: str) -> bool:
-        return self.level > MEASURES.index(measure)
+        return self.level > MEASURES.index(measure) and measure not in self.skipped
 
 
 Victim = tuple[str, float, int]
@@ -113,6 +122,30 @@ def pressed(limits: Thresholds, budget: Budget | None, load: Load) -> dict[str, 
     return found
 
 
+def excess(limits: Thresholds, budget: Budget | None, load: Load) -> dict[str, float]:
+    """By how much what is short is above its threshold, in cores and bytes; 0 where only programs wait for it."""
+    cores, memory = _budget(budget, load)
+    most = {"cpu": load.cpu - limits.high * cores, "memory": load.memory - limits.high * memory}
+    return {what: max(0.0, most[what]) for what in pressed(limits, budget, load)}
+
+
+def helps(over: Mapping[str, float], cpu: float, memory: float) -> bool:
+    """Whether freeing so much makes a difference to what is short."""
+    freed = {"cpu": cpu, "memory": memory}
+    return any(freed[what] >= max(LEAST[what], SHARE * much) for what, much in over.items())
+
+
+def cause(load: Load, what: str, own: Mapping[str, tuple[float, float]] | None = None) -> str:
+    """Who uses most of what is short, in words: of all, or of these services and what is not rorg's."""
+    index = 0 if what == "cpu" else 1
+    total = load.cpu if what == "cpu" else load.memory
+    others = max(0.0, total - sum(use[index] for use in load.use.values()))
+    used = {OTHERS: others, **{n: use[index] for n, use in (load.use if own is None else own).items()}}
+    first = sorted((n for n in used if used[n] >= SHARE * total or n in (own or ())), key=lambda n: (-used[n], n))[:3]
+    words = [f"{used[n]:.1f} by {n}" if what == "cpu" else f"{format_memory(used[n])} by {n}" for n in first]
+    return f" ({', '.join(words)})" if words and load.use else ""
+
+
 def calm(limits: Thresholds, budget: Budget | None, load: Load) -> bool:
     """Well below every threshold."""
     cores, memory = _budget(budget, load)
@@ -135,8 +168,10 @@ def advance(state: Pressure, limits: Thresholds | None, budget: Budget | None, l
     tells = not state.engaged or load.at - state.changed_at >= 2 * limits.step - 0.01
     tells = tells and not (chances.settling and load.at - state.changed_at < PATIENCE)
     if over:
-        state = replace(state, pressed=tuple(over), reason="; ".join(over.values()), calm_since=None)
-        return _more(state, load, chances) if tells else state
+        state = replace(state, pressed=tuple(over), calm_since=None,
+                        reason="; ".join(text + cause(load, what) for what, text in over.items()))
+        return _more(state, over, load, chances) if tells and load.use else state
+    state = replace(state, helpless=False)
     if not state.engaged:
         return replace(state, pressed=(), reason="")
     if tells and (swapped := _swap(state, limits, budget, load, chances)):
@@ -152,17 +187,24 @@ def _budget(budget: Budget | None, load: Load) -> tuple[float, float]:
     return cores, float(budget.memory if budget and budget.memory is not None else load.memory_total)
 
 
-def _more(state: Pressure, load: Load, chances: Chances) -> Pressure:
-    """Takes the next measure that changes anything."""
-    level = state.level
-    while level < len(MEASURES) - 1:
-        level += 1
-        if MEASURES[level - 1] in chances.useful:
-            return replace(state, level=level, changed_at=load.at)
+def _more(state: Pressure, over: Mapping[str, str], load: Load, chances: Chances) -> Pressure:
+    """Takes the mildest measure that helps and is not in force."""
+    state = replace(state, helpless=False)
+    for measure in MEASURES[:-1]:
+        if measure in chances.useful and not state.in_force(measure):
+            return replace(_take(state, measure), changed_at=load.at)
     chosen = chances.next_shed(state.pressed)
     if chosen is None:
-        return replace(state, level=max(level, state.level))
-    return _shed(replace(state, level=len(MEASURES)), chosen, f"shed under pressure: {state.reason}", load)
+        return replace(state, helpless=True)
+    own = {chosen[0]: chosen[1:]}
+    why = "; ".join(text + cause(load, what, own) for what, text in over.items())
+    return _shed(_take(state, "shed"), chosen, f"shed under pressure: {why}", load)
+
+
+def _take(state: Pressure, measure: str) -> Pressure:
+    level = max(state.level, MEASURES.index(measure) + 1)
+    return replace(state, level=level, skipped=frozenset(
+        m for m in MEASURES[:level] if m != measure and not state.in_force(m)))
 
 
 def _shed(state: Pressure, victim: Victim, reason: str, load: Load) -> Pressure:
@@ -180,8 +222,11 @@ def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
     for shed in state.shed:
         cpu, used, victims = load.cpu + shed.cpu, load.memory + shed.memory, []
         for victim in chances.below(shed.service):
+            over = {"cpu": cpu - cores, "memory": used - memory}
             if cpu <= cores and used <= memory:
                 break
+            if not helps({what: much for what, much in over.items() if much > 0}, *victim[1:]):
+                continue
             victims.append(victim)
             cpu, used = cpu - victim[1], used - victim[2]
         if not victims or cpu > cores or used > memory:
@@ -215,5 +260,9 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
     if not state.level or load.at - since < limits.calm:
         return state
     # What does not fit stays away, but keeps nobody else away.
-    left = replace(state, level=state.level - 1, changed_at=load.at, calm_since=load.at)
+    level = state.level - 1
+    while level and MEASURES[level - 1] in state.skipped:
+        level -= 1
+    left = replace(state, level=level, skipped=state.skipped & {*MEASURES[:level]}, changed_at=load.at,
+                   calm_since=load.at)
     return left if left.engaged else replace(left, reason="")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from rorg.core.arbitrate import PROTECTED, Verdict
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
-from rorg.core.pressure import Chances, Load, Victim, advance, without
+from rorg.core.pressure import Chances, Load, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
 
 ALIVE = ("running", "restarting", "paused")
@@ -39,11 +39,12 @@ def relieve(memory: Memory, desired: Desired, verdict: Verdict, free: Verdict, o
     lower = _below_the_top(desired, verdict)
     before = state = memory.pressure
     if not suspended:
-        victims = Victims(desired, verdict, free, barred, locked, states, load)
+        over = excess(policy.pressure, policy.budget, load) if policy.pressure and load else {}
+        victims = Victims(desired, verdict, free, barred, locked, states, load, over)
         # Shedding is for what is wanted but for this, and never for what is protected by now, or needed by that.
         state = without(state, [s.service for s in state.shed if not 0 <= free.ranks.get(s.service, -1) < PROTECTED])
         state = advance(state, policy.pressure, policy.budget, load, Chances(
-            _useful(desired, verdict, lower, states), victims.next_one,
+            _useful(desired, verdict, lower, states, victims.use, over), victims.next_one,
             any(states.get(s.service) in ALIVE for s in state.shed), victims.below))
     if state != before:
         memory = replace(memory, pressure=state)
@@ -53,14 +54,20 @@ def relieve(memory: Memory, desired: Desired, verdict: Verdict, free: Verdict, o
                           in_force("stop-paused"), frozenset(s.service for s in state.shed), closed)
 
 
-def _useful(desired: Desired, verdict: Verdict, lower: Collection[str], states: Mapping[str, str]) -> frozenset[str]:
-    """Measures that would change something now."""
-    limits = desired.catalog.policy.pressure
-    unwanted = [n for n in states if n in desired.catalog.services and n not in verdict.wanted]
+def _useful(desired: Desired, verdict: Verdict, lower: Collection[str], states: Mapping[str, str],
+            use: Callable[[str], tuple[float, int]], over: Mapping[str, float]) -> frozenset[str]:
+    """Measures that would help now: they change something that uses what is short."""
+    limits, services = desired.catalog.policy.pressure, desired.catalog.services
+    unwanted = [n for n in states if n in services and n not in verdict.wanted]
+    lingering = [n for n in unwanted if states[n] == "running" and n not in verdict.gave_way]
+
+    def helped(cpu: Iterable[str], memory: Iterable[str]) -> bool:
+        return helps(over, sum(use(n)[0] for n in cpu), sum(use(n)[1] for n in memory))
+
     useful = {
-        "lower-shares": any(states.get(n) == "running" for n in lower),
-        "end-lingering": any(states[n] == "running" for n in unwanted),
-        "stop-paused": any(states[n] == "paused" for n in unwanted),
+        "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
+        "end-lingering": helped(lingering, [n for n in lingering if services[n].idle.action != "pause"]),
+        "stop-paused": helped((), [n for n in unwanted if states[n] == "paused"]),
         "close-admission": limits is not None and any(r < limits.admit for r in verdict.ranks.values()),
     }
     return frozenset(name for name, is_useful in useful.items() if is_useful)
@@ -80,9 +87,10 @@ class Victims:
     or that asked for others; and nothing with which a protected service would go."""
 
     def __init__(self, desired: Desired, verdict: Verdict, free: Verdict, barred: Collection[str],
-                 locked: Collection[str], states: Mapping[str, str], load: Load | None) -> None:
+                 locked: Collection[str], states: Mapping[str, str], load: Load | None,
+                 over: Mapping[str, float]) -> None:
         self.catalog, self.verdict, self.free, self.barred = desired.catalog, verdict, free, barred
-        self.locked, self.states = locked, states
+        self.locked, self.states, self.over = locked, states, over
         self.measured = load.use if load else {}
 
     def use(self, name: str) -> tuple[float, int]:
@@ -108,10 +116,11 @@ class Victims:
         return name, sum(u[0] for u in uses), sum(u[1] for u in uses)
 
     def next_one(self, pressed: tuple[str, ...]) -> Victim | None:
-        """The one that matters least; of several, that which uses most of what is short."""
+        """The one that matters least, of those with which enough of what is short would go; of several, that which
+        uses most of it."""
         use = 0 if "cpu" in pressed else 1
         order = sorted(self.names(), key=lambda n: (self.verdict.ranks[n], -self.use(n)[use], n))
-        return next((v for n in order if (v := self.victim(n))), None)
+        return next((v for n in order if (v := self.victim(n)) and helps(self.over, *v[1:])), None)
 
     def below(self, service: str) -> list[Victim]:
         """Those that matter less than a service that is out; who matters least comes first."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.backoff import STALLED_AFTER
@@ -52,6 +52,8 @@ class Status:
     """It leaves the CPU to others, because of pressure."""
     ros_nodes: tuple[str, ...] = ()
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
+    withheld: str = ""
+    """Why it is still there though no manifest declares it any more."""
 
     def condition(self, kind: str) -> Condition:
         """Its condition of this type; "Unknown" for one that it does not have."""
@@ -63,7 +65,7 @@ class Status:
             "wanted": self.wanted, "why": self.why, "container": self.container, "incarnation": self.incarnation,
             "started_at": self.started_at, "exits": self.exits, "pid": self.pid,
             "crashes": self.crashes, "rank": self.rank, "held": self.held, "lowered": self.lowered,
-            "ros_nodes": list(self.ros_nodes),
+            "ros_nodes": list(self.ros_nodes), "withheld": self.withheld,
             "conditions": [{"type": c.type, "status": c.status, "reason": c.reason, "message": c.message}
                            for c in self.conditions],
         }
@@ -78,11 +80,19 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
     for action in plan.actions:
         actions.setdefault(action.service, []).append(action)
     pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
-    return {
+    found = {
         name: _status(situation, service, (containers.get(name) or [None])[0], pending.get(name, ""),
                       waiting.get(name, ""), (holds or {}).get(name, ""), actions.get(name, []))
         for name, service in sorted(situation.desired.catalog.services.items())
     }
+    for name, why in situation.withheld.items():
+        if name in found:
+            found[name] = replace(found[name], withheld=why, why=f"withheld: {why}")
+        elif name in containers:  # nothing else is known of it
+            current = containers[name][0]
+            found[name] = Status(name, current.state, "OutOfSync", "Unknown", False, f"withheld: {why}",
+                                 container=current.id, started_at=current.started_at, withheld=why)
+    return found
 
 
 def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str,
@@ -135,12 +145,18 @@ ENDS = ("pause", "stop", "remove")
 """Verbs after which a run does not go on."""
 
 
+def ends(action: Action) -> bool:
+    """Whether the run of a service does not go on after it. Where a container is made to take another one's place,
+    that one's run is over too: while it is made, nothing else is planned for the service."""
+    return action.verb in ENDS or (action.verb == "create" and action.part_of == "replace")
+
+
 def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
     """Why the run of now is about to end, though it answers still; empty when it goes on."""
     flight = situation.memory.in_flight.get(service.name)
     planned = () if situation.suspended else actions
     for action in (*([flight.action] if flight else []), *planned):
-        if action.verb in ENDS and current is not None and action.container == current.id:
+        if ends(action) and current is not None and action.container in ("", current.id):
             return f"{action.verb}: {action.reason}"
     asked = situation.restarts.get(service.name)
     return "restart asked for" if current is not None and asked == current.incarnation else ""

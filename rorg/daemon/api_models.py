@@ -26,6 +26,11 @@ class HoldBody(Body):
     reason: Short = ""
 
 
+class ConfirmBody(Body):
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
+        description="Exactly what is to go: services and groups whose removal is withheld.")
+
+
 class RequestView(BaseModel):
     id: str
     requester: str
@@ -37,6 +42,41 @@ class RequestView(BaseModel):
     standing: bool = False
     expires_in: float | None = Field(default=None, description="Seconds that are left of the lease.")
     generation: int | None = Field(default=None, description="Of the change that this answers.")
+
+
+class ConditionView(BaseModel):
+    type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
+    status: str = Field(description="True, False or Unknown.")
+    reason: str
+    message: str
+
+
+class ServiceView(BaseModel):
+    """How a service is."""
+
+    service: str
+    state: str = Field(description="The engine's word; none without a container, meta for a meta-service.")
+    sync: str = Field(description="Synced, OutOfSync or Unknown.")
+    health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
+    wanted: bool
+    why: str
+    container: str
+    incarnation: str = Field(description="The run of its container; empty where none is alive.")
+    started_at: str
+    exits: int
+    pid: int
+    crashes: int
+    rank: int
+    held: str
+    lowered: bool
+    ros_nodes: list[str]
+    conditions: list[ConditionView]
+
+
+class GroupView(BaseModel):
+    name: str
+    services: list[str]
+    description: str
 
 
 class Held(BaseModel):

@@ -76,7 +76,7 @@ class Ledger:
         whoever changed an entry since it was read, or renewed it (`renewals` are those that the decision knew), has
         the last word."""
         settled = decision.settled
-        if not (settled.dropped or settled.bound or decision.served):
+        if not (settled.dropped or settled.bound or decision.served or decision.confirmed):
             return
         gone = {r.key: r for r, _ in settled.dropped}
         bound = {r.key: r.incarnation for r in settled.bound}
@@ -91,7 +91,8 @@ class Ledger:
                 asked, requests=tuple(
                     replace(r, incarnation=bound[r.key]) if r.key in bound and r.incarnation is None else r
                     for r in asked.requests if r.key not in dropped),
-                restarts={n: at for n, at in asked.restarts.items() if decision.served.get(n) != at})
+                restarts={n: at for n, at in asked.restarts.items() if decision.served.get(n) != at},
+                removals=tuple(n for n in asked.removals if n not in decision.confirmed))
 
         try:
             self.file.change(edit)
@@ -104,7 +105,7 @@ class Ledger:
         for request, why in settled.dropped:
             if request.key in dropped:
                 self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
-                                    service=request.requester, services=list(request.services))
+                                    service=request.requester, services=list(request.services), request=request.id)
 
 
 def _same(one: Request, other: Request) -> bool:

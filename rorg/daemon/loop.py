@@ -8,8 +8,10 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
+from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.former import Kept
 from rorg.core.lanes import Lanes
 from rorg.core.memory import finish
 from rorg.core.observed import Container
@@ -33,6 +35,7 @@ from rorg.host.watch import Watcher
 from rorg.manifest.catalog import Thresholds
 from rorg.manifest.scalars import format_memory
 from rorg.store.bell import Bell
+from rorg.store.last_good import read_kept, write_kept
 from rorg.store.state_dir import StateDir, read_json
 
 SOON = 0.05
@@ -68,10 +71,11 @@ class Loop:
                                lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in names)
         self.bell = Bell(state.path, self._rung)
         self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
-        self.memory = recall(read_json(state.status))
         self.generations = Generations(int(time.time() * 1000))
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
+        self.state = state
+        self.memory = replace(recall(read_json(state.status)), kept=read_kept(state.path))
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
@@ -173,8 +177,10 @@ class Loop:
             lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
             suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=renewals,
             asked=self._asked_for(),
+            confirmed=asked.removals,
         ))
         self.ledger.settle(decision, renewals)
+        self._keep(decision.memory.kept)
         self.memory, self.decision = decision.memory, decision
         self.generations.acted = self.generations.read(upto, not self._files)
         for action in decision.begin:
@@ -187,6 +193,15 @@ class Loop:
         self.reporter.report(decision, self.tree, self.ledger.file)
         self.decided()
         return decision
+
+    def _keep(self, kept: Kept) -> None:
+        """Writes down what is declared, and what was, before anything is done on the word of another tree."""
+        before = self.memory.kept
+        if kept.catalog is not before.catalog or kept.former != before.former:
+            try:
+                write_kept(self.state.path, kept)
+            except OSError as error:
+                self.reporter.when_new("last-good", str(error), "last-good-not-written", str(error))
 
     def _begin(self, action: Action) -> None:
         """Hands an action to a worker. Whatever happens, an outcome comes of it."""

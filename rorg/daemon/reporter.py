@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rorg.core.decide import Decision
+from rorg.core.losses import losses, ready_runs
 from rorg.core.plan import Action
 from rorg.daemon.snapshot import pressure_json, snapshot
 from rorg.daemon.tree import Tree
@@ -39,6 +40,8 @@ class Reporter:
         self.journal = Journal(state.journal)
         self.ignored = ignored
         self._said: dict[str, Any] = {}
+        self._ready: dict[str, str] = {}
+        """Service -> the run that was ready at the last pass."""
         self._published = ""
         self._due = 0.0
         self._next: tuple[Decision, dict[str, Any]] | None = None
@@ -61,8 +64,8 @@ class Reporter:
 
     def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
         """Says what is new since the last pass, and publishes the state when it changed."""
-        self._when_new("tree", (tuple(map(str, tree.errors)), tree.desired.catalog.fingerprint, tree.revision),
-                       self._tree, tree)
+        self._when_new("tree", (tuple(map(str, (*tree.errors, *tree.warnings))), tree.desired.catalog.fingerprint,
+                                tree.revision), self._tree, tree)
         self._unknown(decision)
         self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
         observed = decision.situation.observed
@@ -73,9 +76,13 @@ class Reporter:
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
         told = pressure_json(decision)
-        self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"])), self._pressure, decision)
+        self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"]), self._pressure,
+                       decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
+        if observed.complete:
+            self._lost(decision)
+        self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
         about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
                       "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
         self._publish(decision, {**self.about, "tree": about_tree,
@@ -102,6 +109,8 @@ class Reporter:
             count = sum(not s.meta for s in tree.desired.catalog.services.values())
             self.event("tree-accepted", f"manifests in force: {count} services"
                        + (f", revision {tree.revision}" if tree.revision else ""))
+            for warning in tree.warnings:
+                self.event("manifest-warning", str(warning))
             self._ignored(tree)
 
     def _ignored(self, tree: Tree) -> None:
@@ -149,14 +158,30 @@ class Reporter:
     def _pressure(self, decision: Decision) -> None:
         told = pressure_json(decision)
         what = ", ".join([*told["measures"], *(f"{name} ceased" for name in told["shed"])])
-        self.event("pressure", f"pressure: {told['reason']}; in force: {what}" if what else "pressure is over", **told)
+        text = f"pressure: {told['reason']}" + (f"; in force: {what}" if what else "")
+        text += "; nothing that rorg runs would help" * (told["helpless"] and not what)
+        self.event("pressure", text if what or told["helpless"] else "pressure is over", **told)
 
     def _holds(self, decision: Decision) -> None:
         held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
         self.event("holds", held or "no service is held any more", services=list(decision.holds))
 
+    def _withheld(self, decision: Decision) -> None:
+        found = decision.situation.withheld
+        lines = "; ".join(f"{name} is not declared any more, but {why}" for name, why in found.items())
+        self.event("withheld", f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found
+                   else "no removal is withheld any more", services=list(found))
+
     def _suspended(self, decision: Decision) -> None:
         self.event("suspended", decision.situation.suspended or "no longer suspended")
+
+    def _lost(self, decision: Decision) -> None:
+        """Tells those who hold requests what they cannot rely on any more."""
+        before, self._ready = self._ready, ready_runs(decision)
+        for loss in losses(before, self._ready, decision):
+            self.event("lost", f"{loss.service} is lost to {', '.join(loss.requests)}: {loss.reason}",
+                       service=loss.service, cause=loss.cause, incarnation=loss.incarnation,
+                       requests=list(loss.requests))
 
     # -- publishing --------------------------------------------------------------------------------------------
 

@@ -213,7 +213,7 @@ class Robot:
         at = wall_clock()
         return self._change(
             caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}), "restart",
-            f"restart of {', '.join(names)}")
+            f"restart of {', '.join(names)}", services=names)
 
     def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[int]:
         """Holds a service, or a group's, for so long; None ends it."""
@@ -228,12 +228,23 @@ class Robot:
             return replace(asked, holds={**kept, **more})
 
         told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
-        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}")
+        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}", services=names)
 
     def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[int]:
         hold = None if seconds is None else Hold(time.time() + seconds, reason)
         told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
         return self._change(caller, lambda asked: replace(asked, suspended=hold), "suspend", told)
+
+    def confirm(self, caller: Caller, names: tuple[str, ...]) -> Future[int]:
+        """Lets go of what is withheld: exactly these, and for as long as they are not declared again."""
+        withheld = self.decision.situation.withheld
+        others = [n for n in names if n not in withheld]
+        if others:
+            raise Refused(f"confirm the removal of {', '.join(others)}", "it is not withheld",
+                          "`rorg diff` for what is")
+        return self._change(
+            caller, lambda asked: replace(asked, removals=tuple(dict.fromkeys((*asked.removals, *names)))), "removal",
+            f"removal of {', '.join(names)} confirmed", services=list(names))
 
     def _change(self, caller: Caller, edit: Callable[[Asked], Asked], kind: str, message: str, **more: Any
                 ) -> Future[int]:

@@ -21,6 +21,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         **about,
         "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
         "suspended": situation.suspended,
+        "withheld": dict(situation.withheld),
         "requests": [request_json(r) for r in requests],
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
@@ -54,5 +55,5 @@ def request_json(request: Request) -> dict[str, Any]:
 def pressure_json(decision: Decision) -> dict[str, Any]:
     """Measures in force, mildest first, and what was shed."""
     state = decision.memory.pressure
-    return {"reason": state.reason, "measures": list(MEASURES[:state.level]),
+    return {"reason": state.reason, "measures": [m for m in MEASURES if state.in_force(m)], "helpless": state.helpless,
             "shed": {s.service: s.reason for s in state.shed}}

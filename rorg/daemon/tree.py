@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from rorg.core.desired import Desired, desire
@@ -10,21 +13,38 @@ from rorg.errors import RorgError
 from rorg.host.git import checkout_under_way, git_dir, revision
 from rorg.manifest.catalog import EMPTY
 from rorg.manifest.diagnostics import Diagnostic, Where
-from rorg.manifest.load import load
+from rorg.manifest.documents import manifest_files, stray_files
+from rorg.manifest.inputs import Inputs
+from rorg.manifest.load import Loaded, load
+
+PATIENCE = 2.0
+"""Seconds for which a tree that changes while it is read is left for later; then it is taken as it can be had."""
+CHECKOUT = 60.0
+"""The same while git says that it writes the tree."""
+MOUNTS_EVERY = 1.0
+"""Seconds between two reads at the least when nothing has changed but what services mount: it may never be still."""
+Stamp = tuple[tuple, tuple, tuple]
 
 
 class Tree:
     """`desired` is what the last good tree declares. While `errors` is not empty nothing is removed on its word."""
 
-    def __init__(self, root: Path, run: str = "/run/rorg") -> None:
-        self.root, self.run = root, run
+    def __init__(self, root: Path, run: str = "/run/rorg", clock: Callable[[], float] = time.monotonic) -> None:
+        self.root, self.run, self.clock = root, run, clock
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
         self.revision = ""
         self.loaded = False
         """Whether any tree has been good yet."""
-        self._stamp: tuple = ("never",)
+        self._inputs = Inputs()
+        self._stamp: Stamp | None = None
+        """Of what was read last."""
+        self._read_at = float("-inf")
+        self._since: float | None = None
+        """Since when the tree has been too busy to be read."""
+        self._seen: Stamp | None = None
+        """How it was then when last looked at."""
         self._git = git_dir(root)
 
     @property
@@ -32,40 +52,80 @@ class Tree:
         """Whether the removal of undeclared services may be planned."""
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
 
-    def stamp(self) -> tuple:
-        """Changes with every file of the tree: names, times, sizes."""
-        found = []
-        for folder, folders, files in os.walk(self.root):
-            folders[:] = [f for f in folders if not f.startswith(".")]
-            for name in files:
-                path = os.path.join(folder, name)
-                try:
-                    # A link that leads nowhere is of the tree too.
-                    stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
-                except OSError:
-                    continue
-                found.append((folder, name, stat.st_mtime_ns, stat.st_size, stat.st_ino))
-        return tuple(sorted(found))
+    def stamp(self) -> Stamp:
+        """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
+        and what is mounted. Whatever else is below it does not count."""
+        manifests: list[Path] = []
+        strays: list[Path] = []
+        with contextlib.suppress(OSError):  # load() says so
+            manifests, strays = manifest_files(self.root), stray_files(self.root)
+        return (_stats(manifests), _stats(sorted(self._inputs.files)),
+                _stats([*strays, *_below(sorted(self._inputs.mounted))]))
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
-        read, is left for later."""
-        if checkout_under_way(self._git):
-            return False, True
-        stamp = self.stamp()
-        if stamp == self._stamp:
+        read, is left for later; but not for ever."""
+        now, stamp, checkout = self.clock(), self.stamp(), checkout_under_way(self._git)
+        if stamp == self._stamp and not checkout:
+            self._since = None
             return False, False
-        try:
-            loaded = load(self.root)
-            catalog, diagnostics = loaded.catalog, loaded.diagnostics
-        except RorgError as error:
-            catalog, diagnostics = None, (Diagnostic(Where(str(self.root)), str(error)),)
-        if self.stamp() != stamp or checkout_under_way(self._git):
+        waited = 0.0 if self._since is None else now - self._since
+        still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
+        if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
+            return self._later(now, stamp)
+        if self._stamp and stamp[:2] == self._stamp[:2] and now - self._read_at < MOUNTS_EVERY:
             return False, True
-        self._stamp = stamp
-        self.errors = tuple(d for d in diagnostics if d.severity == "error")
-        self.warnings = tuple(d for d in diagnostics if d.severity == "warning")
-        if catalog is not None:
-            self.desired, self.loaded = desire(catalog, self.run), True
+        before, loaded = self._load(stamp)
+        after = self.stamp()
+        whole = after[:2] == before[:2] and not (checkout_under_way(self._git) and not checkout)
+        if not whole and (waited < PATIENCE or (loaded.catalog is None and waited < 2 * PATIENCE)):
+            return self._later(now, after)
+        self._since, self._stamp, self._read_at = None, before, now
+        self._take(loaded)
+        return True, not whole
+
+    def _later(self, now: float, seen: Stamp) -> tuple[bool, bool]:
+        self._since, self._seen = now if self._since is None else self._since, seen
+        return False, True
+
+    def _load(self, stamp: Stamp) -> tuple[Stamp, Loaded]:
+        """The tree, with the stamp from before anything of it was read."""
+        stamps = [stamp]
+
+        def found(inputs: Inputs) -> None:
+            self._inputs = inputs
+            stamps.append((stamp[0], *self.stamp()[1:]))
+
+        try:
+            loaded = load(self.root, found=found)
+        except RorgError as error:
+            loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))
+        return stamps[-1], loaded
+
+    def _take(self, loaded: Loaded) -> None:
+        self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
+        self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
+        if loaded.catalog is not None:
+            self.desired, self.loaded = desire(loaded.catalog, self.run), True
             self.revision = revision(self.root)
-        return True, False
+
+
+def _below(places: Iterable[Path]) -> Iterator[Path]:
+    """Files and directories, and all that is in these."""
+    for place in places:
+        yield place
+        for folder, folders, files in os.walk(place):
+            folders[:] = sorted(f for f in folders if not f.startswith("."))
+            yield from (Path(folder, name) for name in (*folders, *sorted(files)))
+
+
+def _stats(paths: Iterable[Path]) -> tuple:
+    found = []
+    for path in paths:
+        try:
+            # A link that leads nowhere is of the tree too.
+            stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
+        except OSError:
+            continue
+        found.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
+    return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections.abc import Callable, Mapping
@@ -54,11 +55,16 @@ class Meter:
         return Load(now, cpu, float(os.cpu_count() or 1), memory.total - memory.available, memory.total, psi("cpu"),
                     psi("memory"), self._rates(now, use) if use else {})
 
+    def begin(self, use: Use) -> None:
+        """Takes note of what each service has used so far: the next sample's rates are since now."""
+        self._use = (self.clock(), dict(use()))
+
     def _rates(self, now: float, use: Use) -> dict[str, tuple[float, int]]:
         (then, old), new = self._use, dict(use())
         self._use = (now, new)
-        spans = {n: cpu - old[n][0] for n, (cpu, _) in new.items() if n in old}
-        return {n: (max(0.0, spans.get(n, 0.0)) / max(now - then, 0.001), memory) for n, (_, memory) in new.items()}
+        # Of what has begun since, nothing is known yet.
+        return {n: (max(0.0, cpu - old[n][0]) / max(now - then, 0.001), memory) for n, (cpu, memory) in new.items()
+                if n in old}
 
 
 class Sampler:
@@ -88,6 +94,9 @@ class Sampler:
             except Exception:  # the engine or the kernel did not answer: the next sample will tell
                 continue
             matters = self.matters(self.latest)
+            if matters and not mattered:
+                with contextlib.suppress(Exception):
+                    self.meter.begin(self.use)
             if matters or mattered:
                 self.wake()
             mattered = matters

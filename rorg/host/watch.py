@@ -40,7 +40,7 @@ class Watcher:
     def _follow(self, again: bool) -> None:
         """Until one of the directories is not the one any more that is watched: the kernel follows the directory, not
         its name."""
-        watched = self._identity()
+        watched, first = self._identity(), True
         if again:
             self.wake()  # nobody watched meanwhile
         for changes in watchfiles.watch(
@@ -48,8 +48,9 @@ class Watcher:
             watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False, yield_on_timeout=True,
         ):
             moved = self._identity() != watched
-            if changes:
-                self.wake()
+            if changes or first:
+                self.wake()  # what changed before the kernel was asked to watch is told by nobody
+            first = False
             if moved:
                 return
 

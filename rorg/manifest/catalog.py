@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from typing import Any
 
 from rorg.manifest.diagnostics import Where
@@ -69,6 +70,8 @@ class Service:
     """Services and groups that it may request through the API."""
     may_restart: tuple[str, ...] = ()
     """Those that it may restart."""
+    may_manage: tuple[str, ...] = ()
+    """Patterns of names of those that it may create, change and remove."""
     idle: Idle = Idle()
     ready: Probe | None = None
     live: Probe | None = None
@@ -92,6 +95,14 @@ class Service:
     @property
     def container_name(self) -> str:
         return (self.spec or {}).get("container_name", self.name)
+
+    @property
+    def calls(self) -> bool:
+        """It has a socket of rorg's."""
+        return bool(self.may_request or self.may_manage)
+
+    def manages(self, name: str) -> bool:
+        return any(fnmatchcase(name, pattern) for pattern in self.may_manage)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +195,8 @@ class Policy:
     resources: Mapping[str, int] = field(default_factory=dict)
     """Exclusive resource -> how many units there are; 1 where it is not named."""
     purge_ros: bool = True
+    removals: str = "ask"
+    """ask or auto."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,14 +44,19 @@ def manifest_files(root: Path) -> list[Path]:
     return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not p.is_dir())
 
 
+def stray_files(root: Path) -> list[Path]:
+    """YAML in a folder of the tree's top level that is not read."""
+    folders = sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != ".")
+    return [path for folder in folders for path in sorted(folder.glob("*.y*ml"))]
+
+
 def stray_manifests(root: Path) -> list[Diagnostic]:
-    """Manifests in a folder of the tree's top level that is not read: most likely a misspelt folder."""
+    """Manifests among that: most likely the folder is misspelt."""
     strays = []
-    for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != "."):
-        for path in sorted(folder.glob("*.y*ml")):
-            if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
-                message = f"a manifest in '{folder.name}/', which is not read"
-                strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(folder.name, FOLDERS)}"))
+    for path in stray_files(root):
+        if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+            message = f"a manifest in '{path.parent.name}/', which is not read"
+            strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
     return strays
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from rorg.manifest.catalog import DEVELOPER, Budget, Catalog, Group, Image, Poli
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.idling import check_idling
+from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
@@ -31,9 +32,10 @@ class Loaded:
         return [d for d in self.diagnostics if d.severity == "error"]
 
 
-def load(root: Path, overlay: Mapping[Path, str | None] | None = None) -> Loaded:
+def load(root: Path, overlay: Mapping[Path, str | None] | None = None,
+         found: Callable[[Inputs], None] = lambda _: None) -> Loaded:
     """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
-    at once, sorted by place; nothing is half accepted.
+    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is.
 
     Raises Invalid when `root` is no readable directory or holds no manifest at all.
     """
@@ -47,11 +49,20 @@ def load(root: Path, overlay: Mapping[Path, str | None] | None = None) -> Loaded
         raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
     diagnostics += more
+    found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken)
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
+    diagnostics += _misnamed(sources)
     return Loaded(replace(catalog, fingerprint=_fingerprint(catalog)), tuple(sorted(set(diagnostics))))
+
+
+def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
+    """Files that are called otherwise than what they declare: one of both may be a typing error."""
+    return [Diagnostic(s.where("metadata", "name"), f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
+                       f"'{s.path.stem}', or to rename the file", "warning")
+            for s in sources if s.name != s.path.stem]
 
 
 def load_or_raise(root: Path) -> Catalog:
@@ -159,7 +170,8 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
 def _policy(spec: Any) -> Policy:
     budget, pressure = spec.budget, spec.pressure
     return Policy(spec.resync, spec.bulk_workers, Budget(**budget.model_dump()) if budget else None,
-                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros)
+                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros,
+                  spec.removals)
 
 
 def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:

@@ -84,5 +84,9 @@ class PolicySpec(Strict):
     resources: Units = Field(default_factory=dict, description="How many of each exclusive resource there are.")
     interlock: Interlock | None = Field(
         default=None, description="For drivers and protected services that have none of their own.")
+    removals: Literal["ask", "auto"] = Field(
+        default="ask", description="What becomes of a service that is not declared any more though a request, a need "
+                                   "or a group names it: it stays until a person has confirmed its removal, or it is "
+                                   "removed. Default: ask.")
     purge_ros: bool = Field(default=True, description="Take the registrations of killed ROS 1 nodes of this machine "
                                                       "out of the master. Default: true.")

@@ -74,7 +74,8 @@ class SimRobot:
             raise AssertionError("; ".join(decision.violations))
         self.memory = decision.memory
         left = {n: at for n, at in self.asked.restarts.items() if n not in decision.served}
-        self.asked = replace(self.asked, requests=decision.settled.requests, restarts=left)
+        self.asked = replace(self.asked, requests=decision.settled.requests, restarts=left,
+                             removals=tuple(n for n in self.asked.removals if n not in decision.confirmed))
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
@@ -108,7 +109,7 @@ class SimRobot:
             self.desired, self.asked.requests, self.asked.restarts, observed, self._findings(), self.memory, self.now,
             self.owner, self.removals, self.booted_at, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
             holds=self.asked.holds, suspended=self.asked.suspended, wall=self.wall, load=self._load(),
-            renewals=self.renewals)
+            renewals=self.renewals, confirmed=self.asked.removals)
 
     def _findings(self) -> Mapping[tuple[str, str], Finding]:
         """Answers to what the last pass asked."""

@@ -23,6 +23,7 @@ HEADER = """\
 # requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
 # service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
+# removals: what a person has confirmed to be removed, though a request, a need or a group named it.
 """
 SPARE = ".requests.last-good.yaml"
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
@@ -41,7 +42,7 @@ def _text(dumper: _Dumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "holds", "suspended")
+_KEYS = ("requests", "restarts", "holds", "suspended", "removals")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,8 @@ class Asked:
     holds: Mapping[str, Hold] = field(default_factory=dict)
     """Service -> until when it must not be active."""
     suspended: Hold | None = None
+    removals: tuple[str, ...] = ()
+    """What is not declared any more, and confirmed to be removed."""
 
     def put(self, request: Request) -> Asked:
         """With this request, in place of the one with the same requester and id."""
@@ -111,7 +114,14 @@ class _Reader:
         suspended = value.get("suspended")
         return Asked(tuple(found), self.restarts(value.get("restarts") or {}),
                      {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
-                     self.hold(("suspended",), suspended) if suspended else None)
+                     self.hold(("suspended",), suspended) if suspended else None,
+                     self.removals(value.get("removals") or []))
+
+    def removals(self, value: Any) -> tuple[str, ...]:
+        if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
+            self.error(("removals",), "must be a list of names", "[NAME]")
+            return ()
+        return tuple(dict.fromkeys(value))
 
     def hold(self, path: tuple, value: Any) -> Hold | None:
         if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
@@ -191,6 +201,8 @@ def render(asked: Asked) -> str:
         content["holds"] = {name: _hold(hold) for name, hold in asked.holds.items()}
     if asked.suspended:
         content["suspended"] = _hold(asked.suspended)
+    if asked.removals:
+        content["removals"] = list(asked.removals)
     return HEADER + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120,
                               allow_unicode=True)
 

@@ -1,0 +1,114 @@
+"""A typing error in a name must stop nothing: what a request, a need or a group of the last good tree names stays as it
+was declared, until a person has confirmed that it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+
+from rorg.core.desired import Desired, desire
+from rorg.core.former import Former, Kept
+from rorg.core.observed import Observed
+from rorg.manifest.catalog import Catalog, Group, Request, Service
+
+Withheld = Mapping[str, str]
+"""Services and groups whose removal waits for a person's word, each with the reason."""
+
+
+def withhold(kept: Kept, desired: Desired, requests: Collection[Request], observed: Observed,
+             confirmed: Collection[str]) -> tuple[Kept, Desired, Withheld]:
+    """What is desired, with what is withheld still in it. Where nothing at all is declared, nothing is concluded."""
+    catalog = desired.catalog
+    if len(catalog.services) <= 1:
+        return kept, desired, {}
+    former = {} if catalog.policy.removals == "auto" else _former(kept, catalog, observed, confirmed)
+    former = _judged(former, catalog, requests, confirmed)
+    held = {name: f for name, f in former.items() if f.withheld and name not in confirmed}
+    found = {name: f.withheld for name, f in held.items()} | _unknown(former, catalog, requests, observed, confirmed)
+    if not held:
+        return Kept(catalog, former), desired, found
+    merged = kept.merged
+    if merged is None or merged[0] is not catalog or merged[1] != held:
+        merged = catalog, held, desire(_with(catalog, held))
+    return Kept(catalog, former, merged), merged[2], found
+
+
+def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Observed) -> tuple[str, ...]:
+    """Confirmations that have nothing more to say: what they name is gone, or declared again."""
+    if not observed.complete or len(catalog.services) <= 1:
+        return ()
+    there = observed.by_service()
+    return tuple(n for n in confirmed if n in catalog.services or n in catalog.groups
+                 or (n not in there and n not in kept.former))
+
+
+def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collection[str]) -> dict[str, Former]:
+    """What was declared once, is not now, and is still there. Meta-services and groups have no container: they are
+    there until their going is confirmed."""
+    found = {n: f for n, f in kept.former.items() if f.withheld or not _bodiless(f.what)}
+    last = kept.catalog
+    if last is not None and last is not catalog:
+        held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
+        for name, what in {**last.services, **last.groups}.items():
+            found[name] = Former(
+                what, tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
+                tuple(g.name for g in last.groups.values() if name in g.services))
+    there = observed.by_service()
+    return {name: f for name, f in found.items() if name not in catalog.services and name not in catalog.groups and (
+        name not in confirmed if _bodiless(f.what) else name in there or not observed.complete)}
+
+
+def _bodiless(what: Service | Group) -> bool:
+    return isinstance(what, Group) or what.meta
+
+
+def _judged(former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request],
+            confirmed: Collection[str]) -> dict[str, Former]:
+    """With the reason of each that is withheld. What only needed each other goes together."""
+    found = dict(former)
+    while True:
+        staying = {*catalog.services, *(n for n, f in found.items() if f.withheld and n not in confirmed)}
+        more = {name: replace(f, withheld=why) for name, f in found.items()
+                if not f.withheld and (why := _why(name, f, requests, staying))}
+        if not more:
+            return found
+        found |= more
+
+
+def _why(name: str, former: Former, requests: Collection[Request], staying: Collection[str]) -> str:
+    asked = _asked(name, requests)
+    if isinstance(former.what, Group):
+        return asked
+    own = next((f"it has made request '{r.id}'" for r in requests if r.requester == name), "")
+    if asked or (former.what.meta and own):
+        return asked or own
+    need = next((n for n in former.needed_by if n in staying), "")
+    if need:
+        return f"{need} needed it"
+    return f"the group {former.groups[0]} named it" if former.groups else ""
+
+
+def _asked(name: str, requests: Iterable[Request]) -> str:
+    return next((f"request '{r.id}' of {r.requester} names it" for r in requests if name in r.services), "")
+
+
+def _unknown(former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request], observed: Observed,
+             confirmed: Collection[str]) -> dict[str, str]:
+    """Containers of ours of which no tree is known, and that a request names."""
+    if catalog.policy.removals == "auto":
+        return {}
+    return {name: why for name in observed.by_service() if name not in catalog.services and name not in former
+            and name not in confirmed and (why := _asked(name, requests))}
+
+
+def _with(catalog: Catalog, held: Mapping[str, Former]) -> Catalog:
+    """The catalog with these in it, as far as what they name is still there."""
+    services = {**catalog.services, **{n: f.what for n, f in held.items() if isinstance(f.what, Service)}}
+    groups = {**catalog.groups, **{n: replace(f.what, services=tuple(m for m in f.what.services if m in services))
+                                   for n, f in held.items() if isinstance(f.what, Group)}}
+    for name in held:
+        if name in services:
+            old = services[name]
+            services[name] = replace(old, needs=tuple(n for n in old.needs if n in services),
+                                     follows=tuple(n for n in old.follows if n in services))
+    return replace(catalog, services=services, groups=groups)

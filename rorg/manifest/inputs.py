@@ -1,0 +1,47 @@
+"""Which files besides the manifests a tree is made of: what was read for it, and what is mounted from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.documents import Source
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Paths, whether anything is there or not: what is missing may come."""
+
+    files: frozenset[Path] = frozenset()
+    """Read with the manifests: env_file, Dockerfiles."""
+    mounted: frozenset[Path] = frozenset()
+    """Files and directories of the tree that services mount."""
+
+
+def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
+    """Those of all services and images, with what any profile may add to a service."""
+    files: set[Path] = set()
+    mounted: set[Path] = set()
+    profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]  # type: ignore[attr-defined]
+    for source in by_kind.get("Service", {}).values():
+        spec: Any = source.spec
+        for options in (spec.container, *profiles):
+            files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
+            mounted |= {source.directory / path for path in _sources(options)}
+        mounted |= {source.directory / mount.partition(":")[0] for mount in spec.mounts or ()}
+    for source in by_kind.get("Image", {}).values():
+        image: Any = source.spec
+        if image.context is not None:
+            files.add(source.directory / image.context / image.dockerfile)
+    top = root.resolve()
+    return Inputs(frozenset(files), frozenset(p for path in mounted if (p := path.resolve()).is_relative_to(top)))
+
+
+def _sources(options: Any) -> Iterator[str]:
+    """Paths on the host of what a container mounts."""
+    for volume in getattr(options, "volumes", None) or ():
+        source = getattr(volume, "source", None) if not isinstance(volume, str) else volume.partition(":")[0]
+        if source and str(source).startswith((".", "/")):
+            yield str(source)

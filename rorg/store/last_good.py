@@ -1,0 +1,76 @@
+"""What the last good tree declared, so that a rorg that begins anew knows what has gone from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rorg.core.former import Former, Kept
+from rorg.manifest.catalog import Catalog, Group, Idle, Probe, Service
+from rorg.manifest.diagnostics import Where
+from rorg.store.files import write_atomic
+
+NAME = ".services.last-good.json"
+T = TypeVar("T")
+
+
+def write_kept(folder: Path, kept: Kept) -> None:
+    """Only its owner may read it: there are values of the environment in it."""
+    if kept.catalog is None:
+        return
+    former = [{**_dump(f.what), "needed_by": f.needed_by, "groups": f.groups, "withheld": f.withheld}
+              for f in kept.former.values()]
+    last = [_dump(what) for what in (*kept.catalog.services.values(), *kept.catalog.groups.values())]
+    write_atomic(folder / NAME, json.dumps({"last": last, "former": former}) + "\n", mode=0o600)
+
+
+def read_kept(folder: Path) -> Kept:
+    """What was written last; what cannot be read of it, by whatever rorg it was written, is passed over."""
+    try:
+        content = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        last, former = _each(content["last"], _load), _each(content["former"], _former)
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return Kept()
+    services = {w.name: w for w in last if isinstance(w, Service)}
+    groups = {w.name: w for w in last if isinstance(w, Group)}
+    return Kept(Catalog(services, groups), {f.what.name: f for f in former})
+
+
+def _dump(what: Service | Group) -> dict[str, Any]:
+    return {"service" if isinstance(what, Service) else "group": asdict(what)}
+
+
+def _each(entries: Iterable[Any], read: Callable[[Any], T]) -> list[T]:
+    found = []
+    for entry in entries:
+        try:
+            found.append(read(entry))
+        except (TypeError, LookupError, AttributeError, ValueError):
+            continue
+    return found
+
+
+def _former(entry: Mapping[str, Any]) -> Former:
+    return Former(_load(entry), tuple(entry["needed_by"]), tuple(entry["groups"]), str(entry["withheld"]))
+
+
+def _load(entry: Mapping[str, Any]) -> Service | Group:
+    data = entry.get("service") or entry["group"]
+    flat = {**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}, "where": Where(**data["where"])}
+    if "service" not in entry:
+        return Group(**flat)
+    idle = data["idle"]
+    flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
+    for role in ("ready", "live", "interlock"):
+        flat[role] = _probe(data[role])
+    return Service(**flat)
+
+
+def _probe(data: Mapping[str, Any] | None) -> Probe | None:
+    if data is None:
+        return None
+    target = data["target"]
+    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target})

@@ -1,0 +1,84 @@
+"""`rorg apply` ends at once: 4 when a wanted service cannot succeed, 0 when only idle ones cannot."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from robots import RealRobot, write_tree
+
+NOWHERE = {"image": "nowhere/none:1"}
+CRASHES = {"command": ["sh", "-c", "exit 3"]}
+
+
+@pytest.fixture
+def robot(dockerd, tmp_path):
+    found = RealRobot(tmp_path, "docker", dockerd.host)
+    yield found
+    found.close()
+
+
+def apply(robot: RealRobot, *args: str) -> tuple[int, str, float]:
+    """(exit code, what it said, seconds)."""
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-m", "rorg", "apply", str(robot.tree), "--yes", *args],
+                          capture_output=True, text=True, timeout=60, stdin=subprocess.DEVNULL, env={
+                              **os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"})
+    return done.returncode, done.stderr, time.monotonic() - began
+
+
+@pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])
+@pytest.mark.parametrize("wait", [(), ("--wait",)], ids=["", "wait"])
+def test_what_an_idle_service_lacks_holds_nothing_up(robot, through, wait):
+    write_tree(robot.tree, {"base": {"always_on": True}, "spare": NOWHERE})
+    if through:
+        robot.start()
+    code, said, seconds = apply(robot, *wait)
+    assert (code, robot.states()) == (0, {"base": "running"}), said
+    assert seconds < 20
+
+
+@pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])
+@pytest.mark.parametrize("broken", [NOWHERE, CRASHES], ids=["image", "exit"])
+def test_a_wanted_service_that_cannot_succeed_is_told_at_once(robot, through, broken):
+    why = "o such image" if broken is NOWHERE else "exit code 3"
+    write_tree(robot.tree, {"base": {"always_on": True}, "arm": {"always_on": True, **broken}})
+    if through:
+        robot.start()
+    code, said, seconds = apply(robot, "--wait")
+    assert code == 4 and "arm" in said and why in said, said
+    assert seconds < 20
+    assert robot.states()["base"] == "running", "what can be done is done"
+
+
+@pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])
+def test_without_wait_failing_wanted_services_are_no_success(robot, through):
+    write_tree(robot.tree, {"base": {"always_on": True}, "arm": {"always_on": True, **NOWHERE}})
+    if through:
+        robot.start()
+        robot.wait(lambda: "o such image" in robot.waits("arm"))
+    code, said, seconds = apply(robot)
+    assert code == 4 and "o such image" in said, said
+    assert seconds < 20
+
+
+def test_a_replacement_that_cannot_be_made_is_told_and_leaves_what_runs(robot):
+    write_tree(robot.tree, {"arm": {"always_on": True}})
+    assert apply(robot, "--wait")[0] == 0
+    before = robot.engine.api().inspect_container("arm")
+    write_tree(robot.tree, {"arm": {"always_on": True, **NOWHERE}})
+    code, said, _ = apply(robot, "--wait")
+    assert code == 4 and "o such image" in said, said
+    after = robot.engine.api().inspect_container("arm")
+    assert (after["Id"], after["State"]["StartedAt"]) == (before["Id"], before["State"]["StartedAt"])
+
+
+def test_what_a_person_holds_holds_nothing_up(robot):
+    write_tree(robot.tree, {"base": {"always_on": True}, "spare": {}})
+    robot.request("spare")
+    robot.hold("spare", 600.0)
+    code, said, seconds = apply(robot, "--wait")
+    assert code == 0 and seconds < 20, said

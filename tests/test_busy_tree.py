@@ -1,0 +1,105 @@
+"""A tree in which files are written all the time: logs, bags, maps. Manifests count whatever else is going on."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import wait_for
+from robots import RealRobot, write_tree
+
+from rorg.daemon.tree import Tree
+
+WRITER = """
+import sys, time
+with open(sys.argv[1], "a") as file:
+    while True:
+        file.write("# line\\n"); file.flush(); time.sleep(0.001)
+"""
+IDLE = {f"idle{n}": {} for n in range(20)}
+"""A tree that takes a while to read."""
+
+
+@contextlib.contextmanager
+def busy(path: Path):
+    """Another program writes a file every millisecond or two, as a logger does."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = subprocess.Popen([sys.executable, "-S", "-c", WRITER, str(path)])
+    try:
+        wait_for(lambda: path.exists() and path.stat().st_size)
+        yield
+    finally:
+        writer.kill()
+        writer.wait()
+
+
+@pytest.mark.parametrize("place", ["bags/now.bag", "services/map/track.log", "logs/now.yaml"])
+def test_manifests_load_beside_a_file_that_is_written_all_the_time(dockerd, tmp_path, place):
+    """Below the tree, in a folder that a service mounts, and in a YAML file that is no manifest."""
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    (robot.tree / "services/map").mkdir(parents=True)
+    camera = {"always_on": True, "mounts": ["./map:/map"]}
+    try:
+        with busy(robot.tree / place):
+            robot.declare({"camera": camera, **IDLE})
+            robot.wait(lambda: robot.active() == {"camera"}, 15)
+            before = robot.engine.api().inspect_container("camera")
+            began = time.monotonic()
+            robot.declare({"camera": camera, "mapper": {"always_on": True}, **IDLE})
+            robot.wait(lambda: robot.active() == {"camera", "mapper"}, 15)
+            assert time.monotonic() - began < 8.0
+            after = robot.engine.api().inspect_container("camera")
+            assert (after["Id"], after["State"]["StartedAt"]) == (before["Id"], before["State"]["StartedAt"])
+    finally:
+        robot.close()
+
+
+def test_a_manifest_that_is_written_all_the_time_does_not_hold_back_the_others(tmp_path):
+    tree = Tree(write_tree(tmp_path / "tree", {"camera": {}, **IDLE}))
+    assert tree.read()[0]
+    with busy(tmp_path / "tree/services/camera.yaml"):
+        write_tree_beside(tmp_path / "tree", "mapper")
+        began = time.monotonic()
+        wait_for(lambda: tree.read() and ("mapper" in tree.desired.catalog.services or tree.errors), 10)
+        assert time.monotonic() - began < 5.0
+
+
+def write_tree_beside(root: Path, name: str) -> None:
+    text = (root / "services/camera.yaml").read_text().split("# ")[0].replace("name: camera", f"name: {name}")
+    (root / f"services/{name}.yaml").write_text(text)
+
+
+def test_what_is_read_beside_the_manifests_counts(tmp_path):
+    """env_file, a mount and a Dockerfile that are missing refuse the tree; that they come is seen."""
+    camera = {"container": {"env_file": "camera.env"}, "mounts": ["./map:/map"]}
+    root = write_tree(tmp_path / "tree", {"camera": camera})
+    (root / "images").mkdir()
+    (root / "images/eye.yaml").write_text(
+        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: eye}\n")
+    tree = Tree(root)
+    tree.read()
+    assert len(tree.errors) == 3
+    (root / "services/camera.env").write_text("RATE=10\n")
+    assert tree.read() == (True, False)
+    (root / "services/map").mkdir()
+    wait_for(lambda: tree.read() == (True, False), 5)
+    (root / "images/eye").mkdir()
+    (root / "images/eye/Dockerfile").write_text("FROM scratch\n")
+    wait_for(lambda: tree.read()[0], 5)
+    assert not tree.errors
+    assert tree.desired.catalog.services["camera"].spec["environment"]["RATE"] == "10"
+    (root / "services/camera.env").write_text("RATE=200\n")
+    assert tree.read() == (True, False)
+    assert tree.desired.catalog.services["camera"].spec["environment"]["RATE"] == "200"
+    before = tree.stamp()
+    (root / "services/map/floor.pgm").write_text("x")
+    assert tree.stamp() != before
+    before = tree.stamp()
+    (root / "images/eye/main.py").write_text("x")
+    (root / "notes").mkdir()
+    (root / "notes/today.txt").write_text("x")
+    assert tree.stamp() == before, "a build's context counts when it is built"

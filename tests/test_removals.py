@@ -1,0 +1,151 @@
+"""A typing error in a name stops nothing: what was named stays until a person has confirmed that it goes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from robots import RealRobot, VirtualRobot, write_tree
+
+TREE = {"core": {}, "panel": {"needs": ["core"]}, "guide": {}}
+
+
+def rorg(robot: RealRobot, *args: str) -> tuple[int, str]:
+    done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=60,
+                          stdin=subprocess.DEVNULL, env={
+                              **os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"})
+    return done.returncode, done.stdout + done.stderr
+
+
+def misspell(robot: RealRobot, name: str, to: str) -> None:
+    path = robot.tree / f"services/{name}.yaml"
+    path.write_text(path.read_text().replace(f"name: {name}\n", f"name: {to}\n"))
+
+
+def run_of(robot: RealRobot, name: str) -> tuple[str, str, bool]:
+    found = robot.engine.api().inspect_container(name)
+    return found["Id"], found["State"]["StartedAt"], found["State"]["Running"]
+
+
+@pytest.fixture
+def robot(dockerd, tmp_path):
+    """A panel that a request names, and the core that only it needs, on Docker."""
+    found = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
+    found.declare(TREE)
+    found.request("panel", id="tour")
+    found.wait(lambda: found.active() == {"core", "panel"} and found.quiet())
+    yield found
+    found.close()
+
+
+def withheld(robot: RealRobot) -> set[str]:
+    return set(robot.status().get("withheld", {}))
+
+
+def test_a_typing_error_in_the_name_of_a_running_service_stops_nothing(robot):
+    before = run_of(robot, "panel"), run_of(robot, "core")
+    misspell(robot, "panel", "panle")
+    robot.wait(lambda: withheld(robot) == {"panel"} and "panle" in robot.states())
+    assert "request 'tour' of developer names it" in robot.waits("panel")
+    assert any("panel.yaml" in line and "'panle'" in line for line in robot.lines), "a file and a name differ"
+    for words in (("diff", str(robot.tree)), ("get",), ("get", "services", "panel"), ("why", "panel"),
+                  ("describe", "panel")):
+        code, said = rorg(robot, *words)
+        assert "withheld" in said, (words, said)
+    code, said = rorg(robot, "apply", str(robot.tree))
+    assert code == 5 and "panel" in said, "nobody was asked"
+    assert (run_of(robot, "panel"), run_of(robot, "core")) == before, "nor does what it needs end"
+    robot.stop()
+    robot.start()
+    robot.wait(lambda: robot.loop.decision and set(robot.loop.decision.situation.withheld) == {"panel"})
+    write_tree(robot.tree, {"guide": {}})
+    robot.wait(lambda: withheld(robot) == {"panel", "core"} and "panle" not in robot.states())
+    assert (run_of(robot, "panel"), run_of(robot, "core")) == before
+    write_tree(robot.tree, TREE)
+    robot.wait(lambda: not withheld(robot) and set(robot.states()) == {"core", "panel", "guide"} and robot.quiet())
+    assert (run_of(robot, "panel"), run_of(robot, "core")) == before, "mended: nothing had happened"
+
+
+def test_what_is_confirmed_goes_and_nothing_else(robot):
+    write_tree(robot.tree, {"core": {}})
+    robot.wait(lambda: withheld(robot) == {"panel"} and "guide" not in robot.states())
+    before = run_of(robot, "core")
+    code, said = rorg(robot, "apply", str(robot.tree), "--yes")
+    assert code == 0 and "panel" in said, said
+    robot.wait(lambda: set(robot.states()) == {"core"} and not withheld(robot))
+    assert run_of(robot, "core")[0] == before[0]
+    robot.wait(lambda: "\nremovals:" not in robot.state.requests.read_text())
+    write_tree(robot.tree, {"core": {}, "panel": {}})
+    robot.wait(lambda: robot.active() == {"panel"})
+    write_tree(robot.tree, {"core": {}})
+    robot.wait(lambda: withheld(robot) == {"panel"})
+    assert robot.active() == {"panel"}, "a confirmation ends with what it was for"
+
+
+def test_apply_without_a_running_rorg_asks_and_removes(robot):
+    robot.stop()
+    write_tree(robot.tree, {"core": {}})
+    assert rorg(robot, "apply", str(robot.tree))[0] == 5
+    assert robot.active() == {"core", "panel"}
+    assert "withheld" in rorg(robot, "why", "panel")[1]
+    code, said = rorg(robot, "apply", str(robot.tree), "--yes", "--wait")
+    assert code == 0 and set(robot.states()) == {"core"}, said
+    assert "\nremovals:" not in robot.state.requests.read_text()
+
+
+def test_only_what_was_shown_is_confirmed(robot):
+    from rorg.client import Error
+
+    with pytest.raises(Error, match="not withheld"):
+        robot.client().call("PUT", "/v1/removals", {"services": ["panel"]})
+    write_tree(robot.tree, {"other": {}})
+    robot.wait(lambda: withheld(robot) == {"panel", "core"})
+    robot.client().call("PUT", "/v1/removals", {"services": ["panel"]})
+    robot.wait(lambda: "panel" not in robot.states())
+    assert "core" in withheld(robot) and "core" in robot.states()
+
+
+@pytest.fixture
+def virtual(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+@pytest.mark.parametrize(("services", "more", "request_", "left", "kept"), [
+    ({"core": {}, "nav": {"needs": ["core"], "always_on": True}}, {}, (), {"nav": {"always_on": True}}, "core"),
+    ({"core": {}, "nav": {}}, {"groups": {"all": {"services": ["core", "nav"]}}}, ("nav",), {"nav": {}}, "core"),
+    ({"core": {}, "nav": {}}, {"groups": {"all": {"services": ["core"]}}}, ("all",), {"nav": {}, "core": {}}, "all"),
+], ids=["need", "group", "a group's name"])
+def test_whatever_named_it(virtual, services, more, request_, left, kept):
+    virtual.declare(services, **more)
+    if request_:
+        virtual.request(*request_)
+    virtual.settle()
+    before = {c.id for c in virtual.containers()}
+    active = virtual.active()
+    virtual.declare(left)
+    virtual.wait(lambda: kept in virtual.sim.decision.situation.withheld)
+    began = virtual.now()
+    virtual.sim.at(began + 30.0, lambda: None)
+    virtual.wait(lambda: virtual.now() >= began + 30.0)
+    assert {c.id for c in virtual.containers()} == before
+    assert virtual.active() == active or kept not in virtual.sim.decision.situation.wanted, "unless nobody wants it"
+    virtual.change(lambda asked: asked.__class__(**{
+        **{f: getattr(asked, f) for f in ("requests", "restarts", "holds", "suspended")}, "removals": (kept,)}))
+    virtual.wait(lambda: not virtual.sim.decision.situation.withheld and not virtual.sim.asked.removals)
+    virtual.wait(lambda: "core" not in virtual.active())
+
+
+def test_what_nobody_named_goes_at_once_and_all_where_the_policy_says_so(virtual):
+    virtual.declare({"core": {}, "spare": {}, "nav": {}}, policies={"policy": {"removals": "auto"}})
+    virtual.request("core")
+    virtual.settle()
+    virtual.declare({"nav": {}}, policies={"policy": {"removals": "auto"}})
+    virtual.settle()
+    assert set(virtual.states()) == {"nav"}
+    virtual.declare({"nav": {}, "spare": {}})
+    virtual.settle()
+    virtual.declare({"nav": {}})
+    virtual.settle()
+    assert set(virtual.states()) == {"nav"}
