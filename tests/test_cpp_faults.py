@@ -10,7 +10,7 @@ from pathlib import Path
 from signal import SIGKILL, SIGTERM
 
 import pytest
-from conftest import ROOT, SANITIZERS, free_port
+from conftest import SANITIZERS, free_port
 from cpp_program import heard, program
 from robots import RealRobot, write_tree
 from test_deployment import certificate
@@ -48,7 +48,6 @@ def test_what_it_is_told_is_ready_stays_so_while_it_is_held(sanitized, tmp_path,
         robot.close()
 
 
-@pytest.mark.skipif(not (ROOT / "rorg/core/losses.py").exists(), reason="this rorg does not tell of losses")
 @BOTH
 def test_it_is_told_what_it_lost(sanitized, robot, kind):
     with program(sanitized[kind], "losses", RORG_SOCKET=robot.socket()) as running:

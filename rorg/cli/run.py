@@ -24,6 +24,7 @@ def command(
     import os
     import signal
     import sys
+    import threading
     import time
 
     from rorg.cli.context import Context
@@ -45,12 +46,17 @@ def command(
         door.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
     door.start()
 
-    def end(*_: Any) -> None:
+    told, tell = os.pipe()
+
+    def end() -> None:
+        os.read(told, 1)
         door.end()
         loop.stop()
 
+    # A handler must not take a lock: it interrupts the loop, which may be holding that very one.
+    threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+        signal.signal(number, lambda *_: os.write(tell, b"."))
     note(f"API on {door.directory / 'rorg.sock'}")
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()

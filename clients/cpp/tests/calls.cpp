@@ -33,7 +33,8 @@ void manifests(rorg::Client& client) {
   check(client.manifest("Service", "sonar").digest == digest, "a manifest is put");
   check(client.manifests().size() == 4, "and listed");
   throws<rorg::Refused>([&] { client.put_manifest("Service", "sonar", text + "\n"); }, "already", "without its base");
-  throws<rorg::Invalid>([&] { client.put_manifest("Service", "sonar", text + "  colour: red\n", digest); }, "colour", "a bad one");
+  const std::string bad = text + "  colour: red\n";
+  throws<rorg::Invalid>([&] { client.put_manifest("Service", "sonar", bad, digest); }, "colour", "a bad one");
   const auto changed = client.put_manifest("Service", "sonar", text + "# better\n", digest, "better");
   check(changed != digest, "and changed");
   client.remove_manifest("Service", "sonar", changed);
@@ -42,7 +43,8 @@ void manifests(rorg::Client& client) {
 
 void names(rorg::Client& client) {
   const std::string longer(65, 'a');
-  for (const std::string& bad : std::vector<std::string>{"a/b", "..", "a b", "", "-a", "x?y=1", longer, "caf\xc3\xa9"}) {
+  const std::vector<std::string> all{"a/b", "..", "a b", "", "-a", "x?y=1", longer, "caf\xc3\xa9"};
+  for (const std::string& bad : all) {
     if (!bad.empty()) throws<rorg::Invalid>([&] { client.request({"camera"}, bad); }, "invalid id", "the id " + bad);
     throws<rorg::Invalid>([&] { client.release(bad); }, "invalid id", "to release " + bad);
     throws<rorg::Invalid>([&] { client.request({bad}); }, "invalid name", "to request " + bad);

@@ -123,9 +123,12 @@ class Client {
                      std::optional<Seconds> timeout = std::nullopt, std::optional<Seconds> patience = std::nullopt) {
     const bool renew = path.size() > 6 && path.compare(path.size() - 6, 6, "/renew") == 0;
     const bool manifest = method != "GET" && path.compare(0, 14, "/v1/manifests/") == 0;
+    // A read knows of every change before; a restart, of the manifests that it may be about.
+    const auto not_before = method == "GET" ? session_->changed()
+                            : manifest || method == "DELETE" ? 0 : session_->declared();
     auto answer = session_->call({method, path, body, timeout.value_or(session_->timeout),
                                   patience.value_or(session_->patience), (method != "POST" && !manifest) || renew,
-                                  method == "GET" ? session_->changed() : method == "DELETE" ? 0 : session_->declared()});
+                                  not_before});
     if (answer.status >= 300) detail::raise(answer.status, answer.body);
     return answer;
   }
@@ -161,8 +164,8 @@ inline Request Client::request(const std::vector<std::string>& services, std::st
 
 inline std::string Client::put_manifest(const std::string& kind, const std::string& name, const std::string& text,
                                         const std::string& base, const std::string& message) {
-  const std::string body = "{\"text\":" + json::quoted(text) + ",\"base\":" + (base.empty() ? "null" : json::quoted(base)) +
-                           ",\"message\":" + json::quoted(message) + "}";
+  const std::string body = "{\"text\":" + json::quoted(text) + ",\"base\":" +
+                           (base.empty() ? "null" : json::quoted(base)) + ",\"message\":" + json::quoted(message) + "}";
   try {
     return call("PUT", of("manifests", kind, name), body)["digest"].text();
   } catch (const detail::Lost&) {

@@ -73,8 +73,9 @@ inline Readiness readiness(const json::Value& told) {
   }
   // Without a title it is no answer of rorg's own, and its text is all that there is to tell.
   const bool own = !told["title"].text().empty();
-  const std::string code = told["code"].text(), cause = own ? told["cause"].text() : text.substr(0, 200),
-                    remedy = told["remedy"].text(), title = own ? told["title"].text() : "HTTP " + std::to_string(status);
+  const std::string title = own ? told["title"].text() : "HTTP " + std::to_string(status);
+  const std::string cause = own ? told["cause"].text() : text.substr(0, 200);
+  const std::string &code = told["code"].text(), &remedy = told["remedy"].text();
   if (code == "forbidden") throw Forbidden(title, cause, remedy, status);
   if (code == "not-found") throw NotFound(title, cause, remedy, status);
   if (code == "refused") throw Refused(title, cause, remedy, status);

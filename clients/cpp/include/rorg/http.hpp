@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cctype>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -122,7 +121,8 @@ class Connection {
   Answer head(Time deadline) {
     Answer answer;
     const std::string first = line(deadline);
-    const auto status = first.compare(0, 7, "HTTP/1.") == 0 && first.size() >= 12 ? whole(first.substr(9, 3)) : std::nullopt;
+    const bool http = first.compare(0, 7, "HTTP/1.") == 0 && first.size() >= 12;
+    const auto status = http ? whole(first.substr(9, 3)) : std::nullopt;
     if (!status || *status < 100) throw garbled("it is no HTTP");
     answer.status = static_cast<int>(*status);
     std::size_t count = 0;
@@ -130,7 +130,8 @@ class Connection {
       const auto colon = one.find(':');
       if (colon == std::string::npos || ++count > most_lines) throw garbled("its headers are none");
       std::string name = one.substr(0, colon);
-      std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return static_cast<char>(c < 128 ? std::tolower(c) : c); });
+      for (char& c : name)
+        if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
       const auto from = one.find_first_not_of(" \t", colon + 1), to = one.find_last_not_of(" \t");
       answer.headers[name] = from == std::string::npos ? "" : one.substr(from, to - from + 1);
     }

@@ -95,7 +95,8 @@ class Tls : public Stream {
   }
   void name(const std::string& host) {
     unsigned char binary[sizeof(in6_addr)];
-    const bool number = ::inet_pton(AF_INET, host.c_str(), binary) == 1 || ::inet_pton(AF_INET6, host.c_str(), binary) == 1;
+    const bool number = ::inet_pton(AF_INET, host.c_str(), binary) == 1 ||
+                        ::inet_pton(AF_INET6, host.c_str(), binary) == 1;
     const bool named = number ? X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls_.get()), host.c_str()) == 1
                               : SSL_set1_host(tls_.get(), host.c_str()) == 1 &&
                                     SSL_set_tlsext_host_name(tls_.get(), host.c_str()) == 1;

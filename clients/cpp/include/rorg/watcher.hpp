@@ -75,7 +75,8 @@ class Listener {
   std::optional<Loss> loss_of(const json::Value& event) const {
     const std::string &kind = event["kind"].text(), &service = event["service"].text(),
                       &run = event["incarnation"].text();
-    if (kind == "request-dropped" && event["request"].text() == id_) return Loss{"", "dropped", event["message"].text(), ""};
+    if (kind == "request-dropped" && event["request"].text() == id_)
+      return Loss{"", "dropped", event["message"].text(), ""};
     const auto& ids = event["requests"].items;
     if (kind != "lost" || std::none_of(ids.begin(), ids.end(), [&](const auto& id) { return id.text() == id_; }))
       return std::nullopt;
@@ -131,7 +132,7 @@ class Watcher {
         } catch (const Unreachable&) {
           // rorg may be restarting; the cursor knows what was missed.
         } catch (const Error& error) {
-          if (error.status >= 400) return;  // this caller may not, or this rorg cannot
+          if (error.status >= 400) pause = Seconds(5);  // it may not, or that rorg cannot: the next one, perhaps
         } catch (const std::exception&) {
         }
         pollfd found{wake, POLLIN, 0};
