@@ -92,7 +92,7 @@ class Chains:
         fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
         return Step("create", None, "changed" if stale else "no container", fields, {
             "name": name, "spec": spec, "labels": labels(self.s.owner, service.name, spec, self.rules(service)),
-            "digest": self.desired.digests[service.name],
+            "digest": self.desired.digests[service.name], "defaults": service.defaults,
         })
 
     def rules(self, service: Service) -> Rules:
@@ -243,7 +243,14 @@ def away(container: Container, reason: str, service: Service | None = None) -> l
 def stop(container: Container, reason: str, service: Service | None) -> Step:
     spec = (service.spec if service else None) or declared_of(container.declared)
     return Step("stop", container, reason, args={
-        "signal": spec.get("stop_signal", "SIGTERM"),
+        "signal": _signal(container, service, spec),
         "grace": spec.get("stop_grace_period", STOP_GRACE),
         "incarnation": container.incarnation,
     })
+
+
+def _signal(container: Container, service: Service | None, spec: Mapping[str, Any]) -> str:
+    """What was asked for; else what the engine says of this container, which may be its image's own."""
+    declared = spec.get("stop_signal")
+    asked = service is not None and "stop_signal" not in service.defaults
+    return (declared if asked else None) or container.stop_signal or declared or "SIGTERM"

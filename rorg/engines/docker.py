@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -18,7 +18,8 @@ from docker.errors import APIError, DockerException
 from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
-from rorg.engines.docker_body import create_body, live_options, update_body
+from rorg.engines.docker_body import live_options, update_body
+from rorg.engines.docker_create import create_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
 from rorg.host.cgroups import container_usage
@@ -142,11 +143,9 @@ class DockerEngine:
 
     # -- acting ------------------------------------------------------------------------------------------------
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> str:
-        body = create_body(spec, labels)
-        platform = spec.get("platform")
-        made = self._call(f"create {name}", lambda api: api.create_container_from_config(body, name, platform))
-        return str(made["Id"])
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str],
+               defaults: Collection[str] = ()) -> str:
+        return str(self._call(f"create {name}", lambda api: create_container(api, name, spec, labels, defaults)))
 
     def start(self, container: str) -> None:
         self._call(f"start {container[:12]}", lambda api: api.start(container))
@@ -271,6 +270,7 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
         live=live_options(data.get("HostConfig") or {}),
         pid=state.get("Pid") or 0,
         health=(state.get("Health") or {}).get("Status", ""),
+        stop_signal=data["Config"].get("StopSignal") or "",
         **from_labels(labels),
     )
 

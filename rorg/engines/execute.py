@@ -11,7 +11,7 @@ def perform(engine: Engine, action: Action) -> str:
     args = action.args
     match action.verb:
         case "create":
-            return engine.create(args["name"], args["spec"], args["labels"])
+            return engine.create(args["name"], args["spec"], args["labels"], args.get("defaults", ()))
         case "start":
             engine.start(action.container)
         case "resume":
