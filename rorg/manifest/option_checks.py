@@ -151,8 +151,8 @@ def _network_mode(value: str) -> None:
 
 def _namespace(*modes: str) -> Callable[[str], None]:
     def check(value: str) -> None:
-        if value and value not in modes and not (
-                "container:" in modes and re.fullmatch(r"container:[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII)):
+        of_other = "container:" in modes and re.fullmatch(r"container:[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII)
+        if value and (value not in modes or value == "container:") and not of_other:
             names = ", ".join(f"{m}NAME" if m.endswith(":") else m for m in modes)
             raise ValueError(f"'{value}' is not known here; write {names}")
 
@@ -219,8 +219,8 @@ LINK = like(r"[a-zA-Z0-9][a-zA-Z0-9_.-]*(:[a-zA-Z0-9][a-zA-Z0-9_.-]*)?", "a link
 PLATFORM = like(r"(?i:linux(/[a-z0-9_]+(/[a-z0-9]+)?)?|amd64|x86_64|386|arm|arm64|aarch64|armhf|riscv64|ppc64le)",
                 "a platform; write linux/arm64")
 PATH = like(r"/[^:]*", "an absolute path")
-GROUP = like(r"[a-zA-Z0-9_][a-zA-Z0-9_.-]*\$?", "a group; write its name or its number")
-_NAME = r"[a-zA-Z0-9_][a-zA-Z0-9_.-]*\$?"
+_NAME = r"(?![0-9]+\.)[a-zA-Z0-9_][a-zA-Z0-9_.-]*\$?"
+GROUP = like(_NAME, "a group; write its name or its number")
 USER = like(rf"({_NAME}(:{_NAME})?)?", "a user; write NAME, UID or UID:GID")
 PARENT = like(r"[a-zA-Z0-9_./@:-]+", "a control group")
 RUNTIME = like(r"[a-zA-Z0-9][a-zA-Z0-9_./-]*", "a runtime; write its name, such as runc")
