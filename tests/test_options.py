@@ -55,9 +55,9 @@ class Shell:
         head = HEAD.replace("NAME", name).replace("PROFILE", profile)
         (self.tree / f"services/{name}.yaml").write_text(f"{head}{TEXT}{text}}}\n", encoding="utf-8")
 
-    def __call__(self, *args: str, code: int = 0) -> subprocess.CompletedProcess:
+    def __call__(self, *args: str, code: int = 0, cwd: Path | None = None) -> subprocess.CompletedProcess:
         done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=240,
-                              env=self.env, stdin=subprocess.DEVNULL)
+                              env=self.env, stdin=subprocess.DEVNULL, cwd=cwd)
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
 

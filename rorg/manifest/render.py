@@ -234,8 +234,8 @@ def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, cl
     if option == "volumes" and below:  # the list began with the profile's
         place = mounted_at(options["volumes"][below[0]])
         below = [i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place][-1:]
-    names = origins.get(".".join(map(str, clash.path[:2])), origins.get(str(option), ()))
-    by = f" (by {names[0]})" if names and names[0].profile and option not in own else ""
+    names = origins.get(clash.other or str(option), ())
+    by = f", which {names[0]} declares" if names and names[0].profile else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
     return Diagnostic(where, clash.message + by, clash.remedy)
 

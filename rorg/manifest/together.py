@@ -12,11 +12,13 @@ from rorg.manifest.volumes import parse_tmpfs, same_path
 
 
 class Clash(NamedTuple):
-    """One finding: the option that is wrong (or a path below it), what is wrong, and a remedy."""
+    """One finding: the option that is wrong (or a path below it), what is wrong, a remedy, and the option that it does
+    not go with, which may come from elsewhere."""
 
     path: tuple[str | int, ...]
     message: str
     remedy: str = ""
+    other: str = ""
 
 
 Options = Mapping[str, Any]
@@ -30,30 +32,31 @@ def clashes(options: Options) -> list[Clash]:
 def _network(options: Options) -> Iterator[Clash]:
     mode = options.get("network_mode", "")
     if mode and options.get("networks"):
-        yield Clash(("networks",), f"networks and network_mode: {mode} exclude each other", "to drop one of them")
+        yield Clash(("networks",), f"networks and network_mode: {mode} exclude each other", "to drop one of them",
+                    "network_mode")
     if mode.startswith("container:"):
         for option in ("ports", "expose", "publish_all_ports", "hostname", "links", "dns", "extra_hosts",
                        "mac_address"):
             if options.get(option):
                 yield Clash((option,), f"{option} is not for a container that uses the network of another one",
-                            "to declare it there")
+                            "to declare it there", "network_mode")
     elif mode in ("host", "none"):
         for option in ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ())):
             if options.get(option):
                 yield Clash((option,), f"{option} has no effect under network_mode: {mode}",
-                            "network_mode: bridge, or to drop it")
+                            "network_mode: bridge, or to drop it", "network_mode")
 
 
 def _namespaces(options: Options) -> Iterator[Clash]:
     if options.get("uts") == "host" and options.get("hostname"):
-        yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them")
+        yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them", "uts")
     for name in options.get("sysctls", {}):
         foreign = {"network_mode": name.startswith("net."), "ipc": name.startswith(("kernel.", "fs.mqueue."))
                    and name != "kernel.domainname", "uts": name == "kernel.domainname"}
         for option, theirs in foreign.items():
             if theirs and options.get(option) == "host":
                 yield Clash(("sysctls", name), f"'{name}' belongs to the host under {option}: host",
-                            f"to set it on the host, or another {option}")
+                            f"to set it on the host, or another {option}", option)
 
 
 def _limits(options: Options) -> Iterator[Clash]:
