@@ -9,7 +9,8 @@ from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 
 def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
             output: Output = "table") -> None:
-    """Everything about one service: what is declared, how it is, who wants it, what happened to it last."""
+    """Everything about one service: what is declared, and by which profile or manifest (`sources`), how it is, who
+    wants it, what happened to it last."""
     import json
 
     from rorg.cli.context import Context
@@ -36,7 +37,7 @@ def command(service: ServiceName, state_dir: StateDirectory = None, engine: Engi
             "idle": {"action": declared.idle.action, "linger": declared.idle.linger}, "restart": declared.restart,
             "priority": declared.priority, "driver": declared.driver,
             "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
-            "status": status, "container": spec, "events": _events(context, name),
+            "status": status, "container": spec, "sources": dict(declared.origins), "events": _events(context, name),
         })
     if output != "table":
         dump(found[0] if len(found) == 1 else found, output)

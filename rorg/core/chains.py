@@ -129,7 +129,7 @@ class Chains:
         before = old or next((c for c, _ in stale), None)
         return Step("create", None, "changed" if stale else "no container", fields, {
             "name": name, "spec": spec, "labels": marks, "digest": self.desired.digests[service.name],
-            "before": before.id if before else "",
+            "before": before.id if before else "", "defaults": service.defaults,
         })
 
     def rules(self, service: Service) -> Rules:

@@ -52,6 +52,8 @@ class Container:
     """The engine told no more than what it is and its state: which run this is, is not known."""
     health: str = ""
     """What the engine's own health check says: starting, healthy, unhealthy; empty without one."""
+    stop_signal: str = ""
+    """What it is to be stopped with, by the engine: declared when made, or its image's; empty where not known."""
 
     @property
     def incarnation(self) -> str:

@@ -43,7 +43,14 @@ def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
 def stop(container: Container, reason: str, service: Service | None) -> Step:
     spec = (service.spec if service else None) or declared_of(container.declared)
     return Step("stop", container, reason, args={
-        "signal": spec.get("stop_signal", "SIGTERM"),
+        "signal": _signal(container, service, spec),
         "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
         "incarnation": container.incarnation,
     })
+
+
+def _signal(container: Container, service: Service | None, spec: Mapping[str, Any]) -> str:
+    """What was asked for; else what the engine says of this container, which may be its image's own."""
+    declared = spec.get("stop_signal")
+    asked = service is not None and "stop_signal" not in service.defaults
+    return str((declared if asked else None) or container.stop_signal or declared or "SIGTERM")

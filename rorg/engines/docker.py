@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -18,8 +18,9 @@ from docker.errors import APIError, DockerException
 from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
-from rorg.engines.docker_body import create_body, live_options, update_body
-from rorg.engines.docker_volumes import keep_volumes, remove_container
+from rorg.engines.docker_body import live_options, update_body
+from rorg.engines.docker_create import create_container
+from rorg.engines.docker_volumes import remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
 from rorg.host.cgroups import container_usage
@@ -143,13 +144,10 @@ class DockerEngine:
 
     # -- acting ------------------------------------------------------------------------------------------------
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
-        def make(api: docker.APIClient) -> Any:
-            body = create_body(spec, labels)
-            keep_volumes(api, body, before)
-            return api.create_container_from_config(body, name, spec.get("platform"))
-
-        return str(self._call(f"create {name}", make)["Id"])
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "",
+               defaults: Collection[str] = ()) -> str:
+        return str(self._call(f"create {name}",
+                              lambda api: create_container(api, name, spec, labels, before, defaults)))
 
     def start(self, container: str) -> None:
         self._call(f"start {container[:12]}", lambda api: api.start(container))
@@ -278,6 +276,7 @@ def _container(data: Mapping[str, Any], labels: Mapping[str, str]) -> Container:
         live=live_options(data.get("HostConfig") or {}),
         pid=state.get("Pid") or 0,
         health=(state.get("Health") or {}).get("Status", ""),
+        stop_signal=data["Config"].get("StopSignal") or "",
         **from_labels(labels),
     )
 

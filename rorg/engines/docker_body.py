@@ -9,8 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.manifest.ports import parse_expose, parse_ports
+from rorg.manifest.volumes import parse_device
+
 Body = dict[str, Any]
 NANO = 1_000_000_000
+UNMASKED = "systempaths=unconfined"
 
 
 def _top(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
@@ -26,7 +30,7 @@ def _key_value(pairs: Mapping[str, str]) -> list[str]:
 
 
 def _nanoseconds(seconds: float | None) -> int:
-    return int((seconds or 0) * NANO)
+    return round((seconds or 0) * NANO)
 
 
 def _healthcheck(value: Mapping[str, Any]) -> Body:
@@ -42,9 +46,8 @@ def _healthcheck(value: Mapping[str, Any]) -> Body:
 
 
 def _device(text: str) -> Body:
-    source, _, rest = text.partition(":")
-    target, _, access = rest.partition(":")
-    return {"PathOnHost": source, "PathInContainer": target or source, "CgroupPermissions": access or "rwm"}
+    source, target, access = parse_device(text)
+    return {"PathOnHost": source, "PathInContainer": target, "CgroupPermissions": access}
 
 
 def _restart(text: str) -> Body:
@@ -58,19 +61,31 @@ def _gpu(value: Mapping[str, Any]) -> Body:
         "Driver": value.get("driver", ""),
         "Count": 0 if value.get("device_ids") else -1 if count in ("all", None) else count,
         "DeviceIDs": value.get("device_ids"),
-        "Capabilities": [value.get("capabilities", ["gpu"])],
+        "Capabilities": [list(dict.fromkeys([*value.get("capabilities", []), "gpu"]))],
         "Options": value.get("options", {}),
     }
 
 
 def _volumes(body: Body, values: list[Any]) -> None:
     for value in values:
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and _as_bind(value):
+            body["HostConfig"].setdefault("Binds", []).append(_as_bind(value))
+        elif isinstance(value, Mapping):
             body["HostConfig"].setdefault("Mounts", []).append(_mount(value))
         elif ":" in value:
             body["HostConfig"].setdefault("Binds", []).append(value)
         else:
             body.setdefault("Volumes", {})[value] = {}
+
+
+def _as_bind(value: Mapping[str, Any]) -> str:
+    """A bind mount that only the short form can express: older engines make no directory on the host for a long one,
+    and none knows labels of SELinux there."""
+    bind = value.get("bind") or {}
+    if not (value["type"] == "bind" and (bind.get("create_host_path") or bind.get("selinux"))):
+        return ""
+    modes = ["ro" if value.get("read_only") else "rw", bind.get("propagation"), bind.get("selinux")]
+    return f"{value['source']}:{value['target']}:{','.join(m for m in modes if m)}"
 
 
 def _mount(value: Mapping[str, Any]) -> Body:
@@ -79,33 +94,33 @@ def _mount(value: Mapping[str, Any]) -> Body:
     if value.get("consistency"):
         mount["Consistency"] = value["consistency"]
     if value.get("bind"):
-        mount["BindOptions"] = {"Propagation": value["bind"].get("propagation", ""),
-                                **({"CreateMountpoint": True} if value["bind"].get("create_host_path") else {})}
+        mount["BindOptions"] = {"Propagation": value["bind"].get("propagation", "")}
     if value.get("volume"):
         mount["VolumeOptions"] = {"NoCopy": bool(value["volume"].get("nocopy"))}
     if value.get("tmpfs"):
-        mount["TmpfsOptions"] = {{"size": "SizeBytes", "mode": "Mode"}.get(k, k): v for k, v in value["tmpfs"].items()}
+        mount["TmpfsOptions"] = {{"size": "SizeBytes", "mode": "Mode"}[k]: v for k, v in value["tmpfs"].items()}
     return mount
 
 
 def _ports(body: Body, values: list[str]) -> None:
-    for value in values:
-        rest, _, protocol = value.partition("/")
-        head, _, inside = rest.rpartition(":")
-        address, _, outside = head.rpartition(":")
-        low, _, high = inside.partition("-")
-        first, _, last = outside.partition("-")
-        for offset in range(int(high or low) - int(low) + 1):
-            key = f"{int(low) + offset}/{protocol or 'tcp'}"
-            host = str(int(first) + offset) if first and (last or not high) else outside
-            body.setdefault("ExposedPorts", {})[key] = {}
-            body["HostConfig"].setdefault("PortBindings", {}).setdefault(key, []).append(
-                {"HostIp": address.strip("[]"), "HostPort": host})
+    for published in (p for value in values for p in parse_ports(value)):
+        body.setdefault("ExposedPorts", {})[published.port] = {}
+        bindings = body["HostConfig"].setdefault("PortBindings", {}).setdefault(published.port, [])
+        binding = {"HostIp": published.address, "HostPort": published.host}
+        if binding not in bindings:
+            bindings.append(binding)
 
 
 def _expose(body: Body, values: list[str]) -> None:
-    for value in values:
-        body.setdefault("ExposedPorts", {})[value if "/" in value else f"{value}/tcp"] = {}
+    for port in (p for value in values for p in parse_expose(value)):
+        body.setdefault("ExposedPorts", {})[port] = {}
+
+
+def _security(body: Body, values: list[str]) -> None:
+    """Paths of the system are no matter of the engine's: clients leave them unmasked by themselves."""
+    body["HostConfig"]["SecurityOpt"] = [v for v in values if v != UNMASKED]
+    if UNMASKED in values:
+        body["HostConfig"]["MaskedPaths"] = body["HostConfig"]["ReadonlyPaths"] = []
 
 
 def _blkio(body: Body, value: Mapping[str, Any]) -> None:
@@ -122,14 +137,20 @@ def _blkio(body: Body, value: Mapping[str, Any]) -> None:
 
 
 def _networks(body: Body, value: Mapping[str, Any]) -> None:
+    """The first by name is the one that the container is created on, as with Compose."""
     endpoints = {}
-    for name, network in value.items():
+    for name, network in sorted(value.items()):
         ipam = {api: network[key] for key, api in (("ipv4_address", "IPv4Address"), ("ipv6_address", "IPv6Address"),
                                                    ("link_local_ips", "LinkLocalIPs")) if network.get(key)}
         endpoints[name] = {"Aliases": network.get("aliases"), "IPAMConfig": ipam or None,
                            "MacAddress": network.get("mac_address", ""), "DriverOpts": network.get("driver_opts")}
+    if not endpoints:
+        return
+    first = min(endpoints)
     body["NetworkingConfig"] = {"EndpointsConfig": endpoints}
-    body["HostConfig"].setdefault("NetworkMode", next(iter(value), "default"))
+    body["HostConfig"].setdefault("NetworkMode", first)
+    if endpoints[first]["MacAddress"]:  # older engines know only the container's one
+        body.setdefault("MacAddress", endpoints[first]["MacAddress"])
 
 
 def _tmpfs(body: Body, values: list[str]) -> None:
@@ -164,12 +185,13 @@ OPTIONS: Mapping[str, Callable[[Body, Any], None]] = {
     "platform": _nothing, "ports": _ports, "privileged": _host("Privileged"),
     "publish_all_ports": _host("PublishAllPorts"), "read_only": _host("ReadonlyRootfs"),
     "readonly_paths": _host("ReadonlyPaths"), "restart": _host("RestartPolicy", _restart), "runtime": _host("Runtime"),
-    "security_opt": _host("SecurityOpt"), "shm_size": _host("ShmSize"), "stdin_open": _top("OpenStdin"),
+    "security_opt": _security, "shm_size": _host("ShmSize"), "stdin_open": _top("OpenStdin"),
     "stop_grace_period": _top("StopTimeout", lambda v: max(1, round(v))), "stop_signal": _top("StopSignal"),
     "storage_opt": _host("StorageOpt"), "sysctls": _host("Sysctls"), "tmpfs": _tmpfs, "tty": _top("Tty"),
     "ulimits": _host("Ulimits", lambda v: [{"Name": n, "Soft": u["soft"], "Hard": u["hard"]} for n, u in v.items()]),
     "user": _top("User"), "userns_mode": _host("UsernsMode"), "uts": _host("UTSMode"),
-    "volume_driver": _host("VolumeDriver"), "volumes": _volumes, "volumes_from": _host("VolumesFrom"),
+    "volume_driver": _host("VolumeDriver"), "volumes": _volumes,
+    "volumes_from": _host("VolumesFrom", lambda v: [c.removeprefix("container:") for c in v]),
     "working_dir": _top("WorkingDir"),
 }
 

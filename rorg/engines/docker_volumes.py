@@ -7,7 +7,7 @@ import contextlib
 import hashlib
 import posixpath
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import docker
@@ -19,13 +19,12 @@ from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE
 Body = dict[str, Any]
 
 
-def keep_volumes(api: docker.APIClient, body: Body, before: str) -> None:
-    """Names the unnamed volumes of a container to be created: as `before`, the id of an older container of the service,
-    has them; else by a name that is always the same for a service and a path."""
+def keep_volumes(api: docker.APIClient, body: Body, image: Collection[str], before: str) -> None:
+    """Names the unnamed volumes of a container to be created, those that its image declares too: as `before`, the id of
+    an older container of the service, has them; else by a name that is always the same for a service and a path."""
     host = body["HostConfig"]
     if host.get("VolumesFrom"):
         return  # which paths these bring along is for the engine to know
-    image = (api.inspect_image(body["Image"]).get("Config") or {}).get("Volumes") or {}
     mounts = host.get("Mounts") or []
     unnamed = {m["Target"] for m in mounts if m["Type"] == "volume" and not m.get("Source")}
     targets = {posixpath.normpath(t) for t in {*image, *body.get("Volumes", {}), *unnamed} - _taken(host)}

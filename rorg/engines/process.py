@@ -15,7 +15,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from rorg.engines.process_table import MARK, boot_id, is_same, members, signal_g
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError
 from rorg.manifest.container import LIVE, ContainerOptions
+from rorg.manifest.option_checks import signal_number
 from rorg.manifest.scalars import stamp
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
@@ -155,7 +156,8 @@ class ProcessEngine:
 
     # -- acting ------------------------------------------------------------------------------------------------
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "",
+               defaults: Collection[str] = ()) -> str:
         with self._lock:
             if any(c.name == name for c in self.list()):
                 raise EngineError(f"create {name}", "the name is taken", "another container_name", "name_taken")
@@ -239,7 +241,7 @@ class ProcessEngine:
         if not record.get("pid"):
             return
         for name, seconds in stop_sequence(signal_name, grace):
-            number = int(name) if name.isdigit() else signal.Signals[name].value
+            number = signal_number(name)
             if not self._signal(container, number):
                 break
             self._signal(container, signal.SIGCONT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -52,9 +52,11 @@ class Engine(Protocol):
         """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
         the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "",
+               defaults: Collection[str] = ()) -> str:
         """Makes a container, not started, and returns its id. It gets the unnamed volumes of `before`, an older
-        container of the service."""
+        container of the service. `defaults` are options of the spec that nobody asked for: what an image says itself
+        goes before them."""
 
     def start(self, container: str) -> None: ...
     def pause(self, container: str) -> None: ...

@@ -90,6 +90,10 @@ class Service:
     driver: bool = False
     spec: Spec | None = None
     """None for a meta-service."""
+    defaults: tuple[str, ...] = ()
+    """Options in the spec that nobody asked for: they come from the profile `common` that is built in."""
+    origins: Mapping[str, str] = field(default_factory=dict)
+    """Option -> what of the tree declares it."""
     description: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     where: Where = Where("")

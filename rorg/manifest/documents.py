@@ -10,9 +10,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
-from rorg.manifest.container import ELSEWHERE, ContainerOptions, Strict
+from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
+from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
 
 
@@ -130,7 +131,7 @@ def _validate(model: type[Strict], document: Document, value: object, at: tuple)
 
 def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tuple) -> Diagnostic:
     """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
-    loc = at + tuple(entry["loc"])
+    loc = _place(document, at + tuple(entry["loc"]))
     if entry["type"] == "extra_forbidden":
         return _unknown_key(model, document, loc, at)
     if entry["type"] == "missing":
@@ -145,6 +146,15 @@ def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tup
         text = "must be a mapping"
     name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
     return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
+
+
+def _place(document: Document, loc: tuple) -> tuple:
+    """Without the names that pydantic puts in for the members of a union."""
+    path: tuple = ()
+    for index, part in enumerate(loc):
+        if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
+            path = (*path, part)
+    return path
 
 
 def _unknown_key(model: type[Strict], document: Document, loc: tuple, at: tuple) -> Diagnostic:

@@ -78,7 +78,7 @@ def load_or_raise(root: Path) -> Catalog:
 def _fingerprint(catalog: Catalog) -> str:
     def without_places(value: Any) -> Any:
         if isinstance(value, Mapping):
-            return {k: without_places(v) for k, v in value.items() if k not in ("where", "fingerprint")}
+            return {k: without_places(v) for k, v in value.items() if k not in ("where", "fingerprint", "origins")}
         return [without_places(v) for v in value] if isinstance(value, list | tuple) else value
 
     text = json.dumps(without_places(asdict(catalog)), sort_keys=True)

@@ -7,7 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from rorg.manifest.container import ContainerOptions, Device, Pairs, Strict, Texts, Words, recreate, unchanging
+from rorg.manifest import option_checks as check
+from rorg.manifest.container import ContainerOptions, recreate, unchanging
+from rorg.manifest.option_parts import Device, Pairs, Strict, Words, texts
 from rorg.manifest.policy import Idle, PolicySpec, Units
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -33,7 +35,8 @@ class Driver(Strict):
     """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
 
     devices: list[Device] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "recreate"})
-    groups: Texts | None = recreate(description="Extra groups inside the container, such as dialout or video.")
+    groups: texts(check.GROUP) | None = recreate(
+        description="Extra groups inside the container, such as dialout or video.")
     realtime: bool = Field(
         default=False,
         json_schema_extra={"x-rorg-change": "recreate"},
@@ -78,11 +81,12 @@ def _container_only(spec: ServiceSpec) -> list[str]:
 
 class ServiceSpec(Strict):
     type: Literal["container", "meta"] = unchanging("container", description="meta: no container, always active.")
-    image: Annotated[str, Field(min_length=1)] | None = recreate(
+    image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
         description="An Image of this tree, or any reference that the engine knows."
     )
     command: Words | None = recreate()
-    profile: Name | None = unchanging(description="A Profile: built in (ros1, ros2) or of this tree.")
+    profile: Name | None = unchanging(description="A Profile: built in (plain, ros1, ros2) or of this tree. "
+                                                         "plain: nothing but what is declared here.")
     needs: Needs = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"},
                          description="Services that must be active, and ready, before this one: NAME, or "
                                      "{service: NAME, restart: true}.")
@@ -159,6 +163,8 @@ class ProfileSpec(Strict):
     """What several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
     extends: list[Name] = Field(default_factory=list)
+    common: bool = Field(default=True, description="false: it stands on nothing; what the profile common gives to "
+                                                   "every container is left out.")
     needs: Needs = Field(default_factory=list)
     idle: Idle | None = None
     ready: Ready | None = None

@@ -11,6 +11,7 @@ from typing import Any
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.diagnostics import Diagnostic, nearest
 from rorg.manifest.documents import Source, read_source
+from rorg.manifest.volumes import same_path
 
 BUILT_IN = Path(__file__).with_name("profiles")
 COMMON = "common"
@@ -18,7 +19,7 @@ COMMON = "common"
 
 @cache
 def built_in_profiles() -> dict[str, Source]:
-    """The profiles that come with rorg: common, ros1, ros2."""
+    """The profiles that come with rorg: common, plain, ros1, ros2."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
         source, diagnostics = read_source(path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}")
@@ -26,6 +27,23 @@ def built_in_profiles() -> dict[str, Source]:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
         found[source.name] = source
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What declares an option: a profile, or a part of the service's own manifest."""
+
+    name: str
+    built_in: bool = False
+    profile: bool = True
+
+    def __str__(self) -> str:
+        return f"{'profile ' if self.profile else ''}{self.name}{' (built in)' if self.built_in else ''}"
+
+
+SHIPPED = Origin(COMMON, built_in=True)
+"""The defaults that nobody asked for."""
+Origins = Mapping[str, tuple[Origin, ...]]
 
 
 @dataclass(frozen=True)
@@ -39,21 +57,67 @@ class Merged:
     restart: str | None = None
     without_hardware: bool = False
     container: Mapping[str, Any] = field(default_factory=dict)
+    origins: Origins = field(default_factory=dict)
+    """Option of the container -> what declares it."""
 
 
 def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Options of two levels: mappings by key, lists appended without repeats, everything else replaced (as Compose
-    merges files). `entrypoint` and a healthcheck's `test` are one thing though they are lists."""
-    merged = dict(base)
+    merges files). `entrypoint` and a healthcheck's `test` are one thing though they are lists. What cannot stand
+    beside what the upper level says is left out: another volume at the same place, another way into a network, options
+    of another driver of logs."""
+    merged = {k: v for k, v in base.items() if not (k in _ONE_OF and _ONE_OF[k] in over and k not in over)}
     for key, value in over.items():
         old = merged.get(key)
         if isinstance(old, dict) and isinstance(value, dict) and key != "healthcheck":
-            merged[key] = merge_options(old, value)
+            merged[key] = _merge_keys(_same_driver(old, value) if key == "logging" else old, value)
         elif isinstance(old, list) and isinstance(value, list) and key != "entrypoint":
-            merged[key] = old + [item for item in value if item not in old]
+            new = [item for item in value if item not in old]
+            taken = {mounted_at(item) for item in new} if key == "volumes" else set()
+            merged[key] = [item for item in old if key != "volumes" or mounted_at(item) not in taken] + new
         else:
             merged[key] = value
     return merged
+
+
+def _merge_keys(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    nested = {k: _merge_keys(base[k], v) for k, v in over.items()
+              if isinstance(v, dict) and isinstance(base.get(k), dict)}
+    lists = {k: base[k] + [item for item in v if item not in base[k]] for k, v in over.items()
+             if isinstance(v, list) and isinstance(base.get(k), list)}
+    return {**base, **over, **nested, **lists}
+
+
+_ONE_OF = {"network_mode": "networks", "networks": "network_mode"}
+_ROTATING = frozenset(("json-file", "local", "none"))
+_ROTATION = frozenset(("max-size", "max-file", "compress"))
+
+
+def _same_driver(old: Mapping[str, Any], over: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Drivers that write no files refuse to be told when to begin a new one."""
+    if over.get("driver", "json-file") in _ROTATING or "driver" not in over:
+        return old
+    return {**old, "options": {k: v for k, v in old.get("options", {}).items() if k not in _ROTATION}}
+
+
+def mounted_at(volume: Any) -> str:
+    """Where a volume is in the container, in one spelling."""
+    return same_path(volume["target"] if isinstance(volume, Mapping) else volume.split(":")[:2][-1])
+
+
+def trace(origins: Origins, container: Mapping[str, Any], over: Mapping[str, Any], origin: Origin) -> Origins:
+    """Where the options of `container` come from, after `over` was put on what `origins` tells of."""
+    paths = [f"{option}.{key}" if key else option for option, value in over.items()
+             for key in (value if isinstance(value, dict) and option != "healthcheck" else ("",))]
+    return _put(origins, container, dict.fromkeys(paths, (origin,)))
+
+
+def _put(origins: Origins, container: Mapping[str, Any], over: Origins) -> Origins:
+    found = {path: names for path, names in origins.items() if path.partition(".")[0] in container}
+    for path, names in over.items():
+        appended = isinstance(container.get(path), list) and path != "entrypoint"
+        found[path] = tuple(dict.fromkeys((*found.get(path, ()), *names))) if appended else names
+    return {path: names for path, names in found.items() if path.partition(".")[0] in container}
 
 
 def declared(options: ContainerOptions | None) -> dict[str, Any]:
@@ -62,7 +126,8 @@ def declared(options: ContainerOptions | None) -> dict[str, Any]:
 
 
 def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], list[Diagnostic]]:
-    """Every profile by name, merged; with unknown names and cycles in `extends` as errors. `common` is under all."""
+    """Every profile by name, merged; with unknown names and cycles in `extends` as errors. `common` is under all that
+    do not say `common: false`, and do not extend one that does."""
     diagnostics: list[Diagnostic] = []
     merged: dict[str, Merged] = {}
 
@@ -72,7 +137,7 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         source, spec = sources[name], sources[name].spec
         # What `common` itself extends stands on nothing: it is what everything else stands on.
         based = COMMON in merged or COMMON not in (*trail, name)
-        result = visit(COMMON, ()) if based and name != COMMON else Merged()
+        result = visit(COMMON, ()) if based and name != COMMON and not _alone(name, sources) else Merged()
         for index, parent in enumerate(spec.extends):  # type: ignore[attr-defined]
             where = source.where("spec", "extends", index)
             if parent in (*trail, name):
@@ -83,7 +148,7 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
                 diagnostics.append(Diagnostic(where, f"unknown profile '{parent}'", nearest(parent, sources)))
             else:
                 result = _over(result, visit(parent, (*trail, name)))
-        merged[name] = _over(result, _own(spec))
+        merged[name] = _over(result, _own(name, source))
         return merged[name]
 
     for name in sources:
@@ -91,7 +156,17 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
     return merged, diagnostics
 
 
-def _own(spec: Any) -> Merged:
+def _alone(name: str, sources: Mapping[str, Source], seen: frozenset[str] = frozenset()) -> bool:
+    """Whether it, or one that it extends, wants nothing of `common`."""
+    if name in seen or name not in sources:
+        return False
+    spec: Any = sources[name].spec
+    return not spec.common or any(_alone(parent, sources, seen | {name}) for parent in spec.extends)
+
+
+def _own(name: str, source: Source) -> Merged:
+    spec: Any = source.spec
+    container = declared(spec.container)
     return Merged(
         needs=tuple(spec.needs),
         idle=spec.idle.model_dump(exclude_none=True) if spec.idle else {},
@@ -99,11 +174,16 @@ def _own(spec: Any) -> Merged:
         live=spec.live,
         restart=spec.restart,
         without_hardware=spec.without_hardware,
-        container=declared(spec.container),
+        container=container,
+        origins=trace({}, container, container, Origin(name, built_in_profiles().get(name) is source)),
     )
 
 
 def _over(base: Merged, top: Merged) -> Merged:
+    # A second parent brings the network of `common` along once more: no reason to leave those of the first.
+    again = "networks" in base.container and [o.name for o in top.origins.get("network_mode", ())] == [COMMON]
+    over = {k: v for k, v in top.container.items() if not (again and k == "network_mode")}
+    container = merge_options(base.container, over)
     return Merged(
         needs=tuple(dict.fromkeys(base.needs + top.needs)),
         idle={**base.idle, **top.idle},
@@ -111,5 +191,6 @@ def _over(base: Merged, top: Merged) -> Merged:
         live=top.live or base.live,
         restart=top.restart or base.restart,
         without_hardware=base.without_hardware or top.without_hardware,
-        container=merge_options(base.container, top.container),
+        container=container,
+        origins=_put(base.origins, container, top.origins),
     )

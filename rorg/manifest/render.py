@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from rorg.manifest.catalog import RUN, Idle, Probe, Service
+from rorg.manifest.container import ContainerOptions
 from rorg.manifest.diagnostics import Diagnostic
 from rorg.manifest.documents import Source
+from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
-from rorg.manifest.profiles import Merged, declared, merge_options
+from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
+from rorg.manifest.together import Clash, clashes
 
 REALTIME = {
     "cap_add": ["SYS_NICE"],
@@ -35,11 +41,11 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
     default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     idle = {**default_idle, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
-    container = None if meta else _container(source, profile, diagnostics)
+    container, origins = ({}, {}) if meta else _container(source, profile, diagnostics)
     driver = spec.driver is not None
     protected = driver if spec.protected is None else spec.protected
     interlock = spec.interlock or (policy.interlock if policy and (driver or protected) else None)
-    master = (container or {}).get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
+    master = container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
     service = Service(
         name=source.name,
         meta=meta,
@@ -62,7 +68,9 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
         driver=driver,
-        spec=container,
+        spec=None if meta else container,
+        defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
+        origins={path: ", ".join(map(str, names)) for path, names in sorted(origins.items())},
         description=source.description,
         labels=source.labels,
         where=source.where("metadata", "name"),
@@ -91,28 +99,42 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
                  getattr(model, "failures", None) or 0, master if kind.startswith("ros_") else "")
 
 
-def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> dict[str, Any]:
+def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> tuple[dict[str, Any], Origins]:
     spec: Any = source.spec
     options = _substitute(dict(profile.container), _values(source))
-    if spec.driver:
-        options = merge_options(options, _driver(spec.driver, profile.without_hardware))
-    options = merge_options(options, declared(spec.container))
-    if spec.mounts:
-        options = merge_options(options, {"volumes": _mounts(source, diagnostics)})
-    if spec.may_request or spec.may_manage:
-        folder = f"{RUN}/services/{source.name}"
-        # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
-        options = merge_options(options, {"volumes": [f"{folder}:{folder}:ro"],
-                                          "environment": {"RORG_SOCKET": f"{folder}/rorg.sock"}})
+    origins = profile.origins
+    for over, part in _parts(source, profile, diagnostics):
+        options = merge_options(options, over)
+        origins = trace(origins, options, over, Origin(part, profile=False))
     if "volumes" in options:
         options["volumes"] = [_absolute(v, source.directory) for v in options["volumes"]]
     if "env_file" in options:
         options["environment"] = {**_env_files(source, options, diagnostics), **options.get("environment", {})}
         del options["env_file"]
+    if "security_opt" in options:
+        options["security_opt"] = _security(source, options["security_opt"], diagnostics)
+    diagnostics += _check(source, options, origins)
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)
-    return options
+    return options, origins
+
+
+def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
+    """What the manifest itself puts on its profile, with the part of it that says so."""
+    spec: Any = source.spec
+    if spec.driver:
+        yield _driver(spec.driver, profile.without_hardware), "driver"
+    own = declared(spec.container)
+    mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
+    if mounts:  # not merged: a volume of this manifest at the same place is a mistake
+        own = {**own, "volumes": own.get("volumes", []) + mounts}
+    yield own, "this manifest"
+    if spec.may_request or spec.may_manage:
+        folder = f"{RUN}/services/{source.name}"
+        # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
+        socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
+        yield {"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"
 
 
 def _values(source: Source) -> dict[str, str]:
@@ -164,8 +186,8 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
 def _absolute(volume: Any, directory: Path) -> Any:
     """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
     if isinstance(volume, dict):
-        if volume["type"] == "bind" and volume.get("source", "/").startswith("."):
-            return {**volume, "source": str((directory / volume["source"]).resolve())}
+        if volume["type"] == "bind" and not volume["source"].startswith("/"):
+            return {**volume, "source": str((directory / Path(volume["source"]).expanduser()).resolve())}
         return volume
     head, colon, tail = volume.partition(":")
     if head.startswith("~/"):
@@ -173,6 +195,51 @@ def _absolute(volume: Any, directory: Path) -> Any:
     elif head.startswith((".", "/")) and colon:
         head = str((directory / head).resolve()) if head.startswith(".") else head
     return head + colon + tail
+
+
+def _security(source: Source, values: list[str], diagnostics: list[Diagnostic]) -> list[str]:
+    """A profile of seccomp is sent, not named: the engine may be on another machine."""
+    found = []
+    for index, value in enumerate(values):
+        kind, _, name = value.partition("=") if "=" in value else value.partition(":")
+        if kind == "seccomp" and name not in ("unconfined", "builtin"):
+            try:
+                profile = json.loads((source.directory / name).read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                where = source.where("spec", "container", "security_opt", index)
+                why = getattr(error, "strerror", None) or "not JSON"
+                diagnostics.append(Diagnostic(where, f"seccomp profile '{name}': {why}", "to create it"))
+                continue
+            value = f"seccomp={json.dumps(profile, separators=(',', ':'))}"
+        found.append(value)
+    return found
+
+
+def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Diagnostic]:
+    """What only shows when profile and manifest have come together."""
+    late = {k: v for k, v in options.items() if k != "healthcheck" and "${" in json.dumps(v).replace(RUN, "/run/rorg")}
+    if "volumes" in late:
+        late["volumes"] = [v for v in late["volumes"] if not str(v).startswith(RUN)]
+    try:
+        ContainerOptions.model_validate(late, context=FINAL)
+        found = clashes(options)
+    except ValidationError as error:
+        found = [Clash(entry["loc"], entry["msg"].removeprefix("Value error, ")) for entry in error.errors()]
+    return [_as_diagnostic(source, options, origins, clash) for clash in found]
+
+
+def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:
+    """At its place in the manifest, or where that names the profile which brought it."""
+    option, *below = clash.path
+    spec: Any = source.spec
+    own = declared(spec.container)
+    if option == "volumes" and below:  # the list began with the profile's
+        place = mounted_at(options["volumes"][below[0]])
+        below = [i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place][-1:]
+    names = origins.get(clash.other or str(option), ())
+    by = f", which {names[0]} declares" if names and names[0].profile else ""
+    where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
+    return Diagnostic(where, clash.message + by, clash.remedy)
 
 
 def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, str]:

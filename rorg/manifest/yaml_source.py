@@ -111,6 +111,8 @@ class _Reader:
             return self.number(node, tag, text)
         if tag != "str":
             self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
+        if "\0" in text:
+            self.error(node, "a NUL character, which ends a text for the engine and for programs", "to leave it out")
         return text
 
     def number(self, node: yaml.Node, tag: str, text: str) -> int | float | str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
@@ -66,7 +66,8 @@ class SimEngine:
     def inspect(self, container: str) -> Container | None:
         return self.containers.get(container)
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "") -> str:
+    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "",
+               defaults: Collection[str] = ()) -> str:
         self._fault("create", labels[LABEL_SERVICE])
         if name in self.foreign or any(c.name == name for c in self.containers.values()):
             raise EngineError(f"create {name}", f"the name {name} is already in use", kind="name_taken")

@@ -1,0 +1,231 @@
+"""Values of container options, checked as the engine will: what passes here, `create` and `start` take.
+
+A Profile may say `${service}` in any text; it is checked again when that is filled in.
+"""
+
+from __future__ import annotations
+
+import difflib
+import ipaddress
+import re
+import signal
+from collections.abc import Callable, Collection
+from typing import Any
+
+from pydantic import AfterValidator, ValidationInfo
+
+from rorg.manifest.ports import parse_expose, parse_ports
+from rorg.manifest.volumes import parse_device, parse_tmpfs, parse_volume
+
+FINAL = {"final": True}
+"""Context of the check after `${...}` was filled in."""
+
+
+def checked(check: Callable[[str], Any]) -> AfterValidator:
+    """Text that `check` does not raise ValueError for."""
+    def run(value: str, info: ValidationInfo) -> str:
+        if not ("${" in value and info.context != FINAL):
+            check(value)
+        return value
+
+    return AfterValidator(run)
+
+
+def turned(turn: Callable[[str], str]) -> AfterValidator:
+    """Text as `turn` writes it."""
+    return AfterValidator(lambda value, info: value if "${" in value and info.context != FINAL else turn(value))
+
+
+def require(pattern: str, value: str, what: str) -> None:
+    """Raises ValueError for text that does not match as a whole."""
+    if not re.fullmatch(pattern, value, re.ASCII):
+        raise ValueError(f"'{value}' is not {what}")
+
+
+def like(pattern: str, what: str) -> AfterValidator:
+    """Text that matches as a whole."""
+    return checked(lambda value: require(pattern, value, what))
+
+
+def between(*ranges: tuple[float, float], what: str) -> AfterValidator:
+    def check(value: Any) -> Any:
+        if not any(low <= value <= high for low, high in ranges):
+            raise ValueError(f"{value:g} is out of range; {what}")
+        return value
+
+    return AfterValidator(check)
+
+
+_CAPABILITIES = """
+ALL AUDIT_CONTROL AUDIT_READ AUDIT_WRITE BLOCK_SUSPEND BPF CHECKPOINT_RESTORE CHOWN DAC_OVERRIDE DAC_READ_SEARCH FOWNER
+FSETID IPC_LOCK IPC_OWNER KILL LEASE LINUX_IMMUTABLE MAC_ADMIN MAC_OVERRIDE MKNOD NET_ADMIN NET_BIND_SERVICE
+NET_BROADCAST NET_RAW PERFMON SETFCAP SETGID SETPCAP SETUID SYSLOG SYS_ADMIN SYS_BOOT SYS_CHROOT SYS_MODULE SYS_NICE
+SYS_PACCT SYS_PTRACE SYS_RAWIO SYS_RESOURCE SYS_TIME SYS_TTY_CONFIG WAKE_ALARM"""
+CAPABILITIES = frozenset(_CAPABILITIES.split())
+ULIMITS = frozenset(("core", "cpu", "data", "fsize", "locks", "memlock", "msgqueue", "nice", "nofile", "nproc", "rss",
+                     "rtprio", "rttime", "sigpending", "stack"))
+SIGNALS = frozenset((*signal.Signals.__members__,
+                     *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15))))
+
+
+def _near(name: str, known: Collection[str]) -> str:
+    return "; try " + found[0] if (found := difflib.get_close_matches(name, sorted(known), 1)) else ""
+
+
+def _capability(value: str) -> None:
+    name = value.upper().removeprefix("CAP_")
+    if name not in CAPABILITIES:
+        raise ValueError(f"'{value}' is no capability{_near(name, CAPABILITIES)}")
+
+
+def check_ulimit(name: str) -> None:
+    if name not in ULIMITS:
+        raise ValueError(f"'{name}' is no limit{_near(name, ULIMITS)}")
+
+
+def read_signal(value: object) -> str:
+    """A signal's name, or its number as text."""
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        raise ValueError(f"'{value}' is not a signal; write SIGINT or SIGTERM")
+    text = str(value).upper()
+    if "${" in text:
+        return str(value)
+    name = text if text.startswith("SIG") or text.isdigit() else f"SIG{text}"
+    if name not in SIGNALS and not (name.isdigit() and 1 <= int(name) <= 64):
+        raise ValueError(f"'{value}' is not a signal; write SIGINT or SIGTERM")
+    return name
+
+
+def signal_number(name: str) -> int:
+    """The number of a signal that read_signal() wrote."""
+    base, sign, offset = name.partition("+") if "+" in name else name.partition("-")
+    return int(name) if name.isdigit() else signal.Signals[base].value + int(f"{sign}{offset}" or 0)
+
+
+def _ip(value: str) -> None:
+    try:
+        ipaddress.ip_address(value)
+    except ValueError:
+        raise ValueError(f"'{value}' is not an IP address") from None
+
+
+def _extra_host(value: str) -> str:
+    """NAME:ADDRESS; Compose takes NAME=ADDRESS and brackets too."""
+    found = re.match(r"([^:=\s]+)[:=](\S+)$", value)
+    if not found:
+        raise ValueError(f"'{value}' is not a host; write NAME:ADDRESS")
+    address = found[2][1:-1] if found[2].startswith("[") and found[2].endswith("]") else found[2]
+    if address != "host-gateway":
+        _ip(address)
+    return f"{found[1]}:{address}"
+
+
+def _cpus(value: str) -> None:
+    """Such as 0-2,4."""
+    for part in value.split(","):
+        found = re.fullmatch(r"([0-9]{1,4})(?:-([0-9]{1,4}))?", part, re.ASCII)
+        if not found or int(found[1]) > int(found[2] or found[1]):
+            raise ValueError(f"'{value}' is no list of numbers; write 0-2,4")
+
+
+def _working_dir(value: str) -> None:
+    if not value.startswith("/"):
+        raise ValueError(f"'{value}' is no absolute path in the container")
+
+
+def _image(value: str) -> None:
+    part = r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*"
+    domain = r"(?=localhost/|[^/]*[.:])(?:[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?|\[[0-9a-fA-F:]+\])(?::[0-9]+)?"
+    digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
+    name = rf"(?:{domain}/)?{part}(?:/{part})*(?::\w[\w.-]{{0,127}})?(?:@{digest})?"
+    if not re.fullmatch(rf"{name}|sha256:[0-9a-f]{{64}}", value, re.ASCII):
+        raise ValueError(f"'{value}' is no reference of an image; write name:tag in small letters")
+
+
+def _network_mode(value: str) -> None:
+    if value.lower() in ("host", "none", "bridge", "default") and value != value.lower():
+        raise ValueError(f"'{value}' must be written {value.lower()}")
+    if value and not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII):
+        raise ValueError(f"'{value}' is no network; write host, bridge, none, a network's name or container:NAME")
+
+
+def _namespace(*modes: str) -> Callable[[str], None]:
+    def check(value: str) -> None:
+        of_other = "container:" in modes and re.fullmatch(r"container:[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII)
+        if value and (value not in modes or value == "container:") and not of_other:
+            names = ", ".join(f"{m}NAME" if m.endswith(":") else m for m in modes)
+            raise ValueError(f"'{value}' is not known here; write {names}")
+
+    return check
+
+
+def _security(value: str) -> None:
+    key, sign, rest = value.partition("=") if "=" in value else value.partition(":")
+    if key == "no-new-privileges" and (not sign or rest in ("true", "false")):
+        return
+    if not rest or (key not in ("label", "apparmor", "seccomp") and value != "systempaths=unconfined"):
+        raise ValueError(f"'{value}' is no security option; write no-new-privileges, seccomp=, apparmor= or label=")
+
+
+def _volumes_from(value: str) -> None:
+    if not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", value, re.ASCII):
+        raise ValueError(f"'{value}' is no container; write NAME, or NAME:ro")
+
+
+def _word(value: str) -> None:
+    if not re.fullmatch(r"\S+", value):
+        raise ValueError(f"'{value}' is not one word")
+
+
+def _sysctl(name: str) -> None:
+    if not re.match(r"(net\.|fs\.mqueue\.|kernel\.(msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|"
+                    r"domainname)$)", name):
+        raise ValueError(f"'{name}' is not of a container alone; set it on the host")
+
+
+def keys(check: Callable[[str], None]) -> AfterValidator:
+    """A mapping whose keys pass."""
+    def run(value: dict[str, Any]) -> dict[str, Any]:
+        for key in value:
+            check(key)
+        return value
+
+    return AfterValidator(run)
+
+
+def _variable(name: str) -> None:
+    if not name or "=" in name:
+        raise ValueError(f"'{name}' is not the name of a variable")
+
+
+def _key(name: str) -> None:
+    if not name:
+        raise ValueError("a key is empty")
+
+
+CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
+CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(_image), checked(_word)
+NETWORK_MODE, SECURITY, VOLUMES_FROM = checked(_network_mode), checked(_security), checked(_volumes_from)
+IPC = checked(_namespace("none", "private", "shareable", "host", "container:"))
+PID, HOST_ONLY = checked(_namespace("host", "container:")), checked(_namespace("host"))
+VOLUME, DEVICE, TMPFS = checked(parse_volume), checked(parse_device), checked(parse_tmpfs)
+PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
+DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
+HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
+DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")
+MAC = like(r"([0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}|([0-9a-fA-F]{2}-){5}[0-9a-fA-F]{2}",
+           "a MAC address; write 02:42:ac:11:00:02")
+LINK = like(r"[a-zA-Z0-9][a-zA-Z0-9_.-]*(:[a-zA-Z0-9][a-zA-Z0-9_.-]*)?", "a link; write NAME or NAME:ALIAS")
+PLATFORM = like(r"(?i:linux(/[a-z0-9_]+(/[a-z0-9]+)?)?|amd64|x86_64|386|arm|arm64|aarch64|armhf|riscv64|ppc64le)",
+                "a platform; write linux/arm64")
+PATH = like(r"/[^:]*", "an absolute path")
+_NAME = r"(?![0-9]+\.)[a-zA-Z0-9_][a-zA-Z0-9_.-]*\$?"
+GROUP = like(_NAME, "a group; write its name or its number")
+USER = like(rf"({_NAME}(:{_NAME})?)?", "a user; write NAME, UID or UID:GID")
+PARENT = like(r"[a-zA-Z0-9_./@:-]+", "a control group")
+RUNTIME = like(r"[a-zA-Z0-9][a-zA-Z0-9_./-]*", "a runtime; write its name, such as runc")
+VOLUME_DRIVER = like(r"[a-zA-Z0-9][a-zA-Z0-9_.:/-]*", "a driver of volumes; write its name, such as local")
+CONTAINER = like(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+", "a name for a container; write at least two letters or digits")
+NETWORK = r"[a-zA-Z0-9][a-zA-Z0-9_.-]*"
+
+VARIABLES, KEYS, SYSCTLS, LIMITS = keys(_variable), keys(_key), keys(_sysctl), keys(check_ulimit)

@@ -1,0 +1,127 @@
+"""Options of one container that the engine does not take together, in the container as it is rendered."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from rorg.manifest.profiles import mounted_at
+from rorg.manifest.volumes import parse_tmpfs, same_path
+
+
+class Clash(NamedTuple):
+    """One finding: the option that is wrong (or a path below it), what is wrong, a remedy, and the option that it does
+    not go with, which may come from elsewhere."""
+
+    path: tuple[str | int, ...]
+    message: str
+    remedy: str = ""
+    other: str = ""
+
+
+Options = Mapping[str, Any]
+Rule = Callable[[Options], Iterator[Clash]]
+
+
+def clashes(options: Options) -> list[Clash]:
+    return [clash for rule in RULES for clash in rule(options)]
+
+
+def _network(options: Options) -> Iterator[Clash]:
+    mode = options.get("network_mode", "")
+    if mode and options.get("networks"):
+        yield Clash(("networks",), f"networks and network_mode: {mode} exclude each other", "to drop one of them",
+                    "network_mode")
+    if mode.startswith("container:"):
+        for option in ("ports", "expose", "publish_all_ports", "hostname", "links", "dns", "extra_hosts",
+                       "mac_address"):
+            if options.get(option):
+                yield Clash((option,), f"{option} is not for a container that uses the network of another one",
+                            "to declare it there", "network_mode")
+    elif mode in ("host", "none"):
+        for option in ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ())):
+            if options.get(option):
+                yield Clash((option,), f"{option} has no effect under network_mode: {mode}",
+                            "network_mode: bridge, or to drop it", "network_mode")
+
+
+def _namespaces(options: Options) -> Iterator[Clash]:
+    if options.get("uts") == "host" and options.get("hostname"):
+        yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them", "uts")
+    for name in options.get("sysctls", {}):
+        foreign = {"network_mode": name.startswith("net."), "ipc": name.startswith(("kernel.", "fs.mqueue."))
+                   and name != "kernel.domainname", "uts": name == "kernel.domainname"}
+        for option, theirs in foreign.items():
+            if theirs and options.get(option) == "host":
+                yield Clash(("sysctls", name), f"'{name}' belongs to the host under {option}: host",
+                            f"to set it on the host, or another {option}", option)
+
+
+def _limits(options: Options) -> Iterator[Clash]:
+    memory, swap = options.get("mem_limit", 0), options.get("memswap_limit", 0)
+    for option in ("cpu_period", "cpu_quota"):
+        if options.get("cpus") and options.get(option, 0) > 0:
+            yield Clash((option,), f"cpus and {option} exclude each other", "to drop one of them")
+    if swap > 0 and not memory:
+        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "to declare mem_limit too")
+    elif 0 < swap < memory:
+        yield Clash(("memswap_limit",), "memswap_limit, which is memory and swap together, is below mem_limit")
+    if memory and options.get("mem_reservation", 0) > memory:
+        yield Clash(("mem_reservation",), "mem_reservation is above mem_limit")
+    if options.get("cpu_rt_runtime", 0) > (options.get("cpu_rt_period") or 1_000_000):
+        yield Clash(("cpu_rt_runtime",), "cpu_rt_runtime is above cpu_rt_period")
+
+
+def _places(options: Options) -> Iterator[Clash]:
+    """Two things at one place in the container. A volume without a name gives way by itself."""
+    taken = {same_path(parse_tmpfs(value)[0]) for value in options.get("tmpfs", ())}
+    for index, value in enumerate(options.get("volumes", ())):
+        place = mounted_at(value)
+        if isinstance(value, str) and ":" not in value:
+            continue
+        if place in taken:
+            yield Clash(("volumes", index), f"something else is mounted at {place} already", "another place")
+        taken.add(place)
+
+
+_COMMON = ("labels", "labels-regex", "env", "env-regex", "tag")
+_FILES = ("max-size", "max-file", "compress")
+_DRIVERS: Mapping[str, tuple[str, ...] | None] = {
+    "json-file": (*_FILES, *_COMMON), "local": _FILES, "journald": _COMMON, "none": None, "gelf": None, "fluentd": None,
+    "awslogs": None, "splunk": None, "gcplogs": None, "etwlogs": None, "logentries": None,
+    "syslog": (*_COMMON, "syslog-address", "syslog-facility", "syslog-tls-ca-cert", "syslog-tls-cert",
+               "syslog-tls-key", "syslog-tls-skip-verify", "syslog-format"),
+}
+"""Drivers of logs and their options; None where any may be given. Others are plugins."""
+_BUFFER = ("mode", "max-buffer-size")
+_SIZE = r"[0-9]+(\.[0-9]+)? ?[kKmMgGtTpP]?[iI]?[bB]?"
+_LOG_VALUES = {"max-size": _SIZE, "max-buffer-size": _SIZE, "max-file": "[1-9][0-9]{0,5}",
+               "mode": "blocking|non-blocking", "compress": "1|t|T|TRUE|true|True|0|f|F|FALSE|false|False"}
+
+
+def _logging(options: Options) -> Iterator[Clash]:
+    logging = options.get("logging", {})
+    driver, values = logging.get("driver", "json-file"), logging.get("options", {})
+    near = difflib.get_close_matches(driver, _DRIVERS, 1, 0.75)
+    if driver not in _DRIVERS and near:
+        yield Clash(("logging", "driver"), f"'{driver}' is no driver of logs", f"'{near[0]}'")
+    known = _DRIVERS.get(driver)
+    for key, value in values.items() if known is not None else ():
+        if key not in (*known, *_BUFFER):
+            yield Clash(("logging", "options", key), f"the driver {driver} has no option '{key}'",
+                        f"one of {', '.join(known)}")
+        elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
+            yield Clash(("logging", "options", key), f"'{value}' is no value of {key}")
+    if known is not None and values.get("max-buffer-size") and values.get("mode") != "non-blocking":
+        yield Clash(("logging", "options", "max-buffer-size"), "max-buffer-size needs mode: non-blocking")
+
+
+def _security(options: Options) -> Iterator[Clash]:
+    for option in ("masked_paths", "readonly_paths"):
+        if options.get(option) and "systempaths=unconfined" in options.get("security_opt", ()):
+            yield Clash((option,), f"{option} and systempaths=unconfined exclude each other", "to drop one of them")
+
+
+RULES: tuple[Rule, ...] = (_network, _namespaces, _limits, _places, _logging, _security)

@@ -1,0 +1,80 @@
+"""What is put into a container from outside, as one line of text: volumes, devices, file systems in memory."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+VOLUME_NAME = r"[a-zA-Z0-9][a-zA-Z0-9_.-]+"
+ACCESS = ("rw", "ro")
+PROPAGATION = ("private", "rprivate", "slave", "rslave", "shared", "rshared")
+_MODES = (ACCESS, ("z", "Z"), PROPAGATION, ("nocopy",), ("consistent", "cached", "delegated"))
+"""Of each at most one."""
+_TMPFS_FLAGS = frozenset(("rw", "ro", "suid", "nosuid", "dev", "nodev", "exec", "noexec", "sync", "async", "dirsync",
+                          "mand", "nomand", "atime", "noatime", "diratime", "nodiratime", "remount", "bind", "rbind",
+                          "relatime", "norelatime", "strictatime", "nostrictatime", "defaults", *PROPAGATION,
+                          "unbindable", "runbindable"))
+_TMPFS_VALUES = ("size", "mode", "uid", "gid", "nr_inodes", "nr_blocks", "mpol")
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    source: str
+    """A path, the name of a volume, or "" for a volume without a name."""
+    target: str
+    modes: tuple[str, ...] = ()
+
+
+def is_path(source: str) -> bool:
+    return source.startswith(("/", "./", "../", "~/")) or source in (".", "..")
+
+
+def parse_volume(text: str) -> Volume:
+    """SOURCE:/path/in/container[:MODES], or only a path in the container."""
+    parts = text.split(":")
+    if len(parts) > 3 or not is_target(parts[min(1, len(parts) - 1)]):
+        raise ValueError(f"'{text}' is not a volume; write SOURCE:/path/in/container, with :ro for read only")
+    if len(parts) == 1:
+        return Volume("", text)
+    source, modes = parts[0], tuple(parts[2].split(",")) if len(parts) == 3 else ()
+    if not is_path(source) and not source.startswith(".") and not re.fullmatch(VOLUME_NAME, source):
+        raise ValueError(f"'{text}' has no source that is a path or a volume; write ./{source or 'DIR'} for a path")
+    foreign = PROPAGATION if re.fullmatch(VOLUME_NAME, source) else ("nocopy",)
+    for mode in modes:
+        if not any(mode in kind for kind in _MODES) or mode in foreign:
+            raise ValueError(f"'{text}' has a mode '{mode}', which this volume cannot have; write ro, or nothing")
+    if any(sum(mode in kind for mode in modes) > 1 for kind in _MODES):
+        raise ValueError(f"'{text}' has modes that exclude each other")
+    return Volume(source, parts[1], modes)
+
+
+def is_target(path: str) -> bool:
+    """Whether something can be mounted there."""
+    return path.startswith("/") and path.strip("/") not in ("", ".")
+
+
+def same_path(path: str) -> str:
+    """One spelling of a path in a container."""
+    return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
+
+
+def parse_device(text: str) -> tuple[str, str, str]:
+    """On the host, in the container, and how it may be used there."""
+    source, _, rest = text.partition(":")
+    target, colon, access = rest.partition(":")
+    sound = source.startswith("/") and (not rest or target.startswith("/")) and not (":" in text and not rest)
+    if not sound or (colon and (not access or set(access) - set("rwm") or len(set(access)) < len(access))):
+        raise ValueError(f"'{text}' is not a device; write /dev/NAME or /dev/NAME:/dev/NAME:rw")
+    return source, target or source, access or "rwm"
+
+
+def parse_tmpfs(text: str) -> tuple[str, str]:
+    """Where it is mounted, and its options."""
+    target, colon, options = text.partition(":")
+    if not is_target(target) or (colon and not options):
+        raise ValueError(f"'{text}' is no file system in memory; write /path/in/container, with :size=64m behind it")
+    for option in options.split(",") if options else ():
+        name, equals, value = option.partition("=")
+        if not (name in _TMPFS_VALUES and value) if equals else name not in _TMPFS_FLAGS:
+            raise ValueError(f"'{text}' has an unknown option '{option}'; write size=64m or mode=1777")
+    return target, options

@@ -1,0 +1,136 @@
+"""Container options from outside: what `rorg validate` lets pass, the engine takes, and makes of it what Compose would.
+The spellings are in cases/options.txt."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from rorg.manifest.yaml_source import read_yaml
+
+HEAD = "apiVersion: rorg/v1\nkind: Service\nmetadata: {name: NAME}\nspec:\n  image: rorg-base\n"
+HEAD += "  command: ['true']\n  PROFILE\n"
+TEXT = "  container: {"
+
+
+class Spelling(NamedTuple):
+    name: str
+    text: str
+    expected: dict | None
+    """None: refused."""
+    place: tuple[int, int]
+
+
+def spellings() -> list[Spelling]:
+    found = []
+    lines = (Path(__file__).parent / "cases/options.txt").read_text(encoding="utf-8").splitlines()
+    for number, line in enumerate(lines, 1):
+        if not line or line.startswith("#"):
+            continue
+        left, arrow, right = line.partition("=>")
+        column = left.find("^")
+        expected = read_yaml(f"{{{right}}}", "expected")[0].value if arrow else None
+        assert (column >= 0) != bool(arrow), line
+        found.append(Spelling(f"case-{number}", left.strip().replace("^", ""), expected, (8, len(TEXT) + column + 1)))
+    return found
+
+
+SPELLINGS = spellings()
+
+
+class Shell:
+    def __init__(self, folder: Path, host: str = "") -> None:
+        self.tree = folder / "tree"
+        (self.tree / "services").mkdir(parents=True)
+        self.env = {**os.environ, "RORG_STATE_DIR": str(folder / "state"), "RORG_ENGINE": "docker", "DOCKER_HOST": host,
+                    "TERM": "dumb"}
+
+    def service(self, name: str, text: str, profile: str = "profile: plain") -> None:
+        head = HEAD.replace("NAME", name).replace("PROFILE", profile)
+        (self.tree / f"services/{name}.yaml").write_text(f"{head}{TEXT}{text}}}\n", encoding="utf-8")
+
+    def __call__(self, *args: str, code: int = 0, cwd: Path | None = None) -> subprocess.CompletedProcess:
+        done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=240,
+                              env=self.env, stdin=subprocess.DEVNULL, cwd=cwd)
+        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+
+def test_enough_spellings():
+    assert len(SPELLINGS) >= 300
+    assert len({s.text for s in SPELLINGS}) == len(SPELLINGS)
+
+
+def test_what_the_engine_would_not_take_is_refused_at_its_place(tmp_path):
+    shell = Shell(tmp_path)
+    refused = [s for s in SPELLINGS if s.expected is None]
+    for spelling in refused:
+        shell.service(spelling.name, spelling.text)
+    said = json.loads(shell("validate", str(shell.tree), "-o", "json", code=2).stdout)
+    places = {Path(d["file"]).stem: [] for d in said}
+    for diagnostic in said:
+        places[Path(diagnostic["file"]).stem].append((diagnostic["line"], diagnostic["column"]))
+    wrong = {s.text: (s.place, places.get(s.name)) for s in refused if places.get(s.name) != [s.place]}
+    assert wrong == {}
+
+
+def seen(inspected: dict, path: str, tree: Path):
+    """What the engine says at a path of the table."""
+    if path == "M":
+        return sorted(_mount(m, tree) for m in inspected["Mounts"])
+    if path == "N":
+        return sorted(inspected["NetworkSettings"]["Networks"])
+    full = {"H": "HostConfig", "C": "Config"}.get(path.partition(".")[0], path.partition(".")[0])
+    value = inspected[full]
+    for key in path.split(".")[1:]:
+        value = value.get(key)
+    return value
+
+
+def _mount(mount: dict, tree: Path) -> str:
+    source = mount.get("Name") or mount.get("Source", "")
+    for folder, short in ((tree / "services", "."), (tree, "..")):
+        source = source.replace(f"{folder.resolve()}/", f"{short}/")
+    spread = mount["Propagation"] if mount["Propagation"] not in ("", "rprivate") else ""
+    words = (mount["Type"], source, mount["Destination"], "rw" if mount["RW"] else "ro", spread)
+    return " ".join(word for word in words if word)
+
+
+def same(found: object, expected: object) -> bool:
+    """As expected; fields that only the engine fills in do not count."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        return all(same(found.get(k), v) for k, v in expected.items())
+    if isinstance(expected, list) and isinstance(found, list):
+        return len(found) == len([e for e in expected if e != "PATH=*"]) and all(map(same, found, expected))
+    return found == expected or (not found and not expected)
+
+
+@pytest.mark.docker
+def test_what_is_accepted_is_what_compose_makes(dockerd, tmp_path):
+    import docker
+
+    shell = Shell(tmp_path, dockerd.host)
+    accepted = [s for s in SPELLINGS if s.expected is not None]
+    (shell.tree / "services/maps").mkdir()
+    (shell.tree / "maps").mkdir()
+    (shell.tree / "services/seccomp.json").write_text('{"defaultAction": "SCMP_ACT_ALLOW"}')
+    for spelling in accepted:
+        shell.service(spelling.name, spelling.text)
+    api = docker.APIClient(dockerd.host, version="auto")
+    try:
+        shell("apply", str(shell.tree), "--yes", "--timeout", "60")
+        rows = api.containers(all=True, filters={"label": ["rorg.io/service"]})
+        made = {row["Labels"]["rorg.io/service"]: api.inspect_container(row["Id"]) for row in rows}
+        told = [(s, p, seen(made[s.name], p, shell.tree)) for s in accepted for p in s.expected]
+        assert [(s.text, p, found) for s, p, found in told if not same(found, s.expected[p])] == []
+        # Nothing that is read back differs from what was written: else it would be updated, or replaced, for ever.
+        shell("diff", str(shell.tree))
+    finally:
+        for row in api.containers(all=True, filters={"label": ["rorg.io/service"]}):
+            api.remove_container(row["Id"], v=True, force=True)
