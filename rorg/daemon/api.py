@@ -14,9 +14,9 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
-from rorg.daemon.api_common import Who, needs
+from rorg.daemon.api_common import Requester, Who, needs
 from rorg.daemon.api_manifests import add_manifests
-from rorg.daemon.api_models import Held, HoldBody, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.api_models import Held, HoldBody, Listener, Problem, PutRequest, RequestView, Usage, WaitResult, Why
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
@@ -44,7 +44,6 @@ def problem(status: int, code: str, what: str, cause: str, remedy: str = "") -> 
                          "remedy": remedy}, status, media_type="application/problem+json")
 
 
-Requester = Annotated[str | None, Query(description="Whose request; by default the caller's own.", max_length=64)]
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
 
 
@@ -52,6 +51,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
     """The application. `changed()` is an event that is set at the next pass of the loop, or line of the journal."""
     app = FastAPI(title="rorg", version=__version__, docs_url=None, redoc_url=None, openapi_url="/v1/openapi.json",
                   responses=RESPONSES)
+    app.state.robot = robot
     _errors(app)
     _reading(app, robot)
     _requests(app, robot, changed)
@@ -150,6 +150,11 @@ def _reading(app: FastAPI, robot: Robot) -> None:
     async def plan() -> Response:
         """What is to be done, and what waits for what."""
         return text(robot.decision.plan.as_json())
+
+    @app.get("/v1/listeners/{port}", dependencies=read, response_model=Listener)
+    def listener(port: Annotated[int, Path(ge=1, le=65535)]) -> Response:
+        """Which service listens at a TCP port of this machine: tells a bridge whose program calls it."""
+        return text({"port": port, "service": robot.listener(port)})
 
     @app.get("/v1/usage", dependencies=read, response_model=Usage)
     def usage() -> Response:

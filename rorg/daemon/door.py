@@ -188,7 +188,7 @@ class Door:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
         if self._asyncio is None:
             return
-        declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.may_request)
+        declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.has_socket)
         with contextlib.suppress(RuntimeError):
             self._asyncio.call_soon_threadsafe(self._turn)
             if declared != self._declared or time.monotonic() >= self._again:

@@ -17,6 +17,7 @@ from rorg.daemon.rights import Caller, allow_request, allow_restart
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
 from rorg.errors import Invalid, Missing, Refused, Unreachable
+from rorg.host.listeners import lineage, listening
 from rorg.host.load import machine
 from rorg.manifest.catalog import Catalog, Hold, Request, Service
 from rorg.manifest.diagnostics import nearest
@@ -131,6 +132,14 @@ class Robot:
                                                 for n, (c, m) in self.loop.use().items()},
                 "machine": machine()}
 
+    def listener(self, port: int) -> str:
+        """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets."""
+        runs = {s.pid: name for name, s in self.statuses().items() if s.pid and s.incarnation}
+        found = next((runs[pid] for pid in lineage(listening(port)) if pid in runs), None)
+        if found is None:
+            raise Missing(f"find who listens at port {port}", "no service's process is known to")
+        return found
+
     # -- changing ----------------------------------------------------------------------------------------------
 
     def put_request(self, caller: Caller, request: Request) -> Future[Asked]:
@@ -156,9 +165,9 @@ class Robot:
                             f"{', '.join(request.services)}", service=request.requester)
 
     def runs(self, name: str) -> bool:
-        """Whether its container is seen to be alive."""
+        """Whether its container is seen to be alive; a meta-service always is."""
         status = self.statuses().get(name)
-        return status is not None and bool(status.incarnation)
+        return status is not None and (status.state == "meta" or bool(status.incarnation))
 
     def _incarnation(self, requester: str) -> str | None:
         """The run of the requester that a request belongs to; None for those that have no container."""

@@ -11,6 +11,9 @@ from rorg.manifest.diagnostics import Where
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
 
+EVERY = "*"
+"""In `may_act_for`: every service, except developer."""
+
 RUN = "${rorg.run}"
 """Stands for the directory of rorg's sockets until it is known which rorg runs this tree."""
 
@@ -69,6 +72,8 @@ class Service:
     """Services and groups that it may request through the API."""
     may_restart: tuple[str, ...] = ()
     """Those that it may restart."""
+    may_act_for: tuple[str, ...] = ()
+    """Those in whose name it may act, as a bridge does for its callers; `*` for every service but developer."""
     idle: Idle = Idle()
     ready: Probe | None = None
     live: Probe | None = None
@@ -92,6 +97,11 @@ class Service:
     @property
     def container_name(self) -> str:
         return (self.spec or {}).get("container_name", self.name)
+
+    @property
+    def has_socket(self) -> bool:
+        """Whether it gets a socket of rorg's."""
+        return bool(self.may_request or self.may_act_for)
 
 
 @dataclass(frozen=True, slots=True)

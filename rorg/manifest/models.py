@@ -88,6 +88,10 @@ class ServiceSpec(Strict):
     may_restart: list[Name] = Field(
         default_factory=list, json_schema_extra={"x-rorg-change": "none"},
         description="Services and groups that it may restart, beside requesting something.")
+    may_act_for: list[Name | Literal["*"]] = Field(
+        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        description="Services and groups in whose name it may act, within what their manifests allow to them: for a "
+                    "bridge that they call. \"*\" is every service, but not `developer`. Gives it rorg's socket.")
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )
