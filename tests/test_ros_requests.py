@@ -18,7 +18,7 @@ from robots import RealRobot, write_tree
 from test_ros import NODES, services
 
 sys.path.insert(0, str(ROOT / "clients/ros1/rorg_ros/src"))
-from rorg_ros.bridge import Bridge, Graph, holder_of, request_id, tag  # noqa: E402
+from rorg_ros.bridge import Bridge, Graph, holder_of, request_id, tag
 
 PAUSE = {"idle": {"action": "pause"}}
 LISTEN = ["python3", "-S", "-c", "import socket,sys\nwith socket.create_server(('127.0.0.1', int(sys.argv[1]))) as s:\n"
