@@ -5,7 +5,9 @@ Every message reads "cannot X: why; try Y", so that whoever meets it knows what 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
+from typing import Any
 
 
 class Exit(IntEnum):
@@ -47,10 +49,20 @@ class Unreachable(RorgError):
     code = Exit.UNREACHABLE
 
 
+class Busy(Unreachable):
+    """The running rorg cannot answer at this moment and will soon, it or the next one: ask again after `seconds`."""
+
+    seconds = 1
+
+
 class NotReady(RorgError):
-    """What was asked for is applied, but not ready in time."""
+    """What was asked for is applied, but not ready in time. `services` tells how each one is."""
 
     code = Exit.NOT_READY
+
+    def __init__(self, what: str, why: str, remedy: str = "", services: Mapping[str, Any] | None = None) -> None:
+        super().__init__(what, why, remedy)
+        self.services = services or {}
 
 
 class Refused(RorgError):

@@ -38,14 +38,19 @@ def command(
     context.state.acquire("rorg run")
     loop = make_loop(context.root, context.state, context.engine(),
                      lambda line: note(f"{time.strftime('%H:%M:%S')} {line}"))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: loop.stop())
     note(f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "
          "containers keep running when it stops")
     door = make_door(loop, context.state, group)
     if listen:
         door.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
     door.start()
+
+    def end(*_: Any) -> None:
+        door.end()
+        loop.stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
     note(f"API on {door.directory / 'rorg.sock'}")
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()

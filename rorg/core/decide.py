@@ -10,7 +10,7 @@ from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
 from rorg.core.lanes import Lanes, relief, select
-from rorg.core.memory import Findings, Memory, advance, begin, forget
+from rorg.core.memory import Findings, Memory, Progress, advance, begin, forget
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
@@ -49,6 +49,8 @@ class Inputs:
     load: Load | None = None
     renewals: Mapping[tuple[str, str], int] = field(default_factory=dict)
     """The number of each request's last renewal; another one begins its lease anew."""
+    asked: Mapping[str, float] = field(default_factory=dict)
+    """Service -> since when somebody waits for it, by the clock of `now`: its readiness must have been told since."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,8 @@ class Target:
     incarnation: str
     every: float
     container: Container | None = field(default=None, compare=False)
+    asked: float | None = field(default=None, compare=False)
+    """Somebody waits for an answer that was asked for since then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +97,7 @@ def decide(inputs: Inputs) -> Decision:
     for action in chosen:
         memory = begin(memory, action, inputs.observed, inputs.now)
     return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan), holds, served)
+                    to_probe(situation, plan, inputs.asked), holds, served)
 
 
 def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:
@@ -123,6 +127,11 @@ def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapp
         {n: due.run for n, due in (memory.restarts or {}).items()}, inputs.removals, verdict.gave_way,
         frozenset(holds), verdict.ranks, interlocks, relieved.lowered, relieved.hurry, relieved.stop_paused,
         relieved.shed, relieved.closed, suspended), settled, holds, served
+
+
+def told_since(step: Progress, asked: float | None) -> bool:
+    """Whether a readiness probe has said yes since somebody asked."""
+    return asked is None or (step.answered is not None and step.answered >= asked)
 
 
 def _can_cease(desired: Desired, name: str) -> bool:
@@ -171,10 +180,10 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
     return min((t for t in times if t > now), default=None)
 
 
-def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
-    """Readiness of wanted services that run, until they are ready (or always, where it can be lost); life of those
-    that are; interlocks of services that the plan wants to touch, or that measures against pressure may. A probe that
-    is the clock needs nobody to ask."""
+def to_probe(situation: Situation, plan: Plan, asked: Mapping[str, float]) -> dict[tuple[str, str], Target]:
+    """Readiness of wanted services that run, until they are ready (or always, where it can be lost, and once more for
+    whoever begins to wait for them); life of those that are; interlocks of services that the plan wants to touch, or
+    that measures against pressure may. A probe that is the clock needs nobody to ask."""
     found: dict[tuple[str, str], Target] = {}
     containers = situation.observed.by_service()
     services = situation.desired.catalog.services
@@ -183,9 +192,11 @@ def to_probe(situation: Situation, plan: Plan) -> dict[tuple[str, str], Target]:
         if step.running_since is None:
             continue
         current = next(iter(containers.get(name, [])), None)
-        if service.ready and service.ready.kind != "delay" and (not step.ready or service.ready.failures):
-            every = max(service.ready.interval, 1.0) if step.ready else service.ready.interval
-            found[name, "ready"] = Target(service.ready, step.incarnation, every, current)
+        if service.ready and service.ready.kind != "delay":
+            since = asked.get(name) if step.answered is not None and not told_since(step, asked.get(name)) else None
+            if not step.ready or since is not None or service.ready.failures:
+                every = max(service.ready.interval, 1.0) if step.ready and since is None else service.ready.interval
+                found[name, "ready"] = Target(service.ready, step.incarnation, every, current, since)
         if service.live and step.was_ready:
             found[name, "live"] = Target(service.live, step.incarnation, service.live.interval, current)
     touched = {a.service for a in plan.actions} | {w.service for w in plan.waitings}

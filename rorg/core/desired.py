@@ -64,7 +64,7 @@ def _located(catalog: Catalog, run: str) -> Catalog:
     """With the sockets' directory in the containers that get one."""
     found = {}
     for name, service in catalog.services.items():
-        if service.has_socket and service.spec is not None:
+        if service.calls and service.spec is not None:
             spec = {**service.spec, "volumes": [v.replace(RUN, run) if isinstance(v, str) else v
                                                 for v in service.spec["volumes"]]}
             spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}

@@ -62,6 +62,8 @@ class Progress:
     """This run was ready once."""
     probe: str = ""
     """What the last probe said."""
+    answered: float | None = None
+    """When the last readiness probe of this run began that said yes."""
     exits: int = 0
     """Exits in a row while wanted, short of a stable run."""
     exited: str = ""
@@ -190,10 +192,10 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
     if current is None or current.state != "running":
         if step.running_since is None and not step.ready:
             return step
-        return replace(step, running_since=None, ready=False, was_ready=False, probe="")
+        return replace(step, running_since=None, ready=False, was_ready=False, probe="", answered=None)
     if step.running_since is None or step.incarnation != current.incarnation:
         return replace(step, incarnation=current.incarnation, running_since=now, ready=False, was_ready=False,
-                       probe="")
+                       probe="", answered=None)
     if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
         return replace(step, exits=0, tries=step.but("start"), error="")
     return step
@@ -230,6 +232,8 @@ def _ready(step: Progress, service: Service, found: Finding | None, now: float) 
             service.ready.target) else step
     if not _fits(found, step):
         return step
+    if found.ok and found.at != step.answered:
+        step = replace(step, answered=found.at)
     if step.ready:
         lost = service.ready.failures and found.failures >= service.ready.failures
         return replace(step, ready=False, probe=found.message) if lost else step

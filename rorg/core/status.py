@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
-from rorg.core.plan import Plan
+from rorg.core.plan import Action, Plan
 from rorg.core.wanted import chain
 from rorg.manifest.catalog import Service
 
@@ -53,6 +53,10 @@ class Status:
     ros_nodes: tuple[str, ...] = ()
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
 
+    def condition(self, kind: str) -> Condition:
+        """Its condition of this type; "Unknown" for one that it does not have."""
+        return next((c for c in self.conditions if c.type == kind), Condition(kind, "Unknown", ""))
+
     def as_json(self) -> dict[str, Any]:
         return {
             "service": self.service, "state": self.state, "sync": self.sync, "health": self.health,
@@ -70,16 +74,19 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
     containers = situation.observed.by_service()
     pending = {a.service: a.verb for a in reversed(plan.actions)}
     waiting = {w.service: w.reason for w in plan.waitings}
+    actions: dict[str, list[Action]] = {}
+    for action in plan.actions:
+        actions.setdefault(action.service, []).append(action)
     pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
     return {
         name: _status(situation, service, (containers.get(name) or [None])[0], pending.get(name, ""),
-                      waiting.get(name, ""), (holds or {}).get(name, ""))
+                      waiting.get(name, ""), (holds or {}).get(name, ""), actions.get(name, []))
         for name, service in sorted(situation.desired.catalog.services.items())
     }
 
 
 def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str,
-            held: str) -> Status:
+            held: str, actions: Sequence[Action]) -> Status:
     name = service.name
     causes = situation.wanted.get(name, ())
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
@@ -88,7 +95,7 @@ def _status(situation: Situation, service: Service, current: Container | None, p
         return Status(name, "meta", "Synced", "Healthy", True, why)
     step = situation.memory.of(name)
     known = situation.observed.complete
-    ready, reason, message = _readiness(situation, service, current, waiting)
+    ready, reason, message = _readiness(situation, service, current, waiting, actions)
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
         Condition("Ready", "Unknown" if not known else str(ready), reason, message),
@@ -124,11 +131,27 @@ def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, sta
     return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory") else "Progressing"
 
 
-def _readiness(situation: Situation, service: Service, current: Container | None, waiting: str
-               ) -> tuple[bool, str, str]:
+ENDS = ("pause", "stop", "remove")
+"""Verbs after which a run does not go on."""
+
+
+def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
+    """Why the run of now is about to end, though it answers still; empty when it goes on."""
+    flight = situation.memory.in_flight.get(service.name)
+    planned = () if situation.suspended else actions
+    for action in (*([flight.action] if flight else []), *planned):
+        if action.verb in ENDS and current is not None and action.container == current.id:
+            return f"{action.verb}: {action.reason}"
+    asked = situation.restarts.get(service.name)
+    return "restart asked for" if current is not None and asked == current.incarnation else ""
+
+
+def _readiness(situation: Situation, service: Service, current: Container | None, waiting: str,
+               actions: Sequence[Action]) -> tuple[bool, str, str]:
     step = situation.memory.of(service.name)
     if step.ready:
-        return True, "Ready", ""
+        ending = _ending(situation, service, current, actions)
+        return (False, "Ending", ending) if ending else (True, "Ready", "")
     if current is None:
         return False, "NoContainer", waiting or step.error
     if current.state == "exited" and step.exited == current.incarnation and not waiting:

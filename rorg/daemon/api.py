@@ -17,17 +17,15 @@ from rorg import __version__
 from rorg.daemon.api_common import Requester, Who, needs
 from rorg.daemon.api_manifests import add_manifests
 from rorg.daemon.api_models import Held, HoldBody, Listener, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.not_before import GENERATION
+from rorg.daemon.problems import answer, problem
+from rorg.daemon.readiness import Question
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
-from rorg.errors import Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
+from rorg.errors import Invalid, NotReady, RorgError
 from rorg.manifest.catalog import Request as Ask
 from rorg.manifest.scalars import parse_duration
 
-STATUS: dict[type[RorgError], tuple[int, str]] = {
-    Forbidden: (403, "forbidden"), Missing: (404, "not-found"), Refused: (409, "refused"), Invalid: (422, "invalid"),
-    NotReady: (504, "not-ready"), Unreachable: (503, "unreachable"),
-}
-"""Errors as HTTP status and stable code."""
 SEEN = 5.0
 """Seconds until a service that asks is seen to run."""
 MOST_BODY = 1 << 20
@@ -38,10 +36,12 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
                        (422, "invalid"), (503, "not now"), (504, "not ready"))}
 
 
-def problem(status: int, code: str, what: str, cause: str, remedy: str = "") -> JSONResponse:
-    """An error as application/problem+json (RFC 9457), with our code, cause and remedy."""
-    return JSONResponse({"type": f"urn:rorg:{code}", "title": what, "status": status, "code": code, "cause": cause,
-                         "remedy": remedy}, status, media_type="application/problem+json")
+def accepted(generation: int, body: dict[str, Any] | None = None) -> Response:
+    """The answer to a change: its generation, and what there is to say."""
+    headers = {GENERATION: str(generation)}
+    if body is None:
+        return Response(status_code=204, headers=headers)
+    return JSONResponse({**body, "generation": generation}, headers=headers)
 
 
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
@@ -64,8 +64,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
 def _errors(app: FastAPI) -> None:
     @app.exception_handler(RorgError)
     async def told(request: Request, error: RorgError) -> JSONResponse:
-        status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
-        return problem(status, code, f"cannot {error.what}", error.why, error.remedy)
+        return answer(error)
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
@@ -182,9 +181,9 @@ def _requests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) 
         ask = Ask(id, requester or caller.requester, tuple(dict.fromkeys(body.services)), body.reason,
                   priority=body.priority, ttl=duration(body.ttl, "ttl") or None)
         await _seen(robot, caller, changed)
-        await asyncio.wrap_future(robot.put_request(caller, ask))
-        return JSONResponse({"id": id, "requester": ask.requester, "services": list(ask.services),
-                             "reason": ask.reason, "priority": ask.priority, "ttl": ask.ttl})
+        return accepted(await asyncio.wrap_future(robot.put_request(caller, ask)), {
+            "id": id, "requester": ask.requester, "services": list(ask.services), "reason": ask.reason,
+            "priority": ask.priority, "ttl": ask.ttl})
 
     @app.post("/v1/requests/{id}/renew", dependencies=request, response_model=RequestView)
     async def renew(id: Id, caller: Who, requester: Requester = None) -> Response:
@@ -194,38 +193,36 @@ def _requests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) 
     @app.delete("/v1/requests/{id}", dependencies=request, status_code=204, response_class=Response)
     async def release(id: Id, caller: Who, requester: Requester = None) -> Response:
         """Give a request up. What is released already is fine."""
-        await asyncio.wrap_future(robot.release(caller, (requester or caller.requester, id)))
-        return Response(status_code=204)
+        return accepted(await asyncio.wrap_future(robot.release(caller, (requester or caller.requester, id))))
 
 
 def _people(app: FastAPI, robot: Robot) -> None:
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
     async def restart(name: str, caller: Who, force: bool = False) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
-        await asyncio.wrap_future(robot.restart(caller, name, force))
-        return JSONResponse({"services": list(robot.members(name))})
+        generation = await asyncio.wrap_future(robot.restart(caller, name, force))
+        return accepted(generation, {"services": list(robot.members(name))})
 
     @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
     async def hold(name: str, body: HoldBody, caller: Who) -> Response:
         """Keep a service, or a group's, from being active for a time, whoever requests it."""
-        await asyncio.wrap_future(robot.hold(caller, name, duration(body.duration, "duration"), body.reason))
-        return JSONResponse({"services": list(robot.members(name))})
+        generation = await asyncio.wrap_future(
+            robot.hold(caller, name, duration(body.duration, "duration"), body.reason))
+        return accepted(generation, {"services": list(robot.members(name))})
 
     @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
     async def unhold(name: str, caller: Who) -> Response:
-        await asyncio.wrap_future(robot.hold(caller, name, None, ""))
-        return Response(status_code=204)
+        return accepted(await asyncio.wrap_future(robot.hold(caller, name, None, "")))
 
     @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def suspend(body: HoldBody, caller: Who) -> Response:
         """Change nothing for a time."""
-        await asyncio.wrap_future(robot.suspend(caller, duration(body.duration, "duration"), body.reason))
-        return Response(status_code=204)
+        return accepted(await asyncio.wrap_future(
+            robot.suspend(caller, duration(body.duration, "duration"), body.reason)))
 
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
-        await asyncio.wrap_future(robot.suspend(caller, None, ""))
-        return Response(status_code=204)
+        return accepted(await asyncio.wrap_future(robot.suspend(caller, None, "")))
 
 
 def duration(value: str | None, field: str) -> float:
@@ -244,29 +241,41 @@ async def gone(request: Request) -> None:
         pass
 
 
+async def _ready(robot: Robot, question: Question, timeout: float, changed: Callable[[], asyncio.Event],
+                 hangup: asyncio.Future[None]) -> Response:
+    clock = asyncio.get_running_loop().time
+    deadline = clock() + timeout
+    while not hangup.done():
+        event = changed()
+        known = robot.open_to(question.generation)
+        found = robot.readiness(question)
+        services = {name: ready.as_json() for name, ready in found.services.items()}
+        left = deadline - clock()
+        if known and found.ready:
+            return JSONResponse({"ready": True, "services": services})
+        if (known and found.hopeless) or left <= 0:
+            raise NotReady(f"wait for {', '.join(question.names)}", found.reason or "the loop is busy",
+                           "`rorg why` for the reasons", services)
+        news = asyncio.ensure_future(event.wait())
+        await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
+        news.cancel()
+    return Response(status_code=400)  # nobody reads it
+
+
 def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -> None:
     @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
     async def wait(request: Request, services: Annotated[list[str], Query(min_length=1, max_length=300)],
                    timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0) -> Response:
-        """Answers when these services and all that they need are ready; with the reason when they do not get so."""
-        names = tuple(m for s in services for m in robot.members(s))
-        deadline = asyncio.get_running_loop().time() + timeout
-        hangup = asyncio.ensure_future(gone(request))
-        try:
-            while not hangup.done():
-                event = changed()
-                why, hopeless = robot.unready(names)
-                left = deadline - asyncio.get_running_loop().time()
-                if not why:
-                    return JSONResponse({"ready": True})
-                if hopeless or left <= 0:
-                    raise NotReady(f"wait for {', '.join(services)}", why, "`rorg why` for the reasons")
-                news = asyncio.ensure_future(event.wait())
-                await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
-                news.cancel()
-            return Response(status_code=400)  # nobody reads it
-        finally:
-            hangup.cancel()
+        """Answers when these services and all that they need are ready: wanted, running, their readiness told by this
+        run since the question was asked, and nothing under way that ends it. Every change that was accepted before
+        counts. With the reason when they do not get so."""
+        names = tuple(dict.fromkeys(m for s in services for m in robot.members(s)))
+        with robot.question(names) as question:
+            hangup = asyncio.ensure_future(gone(request))
+            try:
+                return await _ready(robot, question, timeout, changed, hangup)
+            finally:
+                hangup.cancel()
 
     @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
     async def events(cursor: Annotated[int | None, Query(ge=0)] = None, follow: bool = False,
@@ -284,7 +293,7 @@ def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -
                 if found:
                     at = found[-1]["seq"]
                     yield b"".join(json.dumps(entry).encode() + b"\n" for entry in found)
-                elif not follow:
+                elif not follow or robot.ending:
                     return
                 else:
                     await event.wait()

@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse, Response
 
 from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_models import ManifestView, PutManifest
+from rorg.daemon.not_before import GENERATION
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Invalid, Missing, Refused
@@ -55,8 +56,9 @@ class Manifests:
             raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
         return path
 
-    def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str]:
-        """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile."""
+    def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str, int]:
+        """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile. Answers with its
+        file, its digest and the change's generation."""
         with self._lock:
             path = self.all().get((kind, name))
             self._same(path, body.base, f"change the {kind} '{name}'")
@@ -74,16 +76,16 @@ class Manifests:
             self._valid(path, body.text, f"change the {kind} '{name}'")
             path.parent.mkdir(exist_ok=True)
             write_atomic(path, body.text, mode=0o644)
-            self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
-            return path, digest(body.text.encode())
+            generation = self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
+            return path, digest(body.text.encode()), generation
 
-    def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> None:
+    def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         with self._lock:
             path = self.path_of(kind, name)
             self._same(path, base, f"delete the {kind} '{name}'")
             self._valid(path, None, f"delete the {kind} '{name}'")
             path.unlink()
-            self._told(caller, path, message or f"{kind} {name}: deleted through the API")
+            return self._told(caller, path, message or f"{kind} {name}: deleted through the API")
 
     def _same(self, path: Path | None, base: str | None, what: str) -> None:
         now = digest(path.read_bytes()) if path else None
@@ -97,11 +99,12 @@ class Manifests:
         if errors:
             raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
 
-    def _told(self, caller: Caller, path: Path, message: str) -> None:
+    def _told(self, caller: Caller, path: Path, message: str) -> int:
         commit(self.root, path, caller.author, message)
         self.robot.loop.reporter.event("manifest", f"{message} (by {caller.author})", author=caller.author,
                                        file=str(path.relative_to(self.root)))
         self.robot.loop.files_changed()
+        return self.robot.changed(manifest=True)
 
 
 def digest(content: bytes) -> str:
@@ -131,12 +134,12 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
                 caller: Who) -> Response:
         """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
         repository. Refused when `base` is not the digest of what is there now."""
-        path, found = manifests.put(caller, kind, name, body)
+        path, found, generation = manifests.put(caller, kind, name, body)
         return JSONResponse({"kind": kind, "name": name, "file": str(path.relative_to(manifests.root)),
-                             "digest": found})
+                             "digest": found, "generation": generation}, headers={GENERATION: str(generation)})
 
     @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
     def delete_one(kind: Kind, name: ManifestName, caller: Who,
                    base: str | None = None, message: Annotated[str, Query(max_length=500)] = "") -> Response:
-        manifests.delete(caller, kind, name, base, message)
-        return Response(status_code=204)
+        generation = manifests.delete(caller, kind, name, base, message)
+        return Response(status_code=204, headers={GENERATION: str(generation)})

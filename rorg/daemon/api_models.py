@@ -36,14 +36,23 @@ class RequestView(BaseModel):
     incarnation: str | None = None
     standing: bool = False
     expires_in: float | None = Field(default=None, description="Seconds that are left of the lease.")
+    generation: int | None = Field(default=None, description="Of the change that this answers.")
 
 
 class Held(BaseModel):
     services: list[str]
+    generation: int | None = Field(default=None, description="Of this change.")
+
+
+class Ready(BaseModel):
+    ready: bool
+    incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
+    reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):
     ready: bool
+    services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
 
 
 class Why(BaseModel):
@@ -76,6 +85,7 @@ class ManifestView(BaseModel):
     name: str
     file: str = Field(description="Relative to the tree.")
     digest: str
+    generation: int | None = Field(default=None, description="Of the change that this answers.")
 
 
 class PutManifest(Body):

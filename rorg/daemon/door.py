@@ -25,6 +25,7 @@ import uvicorn
 
 from rorg.daemon.api import make_app
 from rorg.daemon.connection import IDLE, Connection
+from rorg.daemon.not_before import NotBefore
 from rorg.daemon.rights import Caller, allow, group_id, peer
 from rorg.daemon.robot import Robot
 from rorg.errors import Invalid, RorgError
@@ -33,6 +34,8 @@ NAME = "rorg.sock"
 BACKLOG = 1024
 MOST_CONNECTIONS = 8000
 """Requests at once beyond which the answer is 503."""
+FAREWELL = 2.0
+"""Seconds that the end waits for answers under way."""
 RETRY = 5.0
 """Seconds until sockets that could not be made are tried again."""
 
@@ -80,8 +83,9 @@ class Door:
         """Why it could not begin to serve."""
         self.app = make_app(robot, lambda: self._event)
         self.config = uvicorn.Config(
-            Quick(self.app, robot), http=Connection, loop="uvloop", log_config=None, access_log=False, lifespan="off",
-            timeout_keep_alive=IDLE, limit_concurrency=MOST_CONNECTIONS, backlog=BACKLOG, ws="none",
+            NotBefore(Quick(self.app, robot), robot, lambda: self._event), http=Connection, loop="uvloop",
+            log_config=None, access_log=False, lifespan="off", timeout_keep_alive=IDLE,
+            limit_concurrency=MOST_CONNECTIONS, backlog=BACKLOG, ws="none",
             h11_max_incomplete_event_size=65536, server_header=False, date_header=False)
         self.server = uvicorn.Server(self.config)
         self._thread: threading.Thread | None = None
@@ -113,12 +117,25 @@ class Door:
             raise Invalid(f"serve on {where}", str(self._broken or "no answer within 30 s"), "another address")
         self.robot.loop.decided = self.decided
 
+    def end(self) -> None:
+        """From now on every caller, also those who wait, is told to come again; what was accepted is still done. May
+        be called from a signal handler."""
+        self.robot.ending = True
+        if self._asyncio is not None:
+            with contextlib.suppress(RuntimeError):
+                self._asyncio.call_soon_threadsafe(self._turn)
+
     def stop(self) -> None:
+        """Ends when everybody has their answer."""
+        self.end()
+        self.robot.committer.stop()
+        deadline = time.monotonic() + FAREWELL
+        while self.server.server_state.tasks and time.monotonic() < deadline:
+            time.sleep(0.005)
         self.robot.loop.decided = lambda: None
         self.server.should_exit = self.server.force_exit = True
         if self._thread:
             self._thread.join(5)
-        self.robot.committer.stop()
         (self.directory / NAME).unlink(missing_ok=True)
 
     def _run(self, main: socket.socket, started: threading.Event) -> None:
@@ -188,7 +205,7 @@ class Door:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
         if self._asyncio is None:
             return
-        declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.has_socket)
+        declared = frozenset(n for n, s in self.robot.loop.tree.desired.catalog.services.items() if s.calls)
         with contextlib.suppress(RuntimeError):
             self._asyncio.call_soon_threadsafe(self._turn)
             if declared != self._declared or time.monotonic() >= self._again:

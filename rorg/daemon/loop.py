@@ -15,6 +15,7 @@ from rorg.core.memory import finish
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, pressed
+from rorg.daemon.generations import Generations
 from rorg.daemon.ledger import Ledger
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros import RosPurger
@@ -37,7 +38,7 @@ from rorg.store.state_dir import StateDir, read_json
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
 AFTER = {"resume": "running", "pause": "paused"}
-"""State after a verb of which the engine's event, that comes first, tells all."""
+"""State after a verb that ends well and changes nothing else."""
 LONGEST = 3600.0
 """Seconds of sleep at the most: a deadline may be centuries away."""
 HANDOVER = 0.0003
@@ -68,6 +69,9 @@ class Loop:
         self.bell = Bell(state.path, self._rung)
         self.workers = ThreadPoolExecutor(Lanes().most, thread_name_prefix="worker")
         self.memory = recall(read_json(state.status))
+        self.generations = Generations(int(time.time() * 1000))
+        self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
+        """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
@@ -158,7 +162,8 @@ class Loop:
     def one_pass(self) -> Decision:
         """Read, resolve, observe, plan, check, hand to workers, publish."""
         self.passes += 1
-        self._read_files()
+        upto = self.generations.begin()
+        self._read_files(upto)
         self._take_outcomes()
         asked, renewals = self.ledger.asked(), self.ledger.renewals()
         decision = decide(Inputs(
@@ -167,9 +172,11 @@ class Loop:
             owner=self.owner, removals=self.tree.removals, booted_at=self.booted_at,
             lanes=Lanes(bulk=self.tree.desired.catalog.policy.bulk_workers), holds=asked.holds,
             suspended=asked.suspended, wall=time.time(), load=self.sampler.latest, renewals=renewals,
+            asked=self._asked_for(),
         ))
         self.ledger.settle(decision, renewals)
         self.memory, self.decision = decision.memory, decision
+        self.generations.acted = self.generations.read(upto, not self._files)
         for action in decision.begin:
             self._begin(action)
         if any(action.urgent for action in decision.begin):
@@ -196,8 +203,15 @@ class Loop:
             self._outcomes.append((action, error))
         self.wake()
 
-    def _read_files(self) -> None:
-        if self._asked:
+    def _asked_for(self) -> dict[str, float]:
+        """Service -> when somebody last asked whether it is ready, and waits for the answer."""
+        found: dict[str, float] = {}
+        for names, since in sorted(list(self.questions.values()), key=lambda q: q[1]):
+            found.update(dict.fromkeys(names, since))
+        return found
+
+    def _read_files(self, upto: int) -> None:
+        if self._asked or upto > self.generations.acted:
             self._asked = False
             self.ledger.read()
         if self._files:
@@ -232,18 +246,19 @@ class Loop:
     # -- workers -----------------------------------------------------------------------------------------------
 
     def _work(self, action: Action) -> None:
-        began, error = self.clock(), ""
-        container = action.container
+        began, error, made = self.clock(), "", ""
         try:
-            with nullcontext() if action.urgent else self.observer.acting(action.container):
-                container = perform(self.engine, action)
+            with self.observer.acting(action.container) if action.container else nullcontext():
+                made = perform(self.engine, action)
         except RorgError as failed:
             error = failed.why + (f"; try {failed.remedy}" if failed.remedy else "")
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
-            if container and not self.observer.shows(container, AFTER.get(action.verb, "")):
-                self.observer.refresh(container)
+            if action.container and not error:
+                self.observer.done(action.container, AFTER.get(action.verb, ""))
+            elif made or action.container:
+                self.observer.refresh(made or action.container)
             self.reporter.outcome(action, error, self.clock() - began)
         finally:
             self._finished(action, error)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -13,10 +14,11 @@ from rorg.core.decide import Decision
 from rorg.core.requests import problems
 from rorg.core.status import Status, statuses
 from rorg.daemon.loop import Loop
+from rorg.daemon.readiness import Question, Readiness, readiness
 from rorg.daemon.rights import Caller, allow_request, allow_restart
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
-from rorg.errors import Invalid, Missing, Refused, Unreachable
+from rorg.errors import Busy, Invalid, Missing, Refused
 from rorg.host.listeners import lineage, listening
 from rorg.host.load import machine
 from rorg.manifest.catalog import Catalog, Hold, Request, Service
@@ -36,7 +38,9 @@ class Robot:
 
     def __init__(self, loop: Loop, about: Mapping[str, Any]) -> None:
         self.loop, self.about = loop, about
-        self.committer = Committer(RequestsFile(loop.ledger.file.path))
+        self.committer = Committer(RequestsFile(loop.ledger.file.path), self.changed)
+        self.ending = False
+        """rorg is being stopped: nothing is answered any more, and nothing accepted."""
         self._cached: tuple[Decision | None, dict[str, Status], dict[str, bytes]] = (None, {}, {})
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -45,8 +49,22 @@ class Robot:
     def decision(self) -> Decision:
         tree = self.loop.tree
         if self.loop.decision is None or not (tree.loaded or tree.errors):
-            raise Unreachable("answer", "rorg has just begun and has not read its manifests yet", "again in a moment")
+            raise Busy("answer", "rorg has just begun and has not read its manifests yet", "again in a moment")
         return self.loop.decision
+
+    def changed(self, news: bool = True, manifest: bool = False) -> int:
+        """Generation of a change that is on the disk now; without news, of the last one."""
+        generations = self.loop.generations
+        generation = generations.changed(manifest) if news else generations.latest
+        self.loop.wake()
+        return generation
+
+    def open_to(self, generation: int) -> bool:
+        """Whether an answer may be given to somebody who knows of this generation. Raises Busy when there will be
+        none."""
+        if self.ending:
+            raise Busy("answer", "rorg is being stopped", "again in a moment")
+        return self.loop.generations.reached(generation)
 
     @property
     def catalog(self) -> Catalog:
@@ -103,28 +121,23 @@ class Robot:
                 "requests": [r for r in self.requests() if any(name in self.catalog.members(s) for s in r["services"])],
                 "waits": [w.reason for w in self.decision.plan.waitings if w.service == name]}
 
-    def unready(self, names: tuple[str, ...]) -> tuple[str, bool]:
-        """What keeps these services and all that they need from being ready, in words, empty when nothing does; and
-        whether waiting has no sense. Of the services asked for first, then of what they need."""
-        situation, found = self.decision.situation, self.statuses()
-        waits = {w.service: w.reason for w in self.decision.plan.waitings}
-        reasons, hopeless = [], False
-        for name in (*names, *sorted(closure(self.catalog.services, names) - set(names))):
-            status = found.get(name)
-            if status is None:
-                return f"{name} is not declared any more", True
-            ready = next((c for c in status.conditions if c.type == "Ready"), None)
-            if status.state == "meta" or (status.wanted and ready and ready.status == "True"):
-                continue
-            stalled = any(c.type == "Stalled" and c.status == "True" for c in status.conditions)
-            hopeless = hopeless or stalled or bool(status.held)
-            why = status.held or situation.gave_way.get(name) or (
-                "nobody active requests it" if not status.wanted else
-                waits.get(name) or (ready and (ready.message or ready.reason)) or "not ready")
-            reasons.append(f"{name}: {why}")
-        if reasons and situation.suspended:
-            return situation.suspended, False
-        return (reasons[0], hopeless) if reasons else ("", False)
+    def readiness(self, question: Question) -> Readiness:
+        """How far the services of a question, and all that they need, are."""
+        return readiness(self.decision, self.statuses(), question)
+
+    @contextlib.contextmanager
+    def question(self, names: tuple[str, ...]) -> Iterator[Question]:
+        """While the block runs somebody waits for these services: every change accepted until now counts, and probes
+        are asked anew."""
+        question, services = Question(names, self.loop.clock(), self.loop.generations.latest), self.catalog.services
+        asked = tuple({*names, *closure(services, names)})
+        self.loop.questions[question] = asked, question.since
+        if any(services[name].ready for name in asked):
+            self.loop.wake()
+        try:
+            yield question
+        finally:
+            self.loop.questions.pop(question, None)
 
     def usage(self) -> dict[str, Any]:
         """CPU seconds and bytes of each service that runs, and of the machine. Reads files of the kernel."""
@@ -142,7 +155,7 @@ class Robot:
 
     # -- changing ----------------------------------------------------------------------------------------------
 
-    def put_request(self, caller: Caller, request: Request) -> Future[Asked]:
+    def put_request(self, caller: Caller, request: Request) -> Future[int]:
         """Accepts it whole, in place of the one with the same requester and id, or refuses it whole."""
         catalog = self.catalog
         allow_request(caller, request.requester, request.services, catalog)
@@ -174,6 +187,8 @@ class Robot:
         service = self.catalog.services.get(requester)
         if service is None or service.meta:
             return None
+        if not self.decision.situation.observed.complete:
+            raise Busy(f"request as {requester}", "the engine has not told yet what runs", "again in a moment")
         if not self.runs(requester):
             raise Refused(f"request as {requester}", f"{requester} does not run, and a request belongs to a run of its "
                           "requester", "to request it first")
@@ -187,13 +202,13 @@ class Robot:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
         return request_json(found)
 
-    def release(self, caller: Caller, key: tuple[str, str]) -> Future[Asked]:
+    def release(self, caller: Caller, key: tuple[str, str]) -> Future[int]:
         """Gives a request up; what is released already is fine."""
         allow_request(caller, key[0], (), self.catalog)
         return self._change(caller, lambda asked: asked.without({key}), "release",
                             f"request '{key[1]}' of {key[0]} released", service=key[0])
 
-    def restart(self, caller: Caller, name: str, force: bool) -> Future[Asked]:
+    def restart(self, caller: Caller, name: str, force: bool) -> Future[int]:
         allow_restart(caller, name, self.catalog)
         names = [s.name for s in self.containers_of(self.members(name))]
         if not names:
@@ -209,7 +224,7 @@ class Robot:
             caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}), "restart",
             f"restart of {', '.join(names)}")
 
-    def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[Asked]:
+    def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[int]:
         """Holds a service, or a group's, for so long; None ends it."""
         names = [s.name for s in self.containers_of(self.members(name))]
         if not names:
@@ -224,13 +239,13 @@ class Robot:
         told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
         return self._change(caller, edit, "hold", f"{', '.join(names)} {told}")
 
-    def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[Asked]:
+    def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[int]:
         hold = None if seconds is None else Hold(time.time() + seconds, reason)
         told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
         return self._change(caller, lambda asked: replace(asked, suspended=hold), "suspend", told)
 
     def _change(self, caller: Caller, edit: Callable[[Asked], Asked], kind: str, message: str, **more: Any
-                ) -> Future[Asked]:
+                ) -> Future[int]:
         changed: list[bool] = []
 
         def note(asked: Asked) -> Asked:

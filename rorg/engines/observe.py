@@ -27,9 +27,10 @@ class Observer:
         self._clock = itertools.count(1)
         self._began: dict[str, int] = {}
         """When, by that clock, the look at each container began that the cache shows: answers may overtake."""
-        self._acting: set[str] = set()
+        self._acting: dict[str, list[str]] = {}
+        """Containers with a call under way, and the states that events told of them meanwhile."""
         self._snapshot = Observed(complete=False)
-        self._stop = threading.Event()
+        self._stop, self._doubt = threading.Event(), threading.Event()
         self._threads: list[threading.Thread] = []
         self.lists = 0
         """Full lists made so far."""
@@ -42,17 +43,21 @@ class Observer:
 
     def stop(self) -> None:
         self._stop.set()
+        self._doubt.set()
 
     def snapshot(self) -> Observed:
         with self._lock:
             return self._snapshot
 
     def refresh(self, container: str) -> None:
-        """Asks for one container now, so that the next pass sees what an action did."""
+        """Asks for one container now, so that the next pass sees what an action did. Without an answer nothing is
+        known of it, and so of all, until a full list has been made."""
         began = next(self._clock)
         try:
             found = self.engine.inspect(container)
-        except RorgError:
+        except RorgError as error:
+            self._lost(error)
+            self._doubt.set()
             return
         with self._lock:
             if self._began.get(container, 0) > began:
@@ -66,31 +71,44 @@ class Observer:
             if old != found:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
-    def _told(self, container: str, state: str) -> bool:
-        """Takes a new state from an event; False for a container that was not seen before."""
+    def _told(self, container: str, state: str) -> None:
+        """Takes note of an event. It may be older than what is known by now (the stream lags behind the calls), so a
+        state that is news is asked for, not believed."""
         with self._lock:
-            old = self._containers.get(container)
-            if old is None:
-                return False
-            self._began[container] = next(self._clock)
-            self._containers[container] = replace(old, state=state)
-            self._publish(self._snapshot.complete, self._snapshot.error)
-        return True
-
-    def shows(self, container: str, state: str) -> bool:
-        """Whether the cache has a container in this state."""
-        with self._lock:
-            return container in self._containers and self._containers[container].state == state
+            if container in self._acting:
+                self._acting[container].append(state)
+                return
+            known = self._containers.get(container)
+            if state and known is not None and known.state == state:
+                return
+        self.refresh(container)
+        self.wake()
 
     @contextlib.contextmanager
     def acting(self, container: str) -> Iterator[None]:
-        """While the block runs, events of this container are left to the look that the caller takes afterwards: bulk
-        work would have every container looked at twice."""
-        self._acting.add(container)
+        """While the block runs, events of this container are left to done(), which the caller calls afterwards."""
+        with self._lock:
+            self._acting[container] = []
         try:
             yield
-        finally:
-            self._acting.discard(container)
+        except BaseException:
+            with self._lock:
+                self._acting.pop(container, None)
+            raise
+
+    def done(self, container: str, state: str) -> None:
+        """A call has ended well, after which a container that was alive is in this state, the same run; "" where only a
+        look can tell. Anything that happened beside the call is looked at too."""
+        with self._lock:
+            beside = [told for told in self._acting.pop(container, []) if told != state]
+            known = self._containers.get(container)
+            if state and not beside and known is not None and known.alive and not known.brief:
+                self._began[container] = next(self._clock)
+                if known.state != state:
+                    self._containers[container] = replace(known, state=state)
+                    self._publish(self._snapshot.complete, self._snapshot.error)
+                return
+        self.refresh(container)
 
     def sync(self) -> None:
         """One full list. A look at one container that began after it knows better."""
@@ -135,11 +153,7 @@ class Observer:
                 for container, state in self.engine.events(self._stop):
                     attempt = 0
                     if container:
-                        if container in self._acting:
-                            continue
-                        if not (state and self._told(container, state)):
-                            self.refresh(container)
-                        self.wake()
+                        self._told(container, state)
                     else:
                         self.sync()
             except Exception as error:  # whatever it is, without this thread nothing would be seen any more
@@ -148,11 +162,18 @@ class Observer:
             attempt += 1
 
     def _resync_now_and_then(self) -> None:
-        last = time.monotonic()
-        while not self._stop.wait(max(0.05, last + self.resync() - time.monotonic())):
+        last, attempt = time.monotonic(), 0
+        while not self._stop.is_set():
+            doubted = self._doubt.wait(max(0.05, last + self.resync() - time.monotonic()))
+            if doubted and self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
+                return
+            self._doubt.clear()
             last = time.monotonic()
-            if self.snapshot().complete:
+            if doubted or self.snapshot().complete:
                 try:
                     self.sync()
+                    attempt = 0
                 except Exception as error:
+                    attempt += 1
                     self._lost(error)
+                    self._doubt.set()

@@ -226,7 +226,10 @@ class ProcessEngine:
 
     def _await(self, container: str, state: str, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while self._state(self._record(container))[0] != state and time.monotonic() < deadline:
+        record = self._record(container)
+        while (now := self._state(record)[0]) != state:
+            if now == "exited" or time.monotonic() > deadline:
+                raise EngineError(f"have {record['name']} {state}", f"it is {now}", kind="conflict")
             time.sleep(0.002)
         self._tell(container)
 

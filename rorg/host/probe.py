@@ -117,7 +117,8 @@ class Prober:
     def watch(self, targets: Mapping[Key, Target]) -> None:
         """What to probe from now on. What is not in it any more is forgotten: a later look begins anew."""
         with self._condition:
-            if targets == self._targets:
+            again = [k for k, t in targets.items() if self._asked_anew(k, t)]
+            if targets == self._targets and not again:
                 return
             now, fresh = self.clock(), [k for k, t in targets.items() if self._targets.get(k) != t]
             for index, key in enumerate(fresh):
@@ -125,10 +126,16 @@ class Prober:
                 wait = targets[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
                 self._due[key] = now + wait
                 self._results.pop(key, None)
+            self._due.update(dict.fromkeys(again, now))
             self._targets = dict(targets)
             self._due = {k: t for k, t in self._due.items() if k in targets}
             self._results = {k: f for k, f in self._results.items() if k in targets}
             self._condition.notify()
+
+    def _asked_anew(self, key: Key, target: Target) -> bool:
+        """Somebody has begun to wait since it was last asked."""
+        before = self._targets.get(key)
+        return before == target and target.asked is not None and (before.asked or 0.0) < target.asked
 
     def _run(self) -> None:
         with self._condition:
@@ -150,7 +157,8 @@ class Prober:
             message, asked = f"cannot ask: {type(bug).__name__}: {bug}", False
         with self._condition:
             self._busy.discard(key)
-            told = self._targets.get(key) == target and self._learn(key, target, message, asked, began)
+            now = self._targets.get(key)
+            told = now is not None and now == target and self._learn(key, now, message, asked, began)
             self._condition.notify()
         if told:
             self.wake()
@@ -160,8 +168,9 @@ class Prober:
         old = self._results.get(key)
         failures = 0 if not message else (old.failures if old else 0) + asked
         self._results[key] = new = Finding(target.incarnation, not message, began, message, failures)
-        self._due[key] = began + target.every
-        if old is None or old.ok != new.ok or old.message != new.message:
+        since = target.asked or 0.0
+        self._due[key] = began + target.every if began >= since else self.clock()
+        if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":
             # The loop takes an answer that is too old for none, so the same answer is news then.

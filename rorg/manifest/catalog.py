@@ -99,8 +99,8 @@ class Service:
         return (self.spec or {}).get("container_name", self.name)
 
     @property
-    def has_socket(self) -> bool:
-        """Whether it gets a socket of rorg's."""
+    def calls(self) -> bool:
+        """It has a socket of rorg's."""
         return bool(self.may_request or self.may_act_for)
 
 

@@ -10,6 +10,9 @@ from concurrent.futures import Future
 from rorg.errors import Unreachable
 from rorg.store.requests_file import Asked, RequestsFile
 
+PATIENCE = 5.0
+"""Seconds that stop() waits for a write under way."""
+
 Edit = Callable[[Asked], Asked]
 """From what is asked now to what is asked then; raises RorgError to refuse, and then nothing of it is done."""
 
@@ -23,19 +26,25 @@ def _told(error: Exception) -> Exception:
 class Committer:
     """A thread that applies edits in the order in which they came."""
 
-    def __init__(self, file: RequestsFile) -> None:
-        self.file = file
-        self._edits: queue.SimpleQueue[tuple[Edit, Future[Asked]] | None] = queue.SimpleQueue()
+    def __init__(self, file: RequestsFile, changed: Callable[[bool], int]) -> None:
+        """`changed` is told of every write that is on the disk, whether it changed anything, and gives the generation
+        of it."""
+        self.file, self.changed = file, changed
+        self._edits: queue.SimpleQueue[tuple[Edit, Future[int]] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
 
     def start(self) -> None:
-        threading.Thread(target=self._run, name="committer", daemon=True).start()
+        self._thread.start()
 
     def stop(self) -> None:
+        """Ends when what was submitted before is done."""
         self._edits.put(None)
+        if self._thread.is_alive():
+            self._thread.join(PATIENCE)
 
-    def submit(self, edit: Edit) -> Future[Asked]:
-        """The future is done when the disk has it, or holds the error with which it was refused."""
-        future: Future[Asked] = Future()
+    def submit(self, edit: Edit) -> Future[int]:
+        """The future has the change's generation when the disk has it, or the error with which it was refused."""
+        future: Future[int] = Future()
         self._edits.put((edit, future))
         return future
 
@@ -50,7 +59,7 @@ class Committer:
                 batch.append(more)
             self._commit(batch)
 
-    def _commit(self, batch: list[tuple[Edit, Future[Asked]]]) -> None:
+    def _commit(self, batch: list[tuple[Edit, Future[int]]]) -> None:
         refused: dict[int, Exception] = {}
 
         def apply(asked: Asked) -> Asked:
@@ -61,8 +70,9 @@ class Committer:
                     refused[index] = error
             return asked
 
+        before = self.file.asked
         try:
-            after = self.file.change(apply)
+            after = self.file.change(apply, notify=False)
         except Exception as error:
             if len(batch) > 1:
                 for entry in batch:  # what one of them spoils is not the others' fault
@@ -70,8 +80,9 @@ class Committer:
                 return
             batch[0][1].set_exception(_told(error))
             return
+        generation = self.changed(after != before)
         for index, (_, future) in enumerate(batch):
             if index in refused:
                 future.set_exception(refused[index])
             else:
-                future.set_result(after)
+                future.set_result(generation)

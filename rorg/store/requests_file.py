@@ -259,9 +259,9 @@ class RequestsFile:
             return ()
         return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
-    def change(self, edit: Callable[[Asked], Asked]) -> Asked:
+    def change(self, edit: Callable[[Asked], Asked], notify: bool = True) -> Asked:
         """Applies `edit` to what the file says now and replaces it. Raises Invalid on a broken file, which a person
-        has to mend first: their edit must not be lost."""
+        has to mend first: their edit must not be lost. Without `notify` the caller tells the loop itself."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
@@ -270,6 +270,7 @@ class RequestsFile:
             if changed != self.asked:
                 write_atomic(self.path, render(changed))
                 self.asked, self._stamp = changed, self._now()
-                ring(self.path.parent)
+                if notify:
+                    ring(self.path.parent)
             return self.asked
 
