@@ -146,9 +146,13 @@ class Robot:
                 "machine": machine()}
 
     def listener(self, port: int) -> str:
-        """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets."""
-        runs = {s.pid: name for name, s in self.statuses().items() if s.pid and s.incarnation}
-        found = next((runs[pid] for pid in lineage(listening(port)) if pid in runs), None)
+        """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets, and asks the
+        engine where nobody is known: a program may call before the loop has seen it run."""
+        forebears = lineage(listening(port))
+        runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
+        if forebears and not runs.keys() & set(forebears):
+            runs = {c.pid: c.service for c in self.loop.engine.list() if c.alive}
+        found = next((runs[pid] for pid in forebears if pid in runs), None)
         if found is None:
             raise Missing(f"find who listens at port {port}", "no service's process is known to")
         return found

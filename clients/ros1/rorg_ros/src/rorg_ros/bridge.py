@@ -8,14 +8,14 @@ renews the leases of callers that are there, and releases what callers held that
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import math
-import re
 import threading
 import time
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
+
+from .names import address, format_seconds, holder_of, manifest, passing, request_id, tag
 
 try:
     from rorg_client import Client, Error, NotFound, NotReady
@@ -32,10 +32,8 @@ RENEW = 5.0
 """Seconds between two renewals of a long lease."""
 FORGET = 30.0
 """Seconds after which a request that rorg does not know is forgotten here too."""
-PASSING = re.compile(r"_[0-9]+_[0-9]{10,}$|_[0-9]{16,}$")
-"""The end of the name that rospy or roscpp gives to an anonymous node."""
-HAND = re.compile(r"^/(rosservice_[0-9_]+|_ros2cli_[0-9_]+)$")
-"""Tools that are gone once they have called: all of them are one caller, who may release what he requested."""
+SEEN = 10.0
+"""Seconds for which the service that runs a caller is remembered."""
 
 
 class Graph:
@@ -79,6 +77,8 @@ class Bridge:
         self.client, self.graph, self.others, self.kind = client, graph, others, kind
         self._terms: dict[str, Terms] = {}
         """By the id of the request in rorg."""
+        self._seen: dict[tuple[str, int], tuple[float, str]] = {}
+        """(caller, its port) -> when it was looked for, and the service found."""
         self._lock = threading.Lock()
         """Held while a request is dropped: what is asked for again meanwhile comes after it."""
 
@@ -101,7 +101,7 @@ class Bridge:
     def _put(self, caller: str, id: str, services: Iterable[str], reason: str, ttl: float) -> tuple[Terms, list[str]]:
         holder = holder_of(caller)
         key, requester = request_id(self.kind, holder, id), self.requester(caller)
-        lasts = not (ttl or PASSING.search(caller)) and self.graph.alive(caller)
+        lasts = not (ttl or passing(caller)) and self.graph.alive(caller)
         lease = max(ttl, SHORTEST) if ttl else 0.0 if lasts else BY_HAND
         names = [self.resolve(name) for name in services]
         with self._lock:
@@ -202,14 +202,19 @@ class Bridge:
 
     def requester(self, caller: str) -> str:
         """The service that runs a node: by the process at its port, else by what manifests declare; else `others`."""
-        port = self.graph.port(caller)
+        who, now = (caller, self.graph.port(caller)), time.monotonic()
+        at, found = self._seen.get(who, (0.0, ""))
+        if not found or now - at > SEEN:
+            found = self._runner(*who)
+            self._seen = {**{k: v for k, v in dict(self._seen).items() if now - v[0] < SEEN}, who: (now, found)}
+        return found or self.others
+
+    def _runner(self, caller: str, port: int) -> str:
         if port:
             with contextlib.suppress(NotFound):
                 return str(self.client.call("GET", f"/v1/listeners/{port}")["service"])
-        for service in self.client.services():
-            if caller in service["ros_nodes"] and service["incarnation"]:
-                return str(service["service"])
-        return self.others
+        declared = (s for s in self.client.services() if caller in s["ros_nodes"] and s["incarnation"])
+        return str(next((s["service"] for s in declared), ""))
 
     def _as(self, caller: str, query: dict[str, str]) -> str:
         requester = self.requester(caller)
@@ -251,7 +256,7 @@ class Bridge:
         for request in unknown:
             node = nodes.get(request["id"].split(":")[1])
             if node:
-                brief = PASSING.search(node) or request["ttl"] != KEEP
+                brief = passing(node) or request["ttl"] != KEEP
                 with self._lock:
                     self._terms.setdefault(request["id"], Terms(
                         holder_of(node), request["ttl"] if brief else 0.0, request["requester"], time.monotonic()))
@@ -278,40 +283,3 @@ class Bridge:
             self.client.call("DELETE", address(key, held.requester))
             del self._terms[key]
         return True
-
-
-def holder_of(caller: str) -> str:
-    """Who holds what a node requests: itself; people who call by hand, without any name too, are one."""
-    return "/rosservice" if not caller or HAND.match(caller) else caller
-
-
-def tag(holder: str) -> str:
-    """A node's name as a part of an id, and no other's."""
-    text = holder.strip("/").replace("/", ".")
-    plain = re.fullmatch(r"[A-Za-z0-9_.]{1,40}", text) and "." not in holder
-    return text if plain else f"{re.sub('[^A-Za-z0-9_.]', '.', text)[:27]}-{digest(holder)}"
-
-
-def request_id(kind: str, holder: str, id: str) -> str:
-    """An id that rorg takes, from any caller's name and id, and no other's."""
-    id, room = id or "request", 64 - len(f"{kind}:{tag(holder)}:")
-    plain = re.fullmatch(r"[A-Za-z0-9_.:-]+", id) and len(id) <= room and not re.search("-[0-9a-f]{8}$", id)
-    if not plain:
-        id = f"{re.sub('[^A-Za-z0-9_.:-]', '.', id)[:room - 9]}-{digest(id)}"
-    return f"{kind}:{tag(holder)}:{id}"
-
-
-def digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def address(key: str, requester: str, more: str = "") -> str:
-    return f"/v1/requests/{quote(key, safe='')}{more}" + (f"?requester={quote(requester)}" if requester else "")
-
-
-def manifest(kind: str, name: str) -> str:
-    return f"/v1/manifests/{quote(kind or 'Service', safe='')}/{quote(name, safe='')}"
-
-
-def format_seconds(value: float) -> str:
-    return f"{value:.3f}".rstrip("0").rstrip(".") + "s"
