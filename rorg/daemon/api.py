@@ -198,7 +198,7 @@ def _requests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) 
 
 def _people(app: FastAPI, robot: Robot) -> None:
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
-    async def restart(name: str, caller: Who, force: bool = False) -> Response:
+    async def restart(name: str, caller: Who, force: bool = False, requester: Requester = None) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         generation = await asyncio.wrap_future(robot.restart(caller, name, force))
         return accepted(generation, {"services": list(robot.members(name))})

@@ -8,12 +8,13 @@ from fastapi import Depends, Query, Request
 
 from rorg.daemon.rights import Caller, acting, allow
 
-Requester = Annotated[str | None, Query(description="Whose request; by default the caller's own.", max_length=64)]
+Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.", max_length=64)]
 
 
-def caller_of(request: Request, requester: Requester = None) -> Caller:
+def caller_of(request: Request) -> Caller:
     """Who is at the other end of the connection, as the door found out; where a service acts for another, that one."""
     found: Caller = getattr(request.state, "caller", Caller())
+    requester = request.query_params.get("requester")
     if requester is None or found.kind != "service" or requester == found.service:
         return found
     return acting(found, requester, request.app.state.robot.catalog)
