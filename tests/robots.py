@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -199,15 +201,15 @@ class RealRobot(VirtualRobot):
 
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""
-        seen = self.loop.passes
+        generation = self.loop.generations.changed(manifest=True)
         self.loop.files_changed()
-        self.wait(lambda: self.loop.passes > seen + 1 or (self.loop.passes > seen and self.quiet()))
-        self.wait(self.quiet)
+        self.wait(lambda: self.loop.generations.reached(generation) and self.quiet())
 
     def quiet(self) -> bool:
-        status = self.status()
-        plan = status.get("plan", {"actions": [1]})
-        return not (plan["actions"] or plan["waitings"] or status["in_flight"]) and not self.loop.memory.in_flight
+        """The last pass has nothing to do, nothing is under way, and all that is known is published."""
+        decision = self.loop.decision
+        return decision is not None and not (decision.plan.actions or decision.plan.waitings) and (
+            not self.loop.memory.in_flight and self.loop.reporter.due() is None)
 
     def containers(self):
         return self.engine.list()
@@ -239,3 +241,39 @@ class RealRobot(VirtualRobot):
             if container.alive:
                 self.engine.stop(container.id, "SIGKILL", 5.0)
             self.engine.remove(container.id)
+
+
+class Daemon:
+    """`rorg run` as a process of its own."""
+
+    def __init__(self, robot: RealRobot) -> None:
+        self.robot, self.process, self.starts = robot, None, 0
+
+    def start(self) -> None:
+        self.starts += 1
+        log = (self.robot.state.path.parent / "run.log").open("ab")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
+             "--engine", self.robot.kind], stdout=log, stderr=log)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> None:
+        """As systemd or `docker stop` does it."""
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(30) == 0
+
+    def status(self) -> dict:
+        status = read_json(self.robot.state.status) or {}
+        return status if status.get("pid") == self.process.pid else {}
+
+    def settled(self) -> bool:
+        status = self.status()
+        return bool(status) and not (status["plan"]["actions"] or status["plan"]["waitings"] or status["in_flight"])
+
+    def settled_but_waiting(self) -> bool:
+        """Nothing to do but to wait for something."""
+        status = self.status()
+        return bool(status) and not (status["plan"]["actions"] or status["in_flight"])

@@ -112,11 +112,12 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     """The same on Docker: a service that ignores its signals takes seconds to stop."""
     robot = docker_robot
     deaf = ["python3", "-S", "-c", "import signal\nfor s in (2,15): signal.signal(s, signal.SIG_IGN)\n"
-            "while True: signal.pause()"]
+            "print('deaf', flush=True)\nwhile True: signal.pause()"]
     robot.declare({"deaf": {"command": deaf}, "camera": {"idle": {"action": "pause"}}})
     robot.settle()
     robot.request("deaf", "camera")
     robot.wait(lambda: robot.active() == {"deaf", "camera"})
+    robot.wait(lambda: b"deaf" in b"".join(robot.engine.logs(robot.container("deaf").id, False, None)))
     robot.settle()
     robot.release()
     robot.wait(lambda: robot.states()["camera"] == "paused" and "deaf" in robot.loop.memory.in_flight)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
 
 import pytest
 from conftest import wait_for
-from robots import RealRobot, write_tree
+from robots import Daemon, write_tree
 
 from rorg.store.requests_file import RequestsFile
-from rorg.store.state_dir import StateDir, read_json
+from rorg.store.state_dir import StateDir
 
 SERVICES = {
     "roscore": {"always_on": True},
@@ -23,32 +22,6 @@ SERVICES = {
     "camera": {"idle": {"action": "pause"}},
     "speech": {"idle": {"action": "remove"}},
 }
-
-
-class Daemon:
-    """`rorg run` as a process of its own."""
-
-    def __init__(self, robot: RealRobot) -> None:
-        self.robot, self.process, self.starts = robot, None, 0
-
-    def start(self) -> None:
-        self.starts += 1
-        log = (self.robot.state.path.parent / "run.log").open("ab")
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
-             "--engine", self.robot.kind], stdout=log, stderr=log)
-
-    def kill(self) -> None:
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-    def status(self) -> dict:
-        status = read_json(self.robot.state.status) or {}
-        return status if status.get("pid") == self.process.pid else {}
-
-    def settled(self) -> bool:
-        status = self.status()
-        return bool(status) and not (status["plan"]["actions"] or status["plan"]["waitings"] or status["in_flight"])
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, W
 def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout: Timeout = 60.0,
             state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
-    from rorg.cli.context import Context, unready
+    from rorg.cli.context import Context
     from rorg.client import Refused as RefusedByApi
     from rorg.daemon.wiring import wall_clock
 
@@ -27,13 +27,9 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and context.state.owner() is not None:
-        def done(view: dict) -> str:
-            active = {n for n in names if view["services"][n]["wanted"]}
-            old = [n for n in active if view["services"][n]["started_at"] < asked_at]
-            return f"{old[0]} has not started again" if old else unready(view, sorted(active))
-
-        context.wait(f"the restart of {service}", done, timeout)
+    if wait and client:
+        active = [n for n in names if client.service(n)["wanted"]]
+        client.wait(*active, timeout=timeout)
 
 
 def _confirm(service: str, why: str) -> None:

@@ -10,13 +10,12 @@ from typing import Any
 from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, declared_of, labels, rules_of
+from rorg.core.memory import DEFAULT_GRACE
 from rorg.core.observed import Container
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.manifest.catalog import Service
 from rorg.manifest.scalars import format_seconds
 
-STOP_GRACE = 5.0
-"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
 DEFAULT_SHARES = 1024
 """What an engine gives a container that declares no cpu_shares."""
 
@@ -244,6 +243,6 @@ def stop(container: Container, reason: str, service: Service | None) -> Step:
     spec = (service.spec if service else None) or declared_of(container.declared)
     return Step("stop", container, reason, args={
         "signal": spec.get("stop_signal", "SIGTERM"),
-        "grace": spec.get("stop_grace_period", STOP_GRACE),
+        "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
         "incarnation": container.incarnation,
     })

@@ -10,7 +10,7 @@ from rorg.core.check import check
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
 from rorg.core.lanes import Lanes, relief, select
-from rorg.core.memory import Findings, Memory, Progress, advance, begin, forget
+from rorg.core.memory import Findings, Memory, Progress, advance, begin, doubt_ends, forget
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
@@ -170,6 +170,8 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
         if service and service.ready and step.running_since is not None and not step.ready:
             times.append(step.running_since + (
                 float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout))
+        if service and (end := doubt_ends(step, service)) is not None:
+            times.append(end)
     times += [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
     ends += [parse_time(asked) for asked in inputs.restarts.values()]

@@ -17,6 +17,11 @@ from rorg.core.pressure import Pressure
 from rorg.core.wanted import Wanted
 from rorg.manifest.catalog import Catalog, Service
 
+DEFAULT_GRACE = 5.0
+"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
+MARGIN = 4.0
+"""Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -70,6 +75,8 @@ class Progress:
     """The incarnation whose exit was counted last."""
     stopped: str = ""
     """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
+    doubted_since: float | None = None
+    """Since when a run goes on that was being stopped, by an rorg that was killed or by a call that failed."""
     followed: Followed = Followed()
     begun: Mapping[str, str] | None = None
     """Once we begin a start, until it is seen to run: the runs of what it follows, as they were then."""
@@ -163,6 +170,7 @@ def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed,
         step = step if followed is step.followed else replace(step, followed=followed, begun=None)
         if name not in found and current is not None and current.state == "exited":
             step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
+        step = _doubt(step, service, current if name not in memory.in_flight else None, now)
         if name in found and name not in memory.in_flight:
             step = _exit(step, current, now, booted_at)
         step = _ready(step, service, findings.get((name, "ready")), now)
@@ -207,6 +215,21 @@ def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
     return replace(step, ceased_since=now) if step.ceased_since is None else step
 
 
+def doubt_ends(step: Progress, service: Service) -> float | None:
+    """When a run that was being stopped counts as one that goes on after all; None for one that was not."""
+    grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
+    return None if step.doubted_since is None else step.doubted_since + grace + MARGIN
+
+
+def _doubt(step: Progress, service: Service, current: Container | None, now: float) -> Progress:
+    """Nothing is said of a run that may end at any moment, until its time to do so is over."""
+    if current is None or not current.alive or not step.stopped or step.stopped != current.incarnation:
+        return replace(step, doubted_since=None) if step.doubted_since is not None else step
+    if step.doubted_since is None:
+        return replace(step, doubted_since=now)
+    return replace(step, stopped="", doubted_since=None) if now >= (doubt_ends(step, service) or 0.0) else step
+
+
 def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
     if current is None or current.state != "exited" or not current.started_at:
         return step
@@ -224,6 +247,8 @@ def _exit(step: Progress, current: Container | None, now: float, booted_at: str)
 def _ready(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
     if step.running_since is None:
         return step
+    if step.doubted_since is not None:
+        return replace(step, ready=False) if step.ready else step
     if service.ready is None:
         return replace(step, ready=True, was_ready=True) if not step.ready else step
     if service.ready.kind == "delay":

@@ -158,6 +158,8 @@ def _readiness(situation: Situation, service: Service, current: Container | None
         if current.exit_code == 0 and step.over(service, current):
             return True, "Completed", "it ended with exit code 0"
         return False, "OutOfMemory" if current.oom_killed else "Failed", step.error
+    if step.doubted_since is not None:
+        return False, "Ending", "it was being stopped when rorg was"
     if current.state == "running" and step.running_since is not None:
         ran = situation.now - step.running_since
         late = service.ready is not None and ran > service.ready.timeout
