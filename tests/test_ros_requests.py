@@ -134,6 +134,17 @@ def test_what_callers_hold_outlives_the_bridge_and_is_watched_again(robot, port)
     assert again.sweep() == ["/laptop"]
     robot.wait(lambda: [r.id for r in robot.requests()] == ["ros1:tour:x", "ros1:guest:x"])
     assert again.release("/tour", "x").message == "released"
+    assert again.request("/guest", "x", ["lamp"], "again", 0.0).success
+    assert held(robot) == {"rorg_ros": ["lamp"]}
+
+
+def test_a_hand_that_asks_again_keeps_what_a_bridge_has_taken_over(robot):
+    hand = "/rosservice_12_1700000000000"
+    assert Bridge(robot.client("rorg_ros"), People()).request(hand, "x", ["lamp"], "", 20.0).success
+    bridge = Bridge(robot.client("rorg_ros"), People(**{hand[1:]: 0}))
+    assert bridge.sweep() == []
+    assert bridge.request(hand, "x", ["lamp"], "", 0.0).success
+    assert held(robot) == {"rorg_ros": ["lamp"]}
 
 
 def test_who_came_back_keeps_what_it_asked_for_since(robot):
@@ -232,13 +243,14 @@ class Rorg:
 
     def __init__(self, robot: RealRobot) -> None:
         self.robot = robot
-        self.log = (robot.state.path.parent / "run.log").open("ab")
+        self.log = robot.state.path.parent / "run.log"
         self.start()
 
     def start(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
-             "--engine", "docker"], stdout=self.log, stderr=self.log)
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
+                 "--engine", "docker"], stdout=log, stderr=log)
 
     def end(self, kill: bool = False) -> None:
         (self.process.kill if kill else self.process.terminate)()
@@ -269,6 +281,7 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
         _by_hand(robot, hand)
         hand.run("python3", "/nodes/ask.py", "/told/laptop", "laptop", "lamp", detach=True)
         robot.wait(lambda: (hand.folder / "laptop").exists())
+        assert json.loads((hand.folder / "laptop").read_text()) == [[True, "requested lamp"]]
         assert held(robot)["rorg_ros"] == ["lamp", "lamp"]
         _kill_bridge(robot)
         hand.run("pkill", "-KILL", "-f", "ask.py")
@@ -287,6 +300,8 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
         assert held(robot)["waiter"] == ["slow"] and held(robot)["tour"] == ["camera"]
     finally:
         rorg.end()
+        print("\n".join(rorg.log.read_text().splitlines()[-40:]))
+        print(b"".join(robot.engine.logs(robot.container("rorg_ros").id, False, 40)).decode())
         robot.close()
 
 
@@ -298,7 +313,8 @@ def _by_hand(robot: RealRobot, hand: Hand) -> None:
     assert held(robot)["rorg_ros"] == ["lamp"] and "lamp" in robot.active(), "though its caller is gone"
     assert "released" in hand.run("rosservice", "call", "/rorg/release", "{id: x}")
     assert "rorg_ros" not in held(robot)
-    assert "success: True" in hand.run("rosservice", "call", "/rorg/request", "{id: x, services: [lamp]}")
+    told = hand.run("rosservice", "call", "/rorg/request", "{id: x, services: [lamp]}")
+    assert "success: True" in told and "lease: 60.0" in told, told
 
 
 def _kill_bridge(robot: RealRobot) -> None:

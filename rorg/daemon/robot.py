@@ -151,7 +151,10 @@ class Robot:
         forebears = lineage(listening(port))
         runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
         if forebears and not runs.keys() & set(forebears):
-            runs = {c.pid: c.service for c in self.loop.engine.list() if c.alive}
+            containers = self.loop.engine.list()
+            if any(c.brief for c in containers):
+                raise Busy(f"find who listens at port {port}", "the engine holds back what runs", "again in a moment")
+            runs = {c.pid: c.service for c in containers if c.alive}
         found = next((runs[pid] for pid in forebears if pid in runs), None)
         if found is None:
             raise Missing(f"find who listens at port {port}", "no service's process is known to")

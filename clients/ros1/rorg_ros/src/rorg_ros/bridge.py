@@ -110,15 +110,19 @@ class Bridge:
         body = {"services": names, "reason": f"{caller}: {reason}" if reason else caller,
                 "ttl": format_seconds(held.lease or KEEP)}
         try:
-            self.client.call("PUT", address(key, requester), body)
+            done = self.client.call("PUT", address(key, requester), body)
         except Error:
             with self._lock:
                 if before and self._terms.get(key) is held:
                     self._terms[key] = before  # which counts as it did
             raise
-        if before and before.requester != requester:
-            self.client.call("DELETE", address(key, before.requester))
-        return held, names
+        with self._lock:
+            made = held._replace(requester=done["requester"])
+            if self._terms.get(key) is held:
+                self._terms[key] = made
+        if before and before.requester != made.requester:
+            self.client.call("DELETE", address(key, before.requester))  # its caller is another service's now
+        return made, names
 
     def _wait(self, names: list[str], seconds: float) -> None:
         """Until they are ready. That rorg ends, or begins, in the middle says nothing of them: it is asked again."""
