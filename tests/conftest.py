@@ -207,6 +207,24 @@ def cpp_programs(tmp_path_factory):
     return folder
 
 
+SANITIZERS = {"address": ["-fsanitize=address,undefined", "-fno-sanitize-recover=all",
+                          # What the address sanitizer sees as well, and half of the compiler's time.
+                          "-fno-sanitize=null,alignment,object-size,vptr"],
+              "thread": ["-fsanitize=thread"]}
+
+
+@pytest.fixture(scope="session")
+def sanitized(tmp_path_factory) -> dict[str, Path]:
+    """The program of the C++ client's tests, once for each sanitizer, with TLS."""
+    folder, client = tmp_path_factory.mktemp("sanitized"), ROOT / "clients/cpp"
+    builds = [subprocess.Popen(["g++", "-std=c++17", "-O1", "-g1", "-pthread", "-DRORG_WITH_TLS", *flags, "-I",
+                                client / "include", client / "tests/calls.cpp", "-o", folder / name, "-lssl",
+                                "-lcrypto"])
+              for name, flags in SANITIZERS.items()]
+    assert [build.wait() for build in builds] == [0, 0]
+    return {name: folder / name for name in SANITIZERS}
+
+
 @pytest.fixture(params=["sim", "process", pytest.param("docker", marks=pytest.mark.docker)])
 def robot(request, tmp_path):
     """A robot on each engine in turn."""

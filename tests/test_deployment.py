@@ -46,8 +46,9 @@ def rorg_image(dockerd, ros_image, tmp_path) -> str:
     context.mkdir()
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, context)
-    for name in ("rorg", "images/rorg"):
-        shutil.copytree(ROOT / name, context / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("rorg", "images/rorg", "clients/python"):
+        shutil.copytree(ROOT / name, context / name,
+                        ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
     arguments = {"BASE": ros_image}
     if os.environ.get("PIP_CERT"):
         shutil.copy(os.environ["PIP_CERT"], context / "authority.pem")

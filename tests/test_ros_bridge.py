@@ -17,7 +17,8 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
     tree = services(ros_image, master, "camera", "arm")
     ros = {"image": ros_image, "profile": "ros1", "container": {
         "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
-        "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
+        "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro",
+                    f"{ROOT / 'clients/python/rorg_client'}:/program/rorg_client:ro", f"{NODES}:/nodes:ro",
                     f"{tmp_path}:/told"]}}
     tree["rorg_ros"] = {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
                         "may_act_for": ["behaviour", "cpp"]}

@@ -52,7 +52,8 @@ def robot(tmp_path, port) -> Iterator[RealRobot]:
     found = RealRobot(tmp_path, "process", None, with_door=True)
     found.declare({"camera": PAUSE, "lamp": PAUSE, "rorg_ros": {
         "always_on": True, "may_request": ["lamp"], "may_act_for": ["*", "developer"]},
-        "tour": {"command": [*LISTEN, str(port)], "may_request": ["camera"], "always_on": True}})
+        "tour": {"command": [*LISTEN, str(port)], "may_request": ["camera"], "may_manage": ["lab-*"],
+                 "always_on": True}})
     found.wait(lambda: {"tour", "rorg_ros"} <= found.active())
     wait_for(lambda: answers(port))
     yield found
@@ -164,18 +165,20 @@ def test_who_came_back_keeps_what_it_asked_for_since(robot):
 
 def test_manifests_are_changed_with_the_rights_of_the_requester(robot, port):
     bridge = Bridge(robot.client("rorg_ros"), People(tour=port), others="developer")
-    text = yaml.safe_dump({"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "radio"},
+    text = yaml.safe_dump({"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "lab-radio"},
                            "spec": {"image": "rorg-base", "command": ["sleep", "600"]}})
-    assert "tour may not" in bridge.put_manifest("/tour", "", "radio", text, "", "")[1]
-    done, message, digest = bridge.put_manifest("", "", "radio", text, "", "a radio")
-    assert (done, message) == (True, "written to services/radio.yaml")
-    robot.wait(lambda: any(s["service"] == "radio" for s in robot.client().services()))
-    assert bridge.get_manifest("", "Service", "radio") == (True, "", text, digest)
-    assert "there is one already" in bridge.put_manifest("", "", "radio", text, "", "")[1]
-    assert bridge.put_manifest("", "", "radio", text.replace("600", "500"), digest, "")[0]
-    assert "changed meanwhile" in bridge.remove_manifest("", "", "radio", digest, "").message
-    assert bridge.remove_manifest("", "", "radio", "", "").success
-    assert not bridge.get_manifest("", "", "radio")[0]
+    other = text.replace("lab-radio", "radio")
+    assert "tour may manage lab-*" in bridge.put_manifest("/tour", "", "radio", other, "", "")[1]
+    assert bridge.put_manifest("", "", "radio", other, "", "")[0], "of others: a developer"
+    done, message, digest = bridge.put_manifest("/tour", "", "lab-radio", text, "", "a radio")
+    assert (done, message) == (True, "written to services/lab-radio.yaml")
+    assert bridge.request("/tour", "x", ["lab-radio"], "", 20.0).success
+    assert bridge.get_manifest("/tour", "Service", "lab-radio") == (True, "", text, digest)
+    assert "there is one already" in bridge.put_manifest("/tour", "", "lab-radio", text, "", "")[1]
+    assert bridge.put_manifest("/tour", "", "lab-radio", text.replace("600", "500"), digest, "")[0]
+    assert "changed meanwhile" in bridge.remove_manifest("/tour", "", "lab-radio", digest, "").message
+    assert bridge.remove_manifest("/tour", "", "lab-radio", "", "").success
+    assert not bridge.get_manifest("/tour", "", "lab-radio")[0]
 
 
 def test_a_bridge_acts_only_for_whom_its_manifest_names(tmp_path):
@@ -223,8 +226,8 @@ class Hand:
         self.folder = folder
         self.ros = {"environment": {"ROS_MASTER_URI": self.master, "ROS_HOSTNAME": "localhost", "ROS_PACKAGE_PATH":
                                     "/bridge/share", "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
-                    "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
-                                f"{ROOT / 'clients'}:/clients:ro", f"{self.folder}:/told"]}
+                    "volumes": [f"{package}:/bridge:ro", f"{ROOT}/clients/python/rorg_client:/program/rorg_client:ro",
+                                f"{NODES}:/nodes:ro", f"{self.folder}:/told"]}
         self.id = self.api.create_container(
             image, ["sleep", "600"], environment=self.ros["environment"], host_config=self.api.create_host_config(
                 network_mode="host", binds=self.ros["volumes"], init=True))["Id"]

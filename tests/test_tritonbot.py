@@ -21,6 +21,7 @@ from rorg.host.build import build
 from rorg.manifest.load import load_or_raise
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
+CLIENT = ROOT / "clients/python/rorg_client"
 
 
 def expected(action: dict) -> set[str]:
@@ -150,7 +151,8 @@ def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, la
     words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
     if language == "python":
         command, mounts = ["python3", "/program/tour.py"], [f"{ROOT / 'tests/tour.py'}:/program/tour.py:ro",
-                                                            f"{ROOT / 'rorg'}:/program/rorg:ro"]
+                                                            f"{ROOT / 'rorg'}:/program/rorg:ro",
+                                                            f"{CLIENT}:/program/rorg_client:ro"]
     else:
         programs = request.getfixturevalue("cpp_programs")
         command, mounts = ["/program/tour"], [f"{programs}/tour:/program/tour:ro"]
@@ -197,7 +199,7 @@ def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, pack
     ros = {"environment": {"ROS_MASTER_URI": master, "ROS_HOSTNAME": "localhost",
                            "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
            "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
-                       f"{steps}:{steps}"]}
+                       f"{CLIENT}:/program/rorg_client:ro", f"{steps}:{steps}"]}
     bridge = {"image": ros_image, "command": "/bridge/lib/rorg_ros/rorg_node.py", "profile": "common",
               "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "container": ros,
               "may_act_for": ["*"]}

@@ -10,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from rorg_client import Client
+from rorg_client import Error as ClientError
+
 from rorg.cli.output import note
-from rorg.client import Client
-from rorg.client import Error as ClientError
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Finding, Memory
@@ -21,7 +22,7 @@ from rorg.daemon.snapshot import recall, snapshot
 from rorg.daemon.wiring import ENGINES, make_engine
 from rorg.engines.probe import Asker
 from rorg.engines.protocol import Engine
-from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.errors import Invalid, NotReady, Refused, Unreachable
 from rorg.host.probe import CannotAsk
 from rorg.manifest.catalog import Catalog
 from rorg.manifest.load import load_or_raise
@@ -35,6 +36,8 @@ class Context:
     def __init__(self, state_dir: Path | None, engine: str | None, directory: Path | None = None,
                  local: bool = False) -> None:
         given = state_dir or os.environ.get("RORG_STATE_DIR")
+        self.remote = "" if state_dir else os.environ.get("RORG_ADDRESS", "")
+        """Where rorg is, when it is not that of a state directory."""
         self.state = StateDir(Path(given) if given else default_state_dir())
         self.engine_name = engine or os.environ.get("RORG_ENGINE") or (self.last() or {}).get("engine_name") or "docker"
         if self.engine_name not in ENGINES:
@@ -50,6 +53,8 @@ class Context:
     def live(self) -> dict[str, Any] | None:
         """What the running rorg says. Who may not talk to it can still read what it publishes."""
         client = self.client()
+        if client and self.remote:
+            return client.status()
         if client:
             with contextlib.suppress(ClientError):
                 return client.status()
@@ -58,6 +63,8 @@ class Context:
     def published(self) -> dict[str, Any] | None:
         """What the running rorg publishes, a moment later, at no cost to it; None when none runs or it has not
         published yet."""
+        if self.remote:
+            return None
         owner, status = self.state.owner(), self.last()
         return status if owner and status and status.get("pid") == owner.get("pid") else None
 
@@ -73,9 +80,25 @@ class Context:
         return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
 
     def catalog(self) -> Catalog:
+        if not self._local:
+            self._here("read its manifests")
         return load_or_raise(self.root)
 
+    def members(self, name: str) -> tuple[str, ...]:
+        """The services that a name stands for."""
+        if self.remote:
+            found = next((g["services"] for g in self.serving("ask for groups").groups() if g["name"] == name), [name])
+            return tuple(found)
+        return self.catalog().members(name)
+
+    def _here(self, what: str) -> None:
+        """Raises Refused when the robot is not on this machine, as far as is known."""
+        if self.remote:
+            raise Refused(what, f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs",
+                          "it there, or to unset RORG_ADDRESS")
+
     def engine(self) -> Engine:
+        self._here("use its engine")
         if self._engine is None:
             self._engine = make_engine(self.engine_name, self.state)
         return self._engine
@@ -89,7 +112,9 @@ class Context:
         return file.asked
 
     def client(self) -> Client | None:
-        """A client of the rorg that runs on this state directory; None when none serves."""
+        """A client of the rorg that runs on this state directory, or at RORG_ADDRESS; None when none serves."""
+        if self.remote:
+            return Client(self.remote, patience=2.0)
         path = self.state.run / "rorg.sock"
         return Client(str(path), patience=2.0) if self.state.owner() and path.exists() else None
 
@@ -144,6 +169,7 @@ class Context:
         if live:
             self._remark(live)
             return live
+        self._here("compute how it is")
         catalog = self.catalog()
         return snapshot(self.decision(catalog), {
             "pid": None, "engine_name": self.engine_name,

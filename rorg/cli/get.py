@@ -44,7 +44,7 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
     from rorg.cli.output import missing
 
     view = context.view()
-    wanted = {name, *context.catalog().members(name)} if name else set(view["services"])
+    wanted = {name, *context.members(name)} if name else set(view["services"])
     services = {n: s for n, s in view["services"].items() if n in wanted}
     if name and not services:
         raise missing("service", name, view["services"])

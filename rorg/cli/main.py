@@ -80,7 +80,7 @@ def _complain(text: str) -> None:
 def _told_by_the_api(error: Exception) -> None:
     """Ends with the message of an error that the running rorg answered. The client is only looked for where a command
     has imported it: that costs 20 ms."""
-    client = sys.modules.get("rorg.client")
+    client = sys.modules.get("rorg_client")
     if client and isinstance(error, client.Error):
         _complain(f"rorg: {error}")
         sys.exit(int(CLIENT_CODES.get(error.code, Exit.USAGE)))

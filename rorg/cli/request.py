@@ -24,8 +24,9 @@ def command(
     """Ask for services; they run, with all that they need, until the request is released."""
     from urllib.parse import quote, urlencode
 
+    from rorg_client import check_id
+
     from rorg.cli.context import Context, unready
-    from rorg.client import check_id
     from rorg.core.requests import problems
     from rorg.daemon.wiring import wall_clock
     from rorg.errors import Invalid, Refused

@@ -12,24 +12,22 @@ from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, W
 def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout: Timeout = 60.0,
             state_dir: StateDirectory = None, engine: EngineName = None) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
+    from rorg_client import Refused as RefusedByApi
+
     from rorg.cli.context import Context
-    from rorg.client import Refused as RefusedByApi
     from rorg.daemon.wiring import wall_clock
 
     context = Context(state_dir, engine)
     asked_at, client = wall_clock(), context.client()
     if client:
         try:
-            names = client.restart(service, force=yes)
+            names = client.restart(service, force=yes, wait=timeout if wait else None)
         except RefusedByApi as refused:
             _confirm(service, refused.cause)
-            names = client.restart(service, force=True)
+            names = client.restart(service, force=True, wait=timeout if wait else None)
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and client:
-        active = [n for n in names if client.service(n)["wanted"]]
-        client.wait(*active, timeout=timeout)
 
 
 def _confirm(service: str, why: str) -> None:

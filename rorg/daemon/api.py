@@ -5,18 +5,31 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Path, Query, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, Response, StreamingResponse
+from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
 from rorg.daemon.api_common import Requester, Who, needs
+from rorg.daemon.api_events import add_events
 from rorg.daemon.api_manifests import add_manifests
-from rorg.daemon.api_models import Held, HoldBody, Listener, Problem, PutRequest, RequestView, Usage, WaitResult, Why
+from rorg.daemon.api_models import (
+    GroupView,
+    Held,
+    HoldBody,
+    Listener,
+    Problem,
+    PutRequest,
+    RequestView,
+    ServiceView,
+    Usage,
+    WaitResult,
+    Why,
+)
 from rorg.daemon.not_before import GENERATION
 from rorg.daemon.problems import answer, problem
 from rorg.daemon.readiness import Question
@@ -57,6 +70,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
     _requests(app, robot, changed)
     _people(app, robot)
     _waiting(app, robot, changed)
+    add_events(app, robot, changed)
     add_manifests(app, robot)
     return app
 
@@ -109,13 +123,13 @@ def _reading(app: FastAPI, robot: Robot) -> None:
     def text(value: Any) -> Response:
         return Response(json.dumps(value), media_type="application/json")
 
-    @app.get("/v1/services", dependencies=read, response_model=list[dict[str, Any]])
+    @app.get("/v1/services", dependencies=read, response_model=list[ServiceView])
     async def services() -> Response:
         """How every service is."""
         return Response(b"[" + b",".join(robot.service_text(n) for n in robot.statuses()) + b"]",
                         media_type="application/json")
 
-    @app.get("/v1/services/{name}", dependencies=read, response_model=dict[str, Any])
+    @app.get("/v1/services/{name}", dependencies=read, response_model=ServiceView)
     async def service(name: str) -> Response:
         """How one service is."""
         return Response(robot.service_text(name), media_type="application/json")
@@ -125,7 +139,7 @@ def _reading(app: FastAPI, robot: Robot) -> None:
         """Why a service, or each of a group, is active, or why not."""
         return text([robot.why(n) for n in robot.members(name)])
 
-    @app.get("/v1/groups", dependencies=read, response_model=list[dict[str, Any]])
+    @app.get("/v1/groups", dependencies=read, response_model=list[GroupView])
     async def groups() -> Response:
         return text([{"name": g.name, "services": list(g.services), "description": g.description}
                      for g in robot.catalog.groups.values()])
@@ -276,26 +290,3 @@ def _waiting(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -
                 return await _ready(robot, question, timeout, changed, hangup)
             finally:
                 hangup.cancel()
-
-    @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
-    async def events(cursor: Annotated[int | None, Query(ge=0)] = None, follow: bool = False,
-                     tail: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Response:
-        """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
-        there. Without a cursor, the last `tail` lines, and what comes when following."""
-        journal = robot.loop.reporter.journal
-        place = max(0, journal.last - tail) if cursor is None else cursor
-
-        async def lines() -> AsyncIterator[bytes]:
-            at = place
-            while True:
-                event = changed()
-                found = journal.since(at)
-                if found:
-                    at = found[-1]["seq"]
-                    yield b"".join(json.dumps(entry).encode() + b"\n" for entry in found)
-                elif not follow or robot.ending:
-                    return
-                else:
-                    await event.wait()
-
-        return StreamingResponse(lines(), media_type="application/x-ndjson", headers={"rorg-cursor": str(place)})

@@ -14,8 +14,9 @@ from fastapi.responses import JSONResponse, Response
 from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_models import ManifestView, PutManifest
 from rorg.daemon.not_before import GENERATION
-from rorg.daemon.rights import Caller
+from rorg.daemon.rights import Caller, allow_manage, manages
 from rorg.daemon.robot import Robot
+from rorg.daemon.vetting import vet
 from rorg.errors import Invalid, Missing, Refused
 from rorg.host.git import commit
 from rorg.manifest.documents import manifest_files
@@ -56,9 +57,15 @@ class Manifests:
             raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
         return path
 
+    def allow(self, caller: Caller, kind: str, name: str) -> None:
+        """Raises Forbidden where a service's manifest does not let it."""
+        if caller.kind == "service":
+            allow_manage(caller, kind, name, self.robot.catalog)
+
     def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str, int]:
         """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile. Answers with its
         file, its digest and the change's generation."""
+        self.allow(caller, kind, name)
         with self._lock:
             path = self.all().get((kind, name))
             self._same(path, body.base, f"change the {kind} '{name}'")
@@ -74,12 +81,15 @@ class Manifests:
             if isinstance(metadata, dict) and (value.get("kind"), metadata.get("name")) != (kind, name):
                 raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
             self._valid(path, body.text, f"change the {kind} '{name}'")
+            if caller.kind == "service":
+                vet(caller, name, body.text, self.robot.catalog)
             path.parent.mkdir(exist_ok=True)
             write_atomic(path, body.text, mode=0o644)
             generation = self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
             return path, digest(body.text.encode()), generation
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
+        self.allow(caller, kind, name)
         with self._lock:
             path = self.path_of(kind, name)
             self._same(path, base, f"delete the {kind} '{name}'")
@@ -117,15 +127,18 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
     allowed = [needs("manifests")]
 
     @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
-    def list_all() -> Response:
-        """Every manifest of the tree, with the digest of its text."""
+    def list_all(caller: Who) -> Response:
+        """Every manifest of the tree, with the digest of its text; a service sees those that it may manage."""
+        manifests.allow(caller, "Service", "")
         return JSONResponse([{"kind": kind, "name": name, "file": str(path.relative_to(manifests.root)),
                               "digest": digest(path.read_bytes())}
-                             for (kind, name), path in sorted(manifests.all().items())])
+                             for (kind, name), path in sorted(manifests.all().items())
+                             if caller.kind != "service" or manages(caller, kind, name, robot.catalog)])
 
     @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
-    def get_one(kind: Kind, name: ManifestName) -> Response:
+    def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
         """The text of a manifest. Its digest is the ETag."""
+        manifests.allow(caller, kind, name)
         content = manifests.path_of(kind, name).read_bytes()
         return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
 

@@ -39,6 +39,41 @@ class RequestView(BaseModel):
     generation: int | None = Field(default=None, description="Of the change that this answers.")
 
 
+class ConditionView(BaseModel):
+    type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
+    status: str = Field(description="True, False or Unknown.")
+    reason: str
+    message: str
+
+
+class ServiceView(BaseModel):
+    """How a service is."""
+
+    service: str
+    state: str = Field(description="The engine's word; none without a container, meta for a meta-service.")
+    sync: str = Field(description="Synced, OutOfSync or Unknown.")
+    health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
+    wanted: bool
+    why: str
+    container: str
+    incarnation: str = Field(description="The run of its container; empty where none is alive.")
+    started_at: str
+    exits: int
+    pid: int
+    crashes: int
+    rank: int
+    held: str
+    lowered: bool
+    ros_nodes: list[str]
+    conditions: list[ConditionView]
+
+
+class GroupView(BaseModel):
+    name: str
+    services: list[str]
+    description: str
+
+
 class Held(BaseModel):
     services: list[str]
     generation: int | None = Field(default=None, description="Of this change.")

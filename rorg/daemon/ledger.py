@@ -104,7 +104,7 @@ class Ledger:
         for request, why in settled.dropped:
             if request.key in dropped:
                 self.reporter.event("request-dropped", f"request '{request.id}' of {request.requester} dropped: {why}",
-                                    service=request.requester, services=list(request.services))
+                                    service=request.requester, services=list(request.services), request=request.id)
 
 
 def _same(one: Request, other: Request) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rorg.core.decide import Decision
+from rorg.core.losses import losses, ready_runs
 from rorg.core.plan import Action
 from rorg.daemon.snapshot import pressure_json, snapshot
 from rorg.daemon.tree import Tree
@@ -39,6 +40,8 @@ class Reporter:
         self.journal = Journal(state.journal)
         self.ignored = ignored
         self._said: dict[str, Any] = {}
+        self._ready: dict[str, str] = {}
+        """Service -> the run that was ready at the last pass."""
         self._published = ""
         self._due = 0.0
         self._next: tuple[Decision, dict[str, Any]] | None = None
@@ -76,6 +79,8 @@ class Reporter:
         self._when_new("pressure", (tuple(told["measures"]), tuple(told["shed"])), self._pressure, decision)
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
+        if observed.complete:
+            self._lost(decision)
         about_tree = {"root": str(tree.root), "fingerprint": tree.desired.catalog.fingerprint,
                       "revision": tree.revision, "errors": [d.as_json() for d in tree.errors]}
         self._publish(decision, {**self.about, "tree": about_tree,
@@ -157,6 +162,14 @@ class Reporter:
 
     def _suspended(self, decision: Decision) -> None:
         self.event("suspended", decision.situation.suspended or "no longer suspended")
+
+    def _lost(self, decision: Decision) -> None:
+        """Tells those who hold requests what they cannot rely on any more."""
+        before, self._ready = self._ready, ready_runs(decision)
+        for loss in losses(before, self._ready, decision):
+            self.event("lost", f"{loss.service} is lost to {', '.join(loss.requests)}: {loss.reason}",
+                       service=loss.service, cause=loss.cause, incarnation=loss.incarnation,
+                       requests=list(loss.requests))
 
     # -- publishing --------------------------------------------------------------------------------------------
 

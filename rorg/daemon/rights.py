@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass, replace
 
 from rorg.errors import Forbidden
-from rorg.manifest.catalog import DEVELOPER, EVERY, Catalog
+from rorg.manifest.catalog import DEVELOPER, EVERY, Catalog, Service
 
 OPERATIONS = {
     "read": ("developer", "service"),
@@ -18,12 +18,13 @@ OPERATIONS = {
     "restart": ("developer", "service"),
     "hold": ("developer",),
     "suspend": ("developer",),
-    "manifests": ("developer",),
+    "manifests": ("developer", "service"),
     "plan": ("developer",),
-    "events": ("developer",),
+    "events": ("developer", "service"),
 }
 """Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
-what the requester's manifest says (`may_request`, `may_restart`)."""
+what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
+requests and what they name."""
 
 
 WORDS = {"read": "see how services are", "request": "request services", "restart": "restart services",
@@ -131,10 +132,35 @@ def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:
         _within(caller, "restart", (name,), catalog)
 
 
+def allow_manage(caller: Caller, kind: str, name: str, catalog: Catalog) -> None:
+    """Raises Forbidden where a service wants to see or change a manifest that its own does not let it."""
+    allow(caller, "manifests")
+    if caller.kind == "service" and not manages(caller, kind, name, catalog):
+        declared = catalog.services.get(caller.service)
+        patterns = ", ".join(declared.may_manage) if declared and declared.may_manage else "nothing"
+        raise Forbidden(f"manage the {kind} '{name}'" if name else "see manifests",
+                        f"{caller.service} may manage {patterns}",
+                        f"may_manage: [{name or 'NAME'}] in its manifest")
+
+
+def manages(caller: Caller, kind: str, name: str, catalog: Catalog) -> bool:
+    """Whether a caller may see and change this manifest; without a name, whether any."""
+    if caller.kind != "service":
+        return caller.kind == "developer"
+    declared = catalog.services.get(caller.service)
+    return declared is not None and (declared.manages(name) and kind == "Service" if name else bool(
+        declared.may_manage))
+
+
+def permitted(service: Service, verb: str, catalog: Catalog) -> set[str]:
+    """Services that one may request, or restart: those that its manifest names, and those that it manages."""
+    return {*(m for name in getattr(service, f"may_{verb}") for m in catalog.members(name)),
+            *(n for n in catalog.services if service.manages(n))}
+
+
 def _within(caller: Caller, verb: str, services: tuple[str, ...], catalog: Catalog) -> None:
     declared = catalog.services.get(caller.service)
-    named = getattr(declared, f"may_{verb}") if declared else ()
-    allowed = {m for name in named for m in catalog.members(name)}
+    allowed = permitted(declared, verb, catalog) if declared else set()
     beyond = [s for s in services if not set(catalog.members(s)) <= allowed]
     if beyond:
         raise Forbidden(f"{verb} {', '.join(beyond)}", f"{caller.service} may {verb} "

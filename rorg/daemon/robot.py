@@ -229,7 +229,7 @@ class Robot:
         at = wall_clock()
         return self._change(
             caller, lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, at)}), "restart",
-            f"restart of {', '.join(names)}")
+            f"restart of {', '.join(names)}", services=names)
 
     def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[int]:
         """Holds a service, or a group's, for so long; None ends it."""
@@ -244,7 +244,7 @@ class Robot:
             return replace(asked, holds={**kept, **more})
 
         told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
-        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}")
+        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}", services=names)
 
     def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[int]:
         hold = None if seconds is None else Hold(time.time() + seconds, reason)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from typing import Any
 
 from rorg.manifest.diagnostics import Where
@@ -74,6 +75,8 @@ class Service:
     """Those that it may restart."""
     may_act_for: tuple[str, ...] = ()
     """Those in whose name it may act, as a bridge does for its callers; `*` for every service but developer."""
+    may_manage: tuple[str, ...] = ()
+    """Patterns of names of those that it may create, change and remove."""
     idle: Idle = Idle()
     ready: Probe | None = None
     live: Probe | None = None
@@ -101,7 +104,10 @@ class Service:
     @property
     def calls(self) -> bool:
         """It has a socket of rorg's."""
-        return bool(self.may_request or self.may_act_for)
+        return bool(self.may_request or self.may_manage or self.may_act_for)
+
+    def manages(self, name: str) -> bool:
+        return any(fnmatchcase(name, pattern) for pattern in self.may_manage)
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,6 +92,10 @@ class ServiceSpec(Strict):
         default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
         description="Services and groups in whose name it may act, within what their manifests allow to them: for a "
                     "bridge that they call. \"*\" is every service, but not `developer`. Gives it rorg's socket.")
+    may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = Field(
+        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        description="Patterns of names, such as lab-*: services that it may create, change, remove, request and "
+                    "restart, within what it may itself. Gives it rorg's socket.")
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )

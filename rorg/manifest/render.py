@@ -51,6 +51,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         may_request=tuple(spec.may_request),
         may_restart=tuple(spec.may_restart),
         may_act_for=tuple(spec.may_act_for),
+        may_manage=tuple(spec.may_manage),
         idle=_idle(idle),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
@@ -98,7 +99,7 @@ def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -
     options = merge_options(options, declared(spec.container))
     if spec.mounts:
         options = merge_options(options, {"volumes": _mounts(source, diagnostics)})
-    if spec.may_request or spec.may_act_for:
+    if spec.may_request or spec.may_manage or spec.may_act_for:
         folder = f"{RUN}/services/{source.name}"
         # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
         options = merge_options(options, {"volumes": [f"{folder}:{folder}:ro"],

@@ -40,15 +40,17 @@ class Value {
   const std::string& text() const { return string; }
 
  private:
+  // Never destroyed: a thread that outlives main() may still look something up.
   static const Value& none() {
-    static const Value value;
-    return value;
+    static const Value* const value = new Value;
+    return *value;
   }
 };
 
 inline std::string quoted(const std::string& text) {
   std::string found = "\"";
-  for (unsigned char c : text) {
+  for (const char one : text) {
+    const auto c = static_cast<unsigned char>(one);
     if (c == '"' || c == '\\') {
       found += '\\';
       found += static_cast<char>(c);

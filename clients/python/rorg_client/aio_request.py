@@ -1,0 +1,168 @@
+"""A request that a program on asyncio holds, kept alive by a task."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, Any, Callable, Generator, Sequence
+
+from rorg_client import calls
+from rorg_client.errors import Error, NotFound
+from rorg_client.request import Kept, new_id, tell, unknown
+from rorg_client.types import Loss, Readiness, RequestView
+
+if TYPE_CHECKING:
+    from rorg_client.aio import AsyncClient
+
+PROMPT = 1.0
+"""Seconds that a cancelled task waits for its release, which goes on all the same."""
+
+
+def looked_at(done: asyncio.Future[Any]) -> None:
+    """What went wrong in it is nobody's news."""
+    if not done.cancelled():
+        done.exception()
+
+
+class AsyncRequest(Kept):
+    """An asynchronous context manager, or awaited and then released by hand."""
+
+    def __init__(self, client: AsyncClient, services: Sequence[str], id: str | None, ttl: float | None,
+                 reason: str, priority: int | None, requester: str | None, wait: float | None,
+                 on_lost: Callable[[Loss], None] | None) -> None:
+        super().__init__(services, id or new_id(services[0]), ttl, reason, priority, requester)
+        self.client, self._wait = client, wait
+        self._callbacks: list[Callable[[Loss], None]] = [on_lost] if on_lost else []
+        self._lost: asyncio.Event | None = None
+        self._sending: asyncio.Task[RequestView] | None = None
+        """The last time that it was sent: what is on its way must have arrived before it can be taken back."""
+        self._beat: asyncio.Task[None] | None = None
+
+    def __await__(self) -> Generator[object, None, AsyncRequest]:
+        return self._begin().__await__()
+
+    async def _begin(self) -> AsyncRequest:
+        try:
+            await self.put()
+            if self._callbacks:
+                self.client.watcher.add(self)
+            if self._wait is not None:
+                await self.wait(self._wait)
+        except BaseException as error:
+            if self.arrived or not isinstance(error, Error):
+                await self._give_up()
+            raise
+        return self
+
+    async def put(self) -> None:
+        """Sends it, and keeps it alive from now on."""
+        await self._send()
+        self.arrived = True
+        if self.ttl is not None and self._beat is None:
+            self._beat = asyncio.ensure_future(self._heartbeat(self.ttl / 3))
+
+    async def _send(self, patience: float | None = None) -> None:
+        self._sending = asyncio.ensure_future(
+            self.client.do(calls.put_request(self.id, self.body, self.requester), patience))
+        self._sending.add_done_callback(looked_at)
+        await asyncio.shield(self._sending)
+
+    async def _heartbeat(self, pause: float) -> None:
+        timeout = min(pause, self.client.timeout)
+        while True:
+            await asyncio.sleep(pause)
+            try:
+                await self.client.do(calls.renew(self.id, self.requester), 0.0, timeout)
+            except NotFound:
+                with contextlib.suppress(Error):
+                    await self._send(0.0)
+                self.note(unknown(self.id))
+            except Error:
+                continue
+
+    # -- readiness and loss ------------------------------------------------------------------------------------
+
+    async def wait(self, timeout: float = 30.0) -> AsyncRequest:
+        """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
+        self.ready_now(await self.client.wait(*self.services, timeout=timeout))
+        if self._lost is not None:
+            self._lost.clear()
+        return self
+
+    def ready(self, timeout: float = 30.0) -> asyncio.Task[AsyncRequest]:
+        """The same as a task."""
+        return asyncio.ensure_future(self.wait(timeout))
+
+    async def readiness(self) -> dict[str, Readiness]:
+        """How each of its services is now."""
+        return await self.client.readiness(*self.services)
+
+    @property
+    def lost(self) -> asyncio.Event:
+        """Set when a service that was ready is so no more; `losses` say which and why. wait() clears it."""
+        if self._lost is None:
+            self._lost = asyncio.Event()
+            if self.losses:
+                self._lost.set()
+            self.client.watcher.add(self)
+        return self._lost
+
+    def on_lost(self, call: Callable[[Loss], None]) -> None:
+        """Calls it for every loss."""
+        self._callbacks.append(call)
+        self.client.watcher.add(self)
+
+    def note(self, loss: Loss) -> None:
+        """Something was lost."""
+        if self.takes(loss):
+            if self._lost is not None:
+                self._lost.set()
+            for call in list(self._callbacks):
+                tell(call, loss)
+
+    # -- the end -----------------------------------------------------------------------------------------------
+
+    async def release(self) -> None:
+        """Gives it up; goes on with it when the task is cancelled meanwhile. Should it fail, call it again."""
+        if self.ours:
+            await asyncio.shield(self._ending())
+
+    def _ending(self) -> asyncio.Task[None]:
+        if self._beat is not None:
+            self._beat.cancel()
+        if self.client._watcher is not None:
+            self.client._watcher.remove(self)
+        task = asyncio.ensure_future(self._end())
+        self.client.keep(task)
+        return task
+
+    async def _end(self) -> None:
+        if self._sending is not None and not self._sending.done():
+            await asyncio.wait({self._sending}, timeout=PROMPT)
+            self._sending.cancel()
+        await self.client.do(calls.release(self.id, self.requester))
+        self._given_up = True
+
+    async def _give_up(self) -> None:
+        """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
+        if self.ours:
+            task = self._ending()
+            task.add_done_callback(looked_at)
+            await asyncio.wait({task}, timeout=PROMPT)
+
+    def abandon(self) -> None:
+        """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        self._given_up = True
+        if self._beat is not None:
+            self._beat.cancel()
+        if self.client._watcher is not None:
+            self.client._watcher.remove(self)
+
+    async def __aenter__(self) -> AsyncRequest:
+        return await self._begin()
+
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            await self.release()
+        else:
+            await self._give_up()

@@ -1,0 +1,307 @@
+"""The blocking client."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from typing import Any, Callable, Iterator, TypeVar
+
+from rorg_client import calls
+from rorg_client.address import Address
+from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
+from rorg_client.connection import Connection
+from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
+from rorg_client.request import Request, new_id
+from rorg_client.types import (
+    Event,
+    GroupView,
+    Loss,
+    ManifestView,
+    Readiness,
+    RequestView,
+    ServiceView,
+    Spec,
+    Usage,
+    Why,
+)
+from rorg_client.watch import Watcher
+from rorg_client.wire import Answer, asking, reading, reading_body, reading_chunk, reading_head
+
+T = TypeVar("T")
+RESTART_PAUSE = 0.05
+"""Seconds between two looks at whether another run has begun."""
+
+
+class Client:
+    """Calls of one rorg, from any thread. A call is repeated while nobody answers, for `patience` seconds: a restart of
+    rorg is only a longer wait. What it reads is never older than what it changed.
+
+    `address`: the path of a socket, unix:///PATH or https://HOST:PORT; by default RORG_SOCKET, RORG_ADDRESS, or the
+    machine's own rorg. `ca`, `cert`, `key`: files for https, by default RORG_CA, RORG_CERT, RORG_KEY.
+    """
+
+    def __init__(self, address: str | None = None, timeout: float = 10.0, patience: float = PATIENCE, *,
+                 ca: str = "", cert: str = "", key: str = "") -> None:
+        self.address, self.timeout, self.patience = Address(address or "", ca, cert, key), timeout, patience
+        self._newest = Newest()
+        self._local = threading.local()
+        self._watcher: Watcher | None = None
+
+    def close(self) -> None:
+        """Closes this thread's connection; the next call makes another."""
+        connection = self._kept()
+        if connection:
+            connection.close()
+        self._local.kept = None
+
+    def _kept(self) -> Connection | None:
+        """This thread's; a child after fork() must not speak on that of its parent."""
+        pid, connection = getattr(self._local, "kept", None) or (0, None)
+        return connection if pid == os.getpid() else None
+
+    def like(self, timeout: float, patience: float) -> Client:
+        """Another client of the same rorg that knows of the same changes."""
+        made = Client(str(self.address), timeout, patience)
+        made.address, made._newest = self.address, self._newest
+        return made
+
+    # -- requests ----------------------------------------------------------------------------------------------
+
+    def request(self, *services: str, id: str | None = None, wait: float | None = None,
+                ttl: float | None = TTL, reason: str = "", priority: int | None = None,
+                requester: str | None = None, on_lost: Callable[[Loss], None] | None = None) -> Request:
+        """Requests services at once and keeps the request until release(), or the end of a `with` block.
+
+        `wait`: seconds to wait until they, and all that they need, are ready; raises NotReady with the reason, having
+        released the request. `id`: the same one again replaces the request. `ttl`: seconds of the lease; None for none,
+        and then only release() ends it (or the end of the container that asked). `on_lost`: called, in a thread of the
+        client, when a service that was ready is so no more.
+        """
+        if not services:
+            raise invalid("cannot request", "no service is named", "one at least")
+        calls.check_id(id or "request")
+        made = Request(self, services, id or new_id(services[0]), ttl, reason, priority, requester)
+        try:
+            made.put()
+            if on_lost is not None:
+                made.on_lost(on_lost)
+            if wait is not None:
+                made.wait(wait)
+        except Error as error:
+            if made.arrived:
+                made.give_up(error)
+            raise
+        except BaseException as error:
+            made.give_up(error)
+            raise
+        return made
+
+    def wait(self, *services: str, timeout: float = 30.0) -> dict[str, Readiness]:
+        """Returns how each is when the services and all that they need are ready; raises NotReady with what is
+        missing."""
+        told = self.do(calls.wait(services, timeout))
+        found: dict[str, Readiness] | None = told.get("services")
+        return found or {name: {"ready": True, "incarnation": "", "reason": ""} for name in services}
+
+    def readiness(self, *services: str) -> dict[str, Readiness]:
+        """How each of these services is now, without waiting."""
+        try:
+            return self.wait(*services, timeout=0.0)
+        except NotReady as error:
+            return error.services or {name: readiness_of(self.service(name)) for name in services}
+
+    def requests(self) -> list[RequestView]:
+        return self.do(calls.requests())
+
+    def release(self, id: str, requester: str | None = None) -> None:
+        self.do(calls.release(id, requester))
+
+    @property
+    def watcher(self) -> Watcher:
+        """What tells requests of this client that they lost something."""
+        if self._watcher is None or self._watcher.pid != os.getpid():
+            self._watcher = Watcher(self)
+        return self._watcher
+
+    # -- services ----------------------------------------------------------------------------------------------
+
+    def services(self) -> list[ServiceView]:
+        return self.do(calls.services())
+
+    def groups(self) -> list[GroupView]:
+        return self.do(calls.groups())
+
+    def service(self, name: str) -> ServiceView:
+        return self.do(calls.service(name))
+
+    def why(self, name: str) -> list[Why]:
+        return self.do(calls.why(name))
+
+    def usage(self) -> Usage:
+        return self.do(calls.usage())
+
+    def status(self) -> dict[str, Any]:
+        return self.do(calls.status())
+
+    def plan(self) -> dict[str, Any]:
+        return self.do(calls.plan())
+
+    def restart(self, name: str, force: bool = False, wait: float | None = None) -> list[str]:
+        """Stops and starts a service, or each of a group; returns their names. Drivers only with `force`. `wait`:
+        seconds to wait until those that are wanted are ready in another run."""
+        if wait is None:
+            return self.do(calls.restart(name, force))
+        end = time.monotonic() + wait
+        before = {s["service"]: s for s in self.services()}
+        names = self.do(calls.restart(name, force))
+        runs = {n: before[n]["incarnation"] for n in names if n in before and before[n]["wanted"]}
+        while runs:
+            self.wait(*runs, timeout=max(0.0, end - time.monotonic()))
+            old = [n for n, run in runs.items() if self.service(n)["incarnation"] == run]
+            if not old:
+                break
+            if time.monotonic() > end:
+                raise not_restarted(old[0], wait)
+            time.sleep(RESTART_PAUSE)
+        return names
+
+    def hold(self, name: str, seconds: float, reason: str = "") -> list[str]:
+        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names."""
+        return self.do(calls.hold(name, seconds, reason))
+
+    def unhold(self, name: str) -> None:
+        self.do(calls.unhold(name))
+
+    def suspend(self, seconds: float, reason: str = "") -> None:
+        self.do(calls.suspend(seconds, reason))
+
+    def unsuspend(self) -> None:
+        self.do(calls.unsuspend())
+
+    # -- manifests ---------------------------------------------------------------------------------------------
+
+    def manifests(self) -> list[ManifestView]:
+        return self.do(calls.manifests())
+
+    def manifest(self, kind: str, name: str) -> str:
+        """Its text."""
+        return self.do(calls.manifest(kind, name))
+
+    def put_manifest(self, kind: str, name: str, text: str, base: str | None, message: str = "") -> ManifestView:
+        """Writes a manifest; `base` is the digest of the version that was edited, None for a new one."""
+        return self.do(calls.put_manifest(kind, name, text, base, message))
+
+    def delete_manifest(self, kind: str, name: str, base: str, message: str = "") -> None:
+        self.do(calls.delete_manifest(kind, name, base, message))
+
+    def put_service(self, name: str, spec: Spec, message: str = "") -> ManifestView:
+        """Creates a service, or changes it, to this `spec` of its manifest."""
+        base = calls.digest_of(self.manifests(), "Service", name)
+        return self.put_manifest("Service", name, calls.manifest_text("Service", name, spec), base, message)
+
+    def remove_service(self, name: str, message: str = "") -> None:
+        """Removes a service; one that is gone already is fine."""
+        base = calls.digest_of(self.manifests(), "Service", name)
+        if base is not None:
+            self.delete_manifest("Service", name, base, message)
+
+    # -- events ------------------------------------------------------------------------------------------------
+
+    def events(self, cursor: int | None = None, follow: bool = False, tail: int = 0, mine: bool = False,
+               requester: str | None = None) -> Iterator[Event]:
+        """What happened, each with its number `seq`; `mine`: about own requests and what they name, and a service sees
+        no others. When following, goes on across restarts of rorg, without a gap."""
+        while True:
+            connection: Connection | None = None
+            try:
+                connection = Connection(self.address, None if follow else self.timeout)
+                for event in self.lines(connection, calls.events(cursor, follow, tail, mine, requester)):
+                    # From here on it is known what was missed, though nothing may have been seen yet.
+                    cursor = event["seq"]
+                    if "kind" in event:
+                        yield event
+                if not follow:
+                    return
+            except (OSError, Unreachable) as error:
+                if not follow:
+                    raise error if isinstance(error, Error) else unreachable(str(self.address), error) from error
+            finally:
+                if connection:
+                    connection.close()
+            time.sleep(0.2)
+
+    def lines(self, connection: Connection, path: str) -> Iterator[Event]:
+        """Events of one connection; the first has nothing but the number at which it begins."""
+        connection.send(asking("GET", path, None, {}), connection.socket.gettimeout())
+        head = connection.drive(reading_head())
+        if head[0] != 200:
+            raise problem(head[0], connection.drive(reading_body(head)))
+        yield {"seq": int(head[1].get("rorg-cursor") or 0)}  # type: ignore[typeddict-item]
+        rest = b""
+        while True:
+            piece = connection.drive(reading_chunk())
+            if not piece:
+                return
+            *whole, rest = (rest + piece).split(b"\n")
+            for line in whole:
+                yield json.loads(line)
+
+    # -- plumbing ----------------------------------------------------------------------------------------------
+
+    def call(self, method: str, path: str, body: Any = None) -> Any:
+        """Any call of the API; JSON (or text) back. Raises a subclass of Error."""
+        return self.do(Call(method, path, body))
+
+    def do(self, call: Call[T]) -> T:
+        """Makes a call, and again while nobody answers."""
+        attempts, deadline = Attempts(call, self.patience, str(self.address)), time.monotonic() + (call.wait or 0.0)
+        while True:
+            try:
+                answer = self._once(call, deadline - time.monotonic())
+            except Failed as failed:
+                time.sleep(attempts.again(failed, time.monotonic()))
+                continue
+            self._newest.note(call, answer)
+            return call.told(answer)  # type: ignore[no-any-return]
+
+    def _once(self, call: Call[Any], left: float) -> Answer:
+        connection = None if call.once else self._kept()
+        stale = connection is not None
+        timeout = self.timeout + max(0.0, left) + (calls.HELD if call.not_before(self._newest) else 0.0)
+        try:
+            connection = connection or Connection(self.address, timeout)
+        except OSError as error:
+            raise Failed(error, sent=False) from error
+        whole = False
+        try:
+            connection.send(asking(call.method, call.at(left), call.body, call.headers(self._newest)), timeout)
+            answer = connection.drive(reading())
+            whole = True
+        except (OSError, ValueError) as error:
+            raise Failed(error, sent=True, stale=stale) from error
+        finally:
+            # Half an answer, after an interrupt for instance, must not be taken for that to the next call.
+            if whole and not answer.last and not call.once:
+                self._local.kept = (os.getpid(), connection)
+            else:
+                connection.close()
+                if stale:
+                    self._local.kept = None
+        if answer.status == 503:
+            raise Failed(problem(answer.status, answer.body), sent=False)
+        return answer
+
+
+def readiness_of(service: ServiceView) -> Readiness:
+    """From how a service is, where rorg says no more."""
+    ready = next((c for c in service["conditions"] if c["type"] == "Ready"), None)
+    fine = service["state"] == "meta" or bool(service["wanted"] and ready and ready["status"] == "True")
+    why = "" if fine else service["held"] or (ready and (ready["message"] or ready["reason"])) or "not ready"
+    return {"ready": fine, "incarnation": service["incarnation"], "reason": why}
+
+
+def not_restarted(name: str, seconds: float) -> NotReady:
+    return NotReady(f"cannot wait for the restart of {name}", f"{name} has not started again after {seconds:g} s",
+                    "`rorg why` for the reasons", "not-ready", 504)

@@ -1,0 +1,73 @@
+"""What can go wrong, as classes: `cannot {what}: {cause}; try {remedy}`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from rorg_client.types import Readiness
+
+
+class Error(Exception):
+    """rorg said no, or did not answer."""
+
+    def __init__(self, what: str, cause: str, remedy: str = "", code: str = "", status: int = 0) -> None:
+        self.what, self.cause, self.remedy, self.code, self.status = what, cause, remedy, code, status
+        super().__init__(f"{what}: {cause}" + (f"; try {remedy}" if remedy else ""))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.what, self.cause, self.remedy, self.code, self.status), dict(self.__dict__)
+
+
+class Unreachable(Error):
+    """Nobody answers, or rorg cannot answer now."""
+
+
+class Forbidden(Error):
+    """This caller may not."""
+
+
+class NotFound(Error):
+    """There is nothing of that name."""
+
+
+class Refused(Error):
+    """It conflicts with what is, or does not fit."""
+
+
+class Invalid(Error):
+    """The call is wrong in itself."""
+
+
+class NotReady(Error):
+    """It did not become ready in time; the cause says what is missing, `services` how each one is."""
+
+    services: dict[str, Readiness] = {}
+
+
+_CODES = {"forbidden": Forbidden, "not-found": NotFound, "refused": Refused, "invalid": Invalid, "not-ready": NotReady,
+          "unreachable": Unreachable, "busy": Unreachable, "ending": Unreachable}
+
+
+def problem(status: int, text: bytes) -> Error:
+    """The error that an answer stands for."""
+    try:
+        told = json.loads(text)
+    except ValueError:
+        told = None
+    if not isinstance(told, dict):
+        told = {}
+    kind = _CODES.get(str(told.get("code", "")), Unreachable if status == 503 else Error)
+    found = kind(str(told.get("title", f"HTTP {status}")), str(told.get("cause", text.decode(errors="replace")[:200])),
+                 str(told.get("remedy", "")), str(told.get("code", "")), status)
+    if isinstance(found, NotReady) and isinstance(told.get("services"), dict):
+        found.services = told["services"]
+    return found
+
+
+def invalid(what: str, cause: str, remedy: str = "") -> Invalid:
+    return Invalid(what, cause, remedy, "invalid", 422)
+
+
+def unreachable(where: str, error: BaseException) -> Unreachable:
+    return Unreachable(f"cannot reach rorg on {where}", str(error) or type(error).__name__, "`rorg run`", "unreachable")

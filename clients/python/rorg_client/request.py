@@ -1,0 +1,198 @@
+"""A request that a program holds, kept alive by a thread."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import threading
+from typing import TYPE_CHECKING, Any, Callable, Sequence
+
+from rorg_client import calls
+from rorg_client.errors import Error, NotFound
+from rorg_client.types import Loss, Readiness
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    from rorg_client.client import Client
+
+_numbers = itertools.count(1)
+
+
+def new_id(service: str) -> str:
+    """Tells the requests of all processes and threads apart."""
+    return f"{service[:40]}-{os.getpid()}-{next(_numbers)}"
+
+
+class Kept:
+    """What the requests of both clients know. One belongs to the process that made it: a forked child that leaves its
+    parent's block, or releases it, changes nothing."""
+
+    def __init__(self, services: Sequence[str], id: str, ttl: float | None, reason: str, priority: int | None,
+                 requester: str | None) -> None:
+        self.services, self.id, self.ttl, self.requester = tuple(services), id, ttl, requester
+        self.body: dict[str, Any] = {"services": list(services), "reason": reason, "priority": priority,
+                                     "ttl": None if ttl is None else calls.duration(ttl)}
+        self.losses: list[Loss] = []
+        """What was lost since it was last ready."""
+        self.runs: dict[str, str] = {}
+        """The run of each service that was ready last, as far as it is known."""
+        self.arrived = False
+        self._given_up, self._pid = False, os.getpid()
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is this process's to keep and to release."""
+        return not self._given_up and self._pid == os.getpid()
+
+    def ready_now(self, found: dict[str, Readiness]) -> None:
+        self.runs = {name: told["incarnation"] for name, told in found.items() if told["incarnation"]}
+        self.losses = []
+
+    def takes(self, loss: Loss) -> bool:
+        """Whether it is news, and then keeps it in mind. That it was dropped is told by two ways."""
+        known = loss.cause == "dropped" and any(one.cause == "dropped" for one in self.losses)
+        if not known:
+            self.losses.append(loss)
+        return not known
+
+
+def unknown(id: str) -> Loss:
+    return Loss("", "dropped", f"rorg did not know the request '{id}' any more")
+
+
+def tell(call: Callable[[Loss], None], loss: Loss) -> None:
+    """What a callback does wrong is told, and stops nobody else."""
+    try:
+        call(loss)
+    except Exception:
+        import traceback
+
+        traceback.print_exc()
+
+
+class Request(Kept):
+    """A context manager; release() may be called twice. Its heartbeat goes on through restarts of rorg."""
+
+    def __init__(self, client: Client, services: Sequence[str], id: str, ttl: float | None, reason: str,
+                 priority: int | None, requester: str | None) -> None:
+        super().__init__(services, id, ttl, reason, priority, requester)
+        self.client = client
+        self._over, self._lost = threading.Event(), threading.Event()
+        self._callbacks: list[Callable[[Loss], None]] = []
+        self._beat: threading.Thread | None = None
+
+    def put(self) -> None:
+        """Sends it, and keeps it alive from now on."""
+        self.client.do(calls.put_request(self.id, self.body, self.requester))
+        self.arrived = True
+        if self.ttl is not None and self._beat is None:
+            self._beat = threading.Thread(target=self._heartbeat, name=f"rorg-{self.id}", daemon=True)
+            self._beat.start()
+
+    def _heartbeat(self) -> None:
+        # A beat must not wait for ever for one that does not answer: the next one may reach a rorg that was restarted.
+        pause = (self.ttl or calls.TTL) / 3
+        client = self.client.like(min(pause, self.client.timeout), 0.0)
+        while not self._over.wait(pause):
+            try:
+                client.do(calls.renew(self.id, self.requester))
+            except NotFound:
+                if not self._over.is_set():
+                    with contextlib.suppress(Error):
+                        client.do(calls.put_request(self.id, self.body, self.requester))
+                    self.note(unknown(self.id))
+            except Error:
+                continue
+        client.close()
+
+    # -- readiness and loss ------------------------------------------------------------------------------------
+
+    def wait(self, timeout: float = 30.0) -> Request:
+        """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
+        found = self.client.wait(*self.services, timeout=timeout)
+        self.ready_now(found)
+        self._lost.clear()
+        return self
+
+    def ready(self, timeout: float = 30.0) -> Future[Request]:
+        """The same as a future: it holds the request when all are ready, else NotReady."""
+        from concurrent.futures import Future
+
+        future: Future[Request] = Future()
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(self.wait(timeout))
+            except BaseException as error:
+                future.set_exception(error)
+            finally:
+                self.client.close()
+
+        threading.Thread(target=run, name=f"rorg-ready-{self.id}", daemon=True).start()
+        return future
+
+    def readiness(self) -> dict[str, Readiness]:
+        """How each of its services is now."""
+        return self.client.readiness(*self.services)
+
+    @property
+    def lost(self) -> threading.Event:
+        """Set when a service that was ready is so no more; `losses` say which and why. wait() clears it."""
+        self._watch()
+        return self._lost
+
+    def on_lost(self, call: Callable[[Loss], None]) -> None:
+        """Calls it for every loss, in a thread of the client."""
+        self._callbacks.append(call)
+        self._watch()
+
+    def _watch(self) -> None:
+        if self.ours:
+            self.client.watcher.add(self)
+
+    def note(self, loss: Loss) -> None:
+        """Something was lost."""
+        if self.takes(loss):
+            self._lost.set()
+            for call in list(self._callbacks):
+                tell(call, loss)
+
+    # -- the end -----------------------------------------------------------------------------------------------
+
+    def release(self) -> None:
+        """Gives it up. While nobody answers it is tried again, like every call; should that fail, call it again."""
+        if not self.ours:
+            return
+        self._stop()
+        if self._beat is not None and self._beat is not threading.current_thread():
+            self._beat.join()
+        self.client.do(calls.release(self.id, self.requester))
+        self._given_up = True
+
+    def give_up(self, error: BaseException) -> None:
+        """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
+        with contextlib.suppress(Error):
+            self.release()
+
+    def abandon(self) -> None:
+        """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        self._given_up = True
+        self._stop()
+
+    def _stop(self) -> None:
+        self._over.set()
+        if self.client._watcher is not None:
+            self.client._watcher.remove(self)
+
+    def __enter__(self) -> Request:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            self.release()
+        else:
+            self.give_up(error)

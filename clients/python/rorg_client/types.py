@@ -1,0 +1,140 @@
+"""What rorg answers, as types: the schemas of its API (schemas/openapi.json)."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, NamedTuple, TypedDict
+
+
+class Readiness(TypedDict):
+    """How a service is for whoever waits for it. `incarnation` is the run that is ready."""
+
+    ready: bool
+    incarnation: str
+    reason: str
+
+
+class Condition(TypedDict):
+    """`type` is Ready, Requested, Reconciling or Stalled; `status` True, False or Unknown."""
+
+    type: str
+    status: str
+    reason: str
+    message: str
+
+
+class ServiceView(TypedDict):
+    """How a service is."""
+
+    service: str
+    state: str
+    sync: str
+    health: str
+    wanted: bool
+    why: str
+    container: str
+    incarnation: str
+    started_at: str
+    exits: int
+    pid: int
+    crashes: int
+    rank: int
+    held: str
+    lowered: bool
+    ros_nodes: list[str]
+    conditions: list[Condition]
+
+
+class RequestView(TypedDict):
+    """A request that counts. `ttl` and `expires_in` are seconds."""
+
+    id: str
+    requester: str
+    services: list[str]
+    reason: str
+    priority: int | None
+    ttl: float | None
+    incarnation: str | None
+    standing: bool
+    expires_in: float | None
+
+
+class Why(TypedDict):
+    """Why a service is active, or why not."""
+
+    service: str
+    wanted: bool
+    state: str
+    chain: list[str]
+    requests: list[RequestView]
+    waits: list[str]
+
+
+class ServiceUsage(TypedDict):
+    cpu_seconds: float
+    memory: int
+
+
+class Usage(TypedDict):
+    """CPU seconds and bytes of each service that runs. `at` is seconds since the epoch."""
+
+    at: float
+    services: dict[str, ServiceUsage]
+    machine: dict[str, float]
+
+
+class ManifestView(TypedDict):
+    """A manifest of the tree; `digest` is that of its text."""
+
+    kind: str
+    name: str
+    file: str
+    digest: str
+
+
+class GroupView(TypedDict):
+    name: str
+    services: list[str]
+    description: str
+
+
+class _EventBase(TypedDict):
+    seq: int
+    at: str
+    kind: str
+    message: str
+
+
+class Event(_EventBase, total=False):
+    """A line of the journal. `kind` is a stable word."""
+
+    author: str
+    service: str
+    services: list[str]
+    requests: list[str]
+    request: str
+    cause: str
+    incarnation: str
+    verb: str
+    container: str
+    reason: str
+    fields: list[str]
+    error: str
+    seconds: float
+    file: str
+    crashes: int
+
+
+class Loss(NamedTuple):
+    """A service that was ready under a request is so no more. `cause` is a stable word: held, shed, preempted,
+    restarted, crashed, hung, replaced, unready or ceased; or dropped, where the request itself is gone."""
+
+    service: str
+    """Empty where the request itself is gone."""
+    cause: str
+    message: str
+    incarnation: str = ""
+    """The run that was lost."""
+
+
+Spec = Dict[str, Any]
+"""The `spec` of a manifest."""

@@ -1,0 +1,139 @@
+"""One thread that follows what happens to the requests of a client, and tells those that lost something."""
+
+from __future__ import annotations
+
+import os
+import threading
+from typing import TYPE_CHECKING, Iterable
+
+from rorg_client import calls
+from rorg_client.connection import Connection
+from rorg_client.errors import Error, Forbidden, Invalid, NotFound, Unreachable
+from rorg_client.types import Event, Loss, ServiceView
+
+if TYPE_CHECKING:
+    from rorg_client.client import Client
+    from rorg_client.request import Kept, Request
+
+PAUSE = 0.5
+"""Seconds until it tries again to follow."""
+
+
+class Watcher:
+    """Runs while there are requests to watch."""
+
+    def __init__(self, client: Client) -> None:
+        self.pid = os.getpid()
+        self._client = client
+        self._lock = threading.Lock()
+        self._requests: list[Request] = []
+        self._connections: dict[str | None, Connection] = {}
+        self._followed: list[str | None] = []
+        """Requesters whose events are followed, each by a thread."""
+
+    def add(self, request: Request) -> None:
+        with self._lock:
+            if request not in self._requests:
+                self._requests.append(request)
+            if request.requester not in self._followed:
+                self._followed.append(request.requester)
+                threading.Thread(target=self._run, args=(request.requester,), name="rorg-watch", daemon=True).start()
+
+    def remove(self, request: Request) -> None:
+        if self.pid != os.getpid():
+            return
+        with self._lock:
+            if request in self._requests:
+                self._requests.remove(request)
+            if all(r.requester != request.requester for r in self._requests):
+                connection = self._connections.get(request.requester)
+                if connection:
+                    connection.abort()
+
+    def _of(self, requester: str | None) -> list[Request]:
+        with self._lock:
+            found = [r for r in self._requests if r.requester == requester]
+            if not found:
+                self._followed.remove(requester)
+            return found
+
+    def _run(self, requester: str | None) -> None:
+        cursor: int | None = None
+        over, client = threading.Event(), self._client.like(self._client.timeout, 0.0)
+        while self._of(requester):
+            try:
+                cursor = self._follow(client, requester, cursor)
+            except (Forbidden, Invalid):
+                over.wait(10 * PAUSE)  # a rorg that does not tell; it may be replaced by one that does
+            except (OSError, Error, ValueError):
+                over.wait(PAUSE)
+        client.close()
+
+    def _follow(self, client: Client, requester: str | None, cursor: int | None) -> int | None:
+        connection = Connection(client.address, client.timeout)
+        with self._lock:
+            self._connections[requester] = connection
+        try:
+            first = True
+            for event in client.lines(connection, calls.events(cursor, True, 0, True, requester)):
+                connection.socket.settimeout(None)
+                cursor = event["seq"]
+                if first:
+                    self._look(client, requester)
+                    first = False
+                else:
+                    self._tell(event, self._of_now(requester))
+            return cursor
+        except OSError:
+            return cursor
+        finally:
+            with self._lock:
+                del self._connections[requester]
+            connection.close()
+
+    def _of_now(self, requester: str | None) -> list[Request]:
+        with self._lock:
+            return [r for r in self._requests if r.requester == requester]
+
+    def _look(self, client: Client, requester: str | None) -> None:
+        """What was lost while nobody was there to tell."""
+        for request in self._of_now(requester):
+            for name, run in list(request.runs.items()):
+                try:
+                    loss = lost_meanwhile(name, run, client.service(name))
+                except NotFound:
+                    loss = Loss(name, "ceased", f"{name} is not declared any more", run)
+                if loss:
+                    request.runs.pop(name, None)
+                    request.note(loss)
+
+    @staticmethod
+    def _tell(event: Event, requests: Iterable[Request]) -> None:
+        for request in requests:
+            loss = loss_of(event, request)
+            if loss:
+                request.note(loss)
+
+
+def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
+    """Whether another run, or none, is there now. Raises Unreachable while that is not known."""
+    if view["sync"] == "Unknown":
+        raise Unreachable(f"cannot look at {name}", "the engine has not told yet what runs", "again in a moment")
+    if view["incarnation"] == run and view["state"] == "running":
+        return None
+    cause = "restarted" if view["incarnation"] and view["incarnation"] != run else "held" if view["held"] else "ceased"
+    return Loss(name, cause, f"{name} is {view['state']}, in another run than before"
+                if cause == "restarted" else f"{name} is {view['state']}", run)
+
+
+def loss_of(event: Event, request: Kept) -> Loss | None:
+    """What an event means for a request, if anything."""
+    if event["kind"] == "request-dropped" and event.get("request") == request.id:
+        return Loss("", "dropped", event["message"])
+    if event["kind"] != "lost" or request.id not in event.get("requests", []):
+        return None
+    name, run = event.get("service", ""), event.get("incarnation", "")
+    if name in request.runs and request.runs[name] not in ("", run):
+        return None  # of a run before the one that it was told is ready
+    request.runs.pop(name, None)
+    return Loss(name, event.get("cause", ""), event["message"], run)

@@ -1,0 +1,30 @@
+"""Runs the program of the C++ client's tests."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+HOW = {"ASAN_OPTIONS": "detect_stack_use_after_return=1", "UBSAN_OPTIONS": "print_stacktrace=1",
+       "TSAN_OPTIONS": "halt_on_error=1:die_after_fork=0"}
+
+
+@contextmanager
+def program(path: Path, *words: str, **env: str):
+    """The program, which must end well when the block has."""
+    running = subprocess.Popen([path, *words], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, env={**os.environ, **HOW, **env})
+    try:
+        yield running
+        _, errors = running.communicate(timeout=120)
+        assert running.returncode == 0 and not errors, errors  # one that is ending may be past its exit code
+    finally:
+        running.kill()
+
+
+def heard(running: subprocess.Popen, word: str) -> None:
+    """Returns when the program has said this."""
+    line = running.stdout.readline().strip()
+    assert line == word, line or running.communicate(timeout=60)[1]

@@ -1,0 +1,53 @@
+"""A `rorg run` of its own on the process engine, seen from outside: started, ended, killed, started again."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+from robots import write_tree
+from rorg_client import Client
+
+from rorg.daemon.wiring import make_engine
+from rorg.store.state_dir import StateDir
+
+
+class RorgProcess:
+    def __init__(self, folder: Path, services: dict[str, dict], *options: str, **kinds: dict[str, dict]) -> None:
+        self.folder, self.tree, self.options = folder, write_tree(folder / "tree", services, **kinds), options
+        self.state = folder / "state"
+        self.process: subprocess.Popen | None = None
+
+    def start(self) -> RorgProcess:
+        with (self.folder / "rorg.log").open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "rorg", "run", str(self.tree), "--state-dir", str(self.state), "--engine",
+                 "process", *self.options], stderr=log, stdout=log)
+        return self
+
+    def socket(self, service: str = "") -> str:
+        return str(self.state / "run" / (f"services/{service}" if service else "") / "rorg.sock")
+
+    def client(self, service: str = "", **more: float) -> Client:
+        return Client(self.socket(service), **more)
+
+    def stop(self, kill: bool = False) -> None:
+        assert self.process is not None
+        (self.process.kill if kill else self.process.terminate)()
+        self.process.wait(30)
+
+    def kill_service(self, pid: int) -> None:
+        """With all its processes, behind rorg's back."""
+        os.killpg(os.getpgid(pid), 9)
+        psutil.wait_procs([psutil.Process(pid)] if psutil.pid_exists(pid) else [], timeout=10)
+
+    def close(self) -> None:
+        self.stop(kill=True)
+        engine = make_engine("process", StateDir(self.state))
+        for container in engine.list():
+            if container.alive:
+                engine.stop(container.id, "SIGKILL", 5.0)
+            engine.remove(container.id)

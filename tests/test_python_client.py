@@ -1,0 +1,473 @@
+"""The Python client against a `rorg run` of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from conftest import ROOT, free_port, wait_for
+from rorg_client import AsyncClient, Client, Error, Forbidden, Loss, NotReady, Unreachable
+from rorg_process import RorgProcess
+from test_deployment import certificate
+
+SERVICES = {
+    "camera": {}, "lidar": {"idle": {"action": "pause"}}, "arm": {"needs": ["lidar"]},
+    "slow": {"ready": {"delay": "2s"}}, "never": {"ready": {"file": "/nowhere/at/all", "timeout": "600s"}},
+    "low": {"exclusive": ["gpu"], "priority": 10}, "high": {"exclusive": ["gpu"], "priority": 90},
+    "behaviour": {"may_request": ["camera", "lidar", "arm"], "may_restart": ["camera"], "may_manage": ["lab-*"]},
+}
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    found = RorgProcess(tmp_path_factory.mktemp("client"), SERVICES).start()
+    wait_for(lambda: all(s["state"] != "none" or s["service"] == "developer" for s in found.client().services()), 60)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def robot(running):
+    yield running
+    client = running.client()
+    for request in client.requests():
+        client.release(request["id"], request["requester"])
+
+
+@pytest.fixture
+def behaviour(robot):
+    """A client on the socket of a service that runs."""
+    with robot.client().request("behaviour", wait=20):
+        yield robot.client("behaviour")
+
+
+def ids(robot) -> set[str]:
+    return {r["id"] for r in robot.client().requests()}
+
+
+# -- asyncio ---------------------------------------------------------------------------------------------------
+
+
+def test_a_cancelled_wait_releases_at_once(robot):
+    async def impatient() -> None:
+        async with AsyncClient(robot.socket()).request("never", id="mine", wait=25):
+            raise AssertionError("it is never ready")
+
+    async def main() -> float:
+        task = asyncio.ensure_future(impatient())
+        while "mine" not in await asyncio.to_thread(ids, robot):
+            await asyncio.sleep(0.01)
+        began = time.monotonic()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert "mine" not in await asyncio.to_thread(ids, robot)
+        return time.monotonic() - began
+
+    assert asyncio.run(main()) < 3
+
+
+def test_a_request_that_is_cancelled_on_its_way_does_not_stay(robot):
+    async def main() -> None:
+        client = AsyncClient(robot.socket())
+        for steps in range(30):  # at whatever it waits for just then
+            task = asyncio.ensure_future(client.request("camera", id=f"brief-{steps}", ttl=None).__aenter__())
+            for _ in range(steps):
+                await asyncio.sleep(0)
+            if task.cancel():
+                with pytest.raises(asyncio.CancelledError):
+                    await task
+            else:
+                await (await task).release()
+
+    asyncio.run(main())
+    assert not [i for i in ids(robot) if i.startswith("brief")]
+
+
+def test_forty_waits_block_no_other_call(robot):
+    async def main() -> float:
+        client = AsyncClient(robot.socket())
+        async with client.request("never"):
+            waits = [asyncio.ensure_future(client.wait("never", timeout=60)) for _ in range(40)]
+            await asyncio.sleep(0)
+            began = time.monotonic()
+            for _ in range(20):
+                await client.service("camera")
+            took = time.monotonic() - began
+            assert not any(w.done() for w in waits)
+            for wait in waits:
+                wait.cancel()
+            await asyncio.wait(waits)
+        await client.close()
+        return took
+
+    assert asyncio.run(main()) < 5
+
+
+# -- restarts of rorg ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kill", [False, True], ids=["SIGTERM", "SIGKILL"])
+def test_who_waits_goes_on_by_itself_when_rorg_is_ended(robot, kill):
+    told: list[str] = []
+
+    def wait() -> None:
+        with robot.client().request("slow", id="sync", wait=40):
+            told.append("sync")
+
+    async def wait_too() -> None:
+        async with AsyncClient(robot.socket()).request("slow", id="async", wait=40):
+            told.append("async")
+
+    threads = [threading.Thread(target=wait), threading.Thread(target=lambda: asyncio.run(wait_too()))]
+    for thread in threads:
+        thread.start()
+    wait_for(lambda: ids(robot) >= {"sync", "async"})
+    robot.stop(kill)
+    robot.start()
+    for thread in threads:
+        thread.join(60)
+    assert sorted(told) == ["async", "sync"]
+    wait_for(lambda: not ids(robot))
+
+
+class Peer:
+    """Stands where rorg should: answers each connection with the next of what it was given, and keeps what it heard."""
+
+    def __init__(self, path: str, *answers: bytes) -> None:
+        self.heard: list[bytes] = []
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(path)
+        self._listener.listen()
+        self._thread = threading.Thread(target=self._run, args=(answers,))
+        self._thread.start()
+
+    def _run(self, answers: tuple[bytes, ...]) -> None:
+        for answer in answers:
+            connection, _ = self._listener.accept()
+            with connection:
+                self.heard.append(connection.recv(65536))
+                connection.sendall(answer)
+
+    def close(self) -> None:
+        self._thread.join(20)
+        self._listener.close()
+
+
+def told(status: str, body: bytes = b"{}", *headers: str) -> bytes:
+    lines = [f"HTTP/1.1 {status}", "content-type: application/json", f"content-length: {len(body)}", *headers, "", ""]
+    return "\r\n".join(lines).encode() + body
+
+
+def test_what_may_not_be_done_twice_is_only_repeated_when_it_did_not_arrive(tmp_path):
+    path = str(tmp_path / "rorg.sock")
+    later = told("503 Not Now", b'{"code": "busy", "title": "cannot", "cause": "it ends"}', "Retry-After: 1")
+    peer = Peer(path, b"", told("200 OK", b"[]"), later, told("200 OK", b'{"services": ["arm"]}', "rorg-generation: 7"),
+                told("200 OK", b"[]"), b"", later)
+    client = Client(path, patience=5)
+    assert client.services() == [], "a read whose connection ended is repeated"
+    assert client.restart("arm") == ["arm"], "so is a restart that was told to come later"
+    client.requests()
+    assert b"rorg-not-before: 7" in peer.heard[4]
+    with pytest.raises(Unreachable, match="not known whether it was done"):
+        client.restart("arm")
+    with pytest.raises(Unreachable, match="it ends"):
+        Client(path, patience=0).services()
+    peer.close()
+
+
+# -- what it reads is not older than what it changed -----------------------------------------------------------
+
+
+def test_a_restart_and_a_changed_manifest_are_waited_for(robot):
+    client = robot.client()
+    with client.request("camera", wait=20):
+        before = client.service("camera")["incarnation"]
+        assert client.restart("camera", wait=20) == ["camera"]
+        second = client.service("camera")["incarnation"]
+        assert second not in ("", before)
+        client.restart("camera")
+        assert client.wait("camera", timeout=20)["camera"]["incarnation"] not in ("", before, second)
+        spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "idle": {"action": "remove"}}
+        for name in ("new-one", "new-one"):
+            client.put_service(name, spec)
+            with client.request(name, wait=20):
+                run = client.service(name)["incarnation"]
+                client.put_service(name, {**spec, "command": ["sh", "-c", "exec sleep 1001"]})
+                assert client.wait(name, timeout=20)[name]["incarnation"] not in ("", run)
+            client.remove_service(name)
+            client.remove_service(name)
+
+
+def test_readiness_of_each_and_as_a_future(robot):
+    client = robot.client()
+    with client.request("camera", "never", wait=None) as held, client.request("slow") as other:
+        assert other.ready(timeout=30).result(40) is other
+        client.wait("camera", timeout=20)
+        found = held.readiness()
+        assert found["camera"]["ready"] and not found["never"]["ready"] and found["never"]["reason"]
+        with pytest.raises(NotReady) as error:
+            held.ready(timeout=0.1).result(20)
+        assert error.value.services["camera"]["ready"] and "never" in error.value.cause
+
+
+# -- losses ----------------------------------------------------------------------------------------------------
+
+
+def test_who_holds_a_request_is_told_what_it_loses(robot, behaviour):
+    people, heard = robot.client(), []
+    with behaviour.request("arm", wait=20, on_lost=heard.append) as held:
+        assert not held.lost.is_set()
+        wait_for(lambda: behaviour.watcher._connections)
+        people.hold("lidar", 30, "cleaning")
+        wait_for(lambda: {loss.service for loss in heard} == {"arm", "lidar"})
+        assert {loss.cause for loss in heard} == {"held"} and held.lost.wait(5)
+        assert any("cleaning" in loss.message for loss in heard)
+        people.unhold("lidar")
+        held.wait(20)
+        assert not held.lost.is_set() and not held.losses
+        robot.kill_service(people.service("lidar")["pid"])
+        wait_for(lambda: [loss.cause for loss in held.losses if loss.service == "lidar"] == ["crashed"])
+        held.wait(30)
+        people.restart("arm")
+        wait_for(lambda: [loss.cause for loss in held.losses] == ["restarted"])
+        events = list(behaviour.events(tail=10_000))
+        assert {e["kind"] for e in events} >= {"lost", "hold"}
+        assert not [e for e in events if e.get("service") == "slow"], "what others do is not its to see"
+        assert [e for e in people.events(tail=10_000, mine=True, requester="behaviour") if e["kind"] == "lost"]
+
+
+def test_why_something_is_lost_is_a_word(robot):
+    client = robot.client()
+    with client.request("low", wait=20) as held:
+        assert not held.lost.is_set()
+        wait_for(lambda: client.watcher._connections)
+        with client.request("high", wait=20):
+            assert held.lost.wait(20) and [loss.cause for loss in held.losses] == ["preempted"]
+    spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "idle": {"action": "remove"}}
+    client.put_service("changing", spec)
+    with client.request("changing", wait=20) as held:
+        assert not held.lost.is_set()
+        client.put_service("changing", {**spec, "command": ["sh", "-c", "exec sleep 1001"]})
+        assert held.lost.wait(20) and held.losses[0].cause == "replaced"
+        held.wait(20)
+        client.remove_service("changing")
+        assert held.lost.wait(20) and held.losses[0].cause == "ceased"
+
+
+def test_what_was_lost_while_rorg_was_away_is_told_too(robot):
+    async def main() -> list[Loss]:
+        client = AsyncClient(robot.socket())
+        async with client.request("camera", wait=20) as held:
+            held.lost.clear()
+            pid = (await client.service("camera"))["pid"]
+            await asyncio.to_thread(robot.stop)
+            await asyncio.to_thread(robot.kill_service, pid)
+            robot.start()
+            await asyncio.wait_for(held.lost.wait(), 40)
+            return held.losses
+
+    assert [loss.service for loss in asyncio.run(main())] == ["camera"]
+
+
+# -- processes -------------------------------------------------------------------------------------------------
+
+FORKED = """
+import os, sys
+from rorg_client import Client
+client = Client(sys.argv[1])
+with client.request("camera", id="parents", wait=20, ttl=2) as held:
+    child = os.fork()
+    if child:
+        assert os.waitpid(child, 0)[1] == 0
+        assert [r["id"] for r in client.requests()] == ["parents"], client.requests()
+    else:
+        held.release()
+        with client.request("lidar", id="childs"):
+            assert len(client.requests()) == 2
+if child:
+    assert not client.requests()
+"""
+
+
+def test_a_forked_child_that_leaves_the_block_releases_nothing_of_its_parent(robot):
+    done = subprocess.run([sys.executable, "-c", FORKED, robot.socket()], timeout=60, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+# -- services that manage services -----------------------------------------------------------------------------
+
+
+def test_a_service_manages_what_its_manifest_lets_it(robot, behaviour):
+    spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "needs": ["lidar"]}
+    behaviour.put_service("lab-probe", spec)
+    with behaviour.request("lab-probe", wait=20):
+        run = behaviour.service("lab-probe")["incarnation"]
+        assert behaviour.restart("lab-probe", wait=20) == ["lab-probe"]
+        assert behaviour.service("lab-probe")["incarnation"] != run
+        behaviour.put_service("lab-probe", {**spec, "priority": 10})
+        assert [m["name"] for m in behaviour.manifests()] == ["lab-probe"]
+        assert "priority" in behaviour.manifest("Service", "lab-probe")
+    for name, more in (
+            ("other", {}), ("lab-x", {"driver": {}}), ("lab-x", {"container": {"privileged": True}}),
+            ("lab-x", {"container": {"volumes": ["/:/host"]}}), ("lab-x", {"needs": ["slow"]}),
+            ("lab-x", {"conflicts": ["camera"]}), ("lab-x", {"priority": 51}), ("lab-x", {"may_manage": ["*"]}),
+            ("lab-x", {"may_restart": ["lidar"]}), ("lab-x", {"mounts": ["../services:/x"]}),
+            ("lab-x", {"always_on": True})):
+        with pytest.raises(Forbidden):
+            behaviour.put_manifest("Service", name, manifest(name, {**spec, **more}), None)
+    with pytest.raises(Forbidden):
+        behaviour.put_manifest("Policy", "lab-policy", manifest("lab-policy", {}), None)
+    with pytest.raises(Forbidden):
+        behaviour.manifest("Service", "camera")
+    with pytest.raises(Forbidden):
+        behaviour.delete_manifest("Service", "camera", "0")
+    behaviour.remove_service("lab-probe")
+    assert not behaviour.manifests()
+
+
+def manifest(name: str, spec: dict) -> str:
+    from rorg_client import manifest_text
+
+    return manifest_text("Service", name, spec)
+
+
+# -- TLS -------------------------------------------------------------------------------------------------------
+
+
+def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
+    for name, authority in (("authority", ""), ("robot", "authority"), ("ada", "authority"), ("stranger", "")):
+        certificate(tmp_path, name, authority)
+    port = free_port()
+    robot = RorgProcess(tmp_path, {"camera": {}}, "--listen", f"127.0.0.1:{port}", *(
+        word for kind, file in (("cert", "robot.pem"), ("key", "robot.key"), ("ca", "authority.pem"))
+        for word in (f"--tls-{kind}", str(tmp_path / file)))).start()
+    files = {"ca": str(tmp_path / "authority.pem"), "cert": str(tmp_path / "ada.pem"), "key": str(tmp_path / "ada.key")}
+    address = f"https://127.0.0.1:{port}"
+
+    async def main() -> str:
+        client = AsyncClient(address, **files)
+        async with client.request("camera", wait=20) as held:
+            robot.process.kill()
+            robot.process.wait()
+            robot.start()
+            await held.wait(30)
+            assert [e async for e in client.events(tail=1)]
+            return (await client.service("camera"))["health"]
+
+    try:
+        with Client(address, **files).request("camera", id="over", wait=30) as held:
+            assert held.client.service("camera")["health"] == "Healthy"
+        assert asyncio.run(main()) == "Healthy"
+        with pytest.raises(Unreachable):
+            Client(address, patience=0.0, ca=files["ca"], cert=str(tmp_path / "stranger.pem"),
+                   key=str(tmp_path / "stranger.key")).services()
+        names = {f"RORG_{kind.upper()}": file for kind, file in files.items()}
+        for words, code, said in (
+                (["request", "camera", "--id", "cli", "--wait"], 0, "request 'cli'"),
+                (["get", "services", "camera"], 0, "Healthy"), (["restart", "camera", "--wait"], 0, "camera"),
+                (["events"], 0, "ada"), (["release", "cli"], 0, "released"),
+                (["diff", str(robot.tree)], 5, "RORG_ADDRESS")):
+            done = subprocess.run([sys.executable, "-m", "rorg", *words], capture_output=True, text=True, timeout=60,
+                                  cwd=robot.tree.parent, env={**os.environ, "RORG_ADDRESS": address, **names})
+            assert done.returncode == code and said in done.stdout + done.stderr, (words, done.stdout, done.stderr)
+    finally:
+        robot.close()
+
+
+# -- the package -----------------------------------------------------------------------------------------------
+
+EVERYWHERE = """
+import asyncio, sys
+import rorg_client as rorg
+client = rorg.Client(sys.argv[1])
+with client.request("camera", wait=20, on_lost=print) as held:
+    assert client.service("camera")["health"] == "Healthy" and not held.lost.is_set()
+    assert held.ready().result(20) is held
+
+async def main():
+    client = rorg.AsyncClient(sys.argv[1])
+    async with client.request("camera", wait=20) as held:
+        assert (await held.readiness())["camera"]["ready"] and not held.lost.is_set()
+        await client.restart("camera", wait=20)
+        await asyncio.wait_for(held.lost.wait(), 20)
+        task = asyncio.ensure_future(client.request("never", wait=25).__aenter__())
+        await asyncio.sleep(0.2)
+        task.cancel()
+        await asyncio.wait([task])
+    assert [e async for e in client.events(tail=3)]
+    await client.close()
+
+asyncio.run(main())
+assert not client.requests()
+"""
+
+
+def pythons() -> list[str]:
+    """The oldest and the newest at hand."""
+    folders = sorted((ROOT.home() / ".pyenv/versions").glob("3.*"), key=lambda p: [
+        int(n) for n in p.name.split(".") if n.isdigit()])
+    found = [str(f / "bin/python") for f in folders if [int(n) for n in f.name.split(".")[:2]] >= [3, 8]]
+    return [found[0], found[-1]] if found else [sys.executable]
+
+
+@pytest.mark.parametrize("python", pythons())
+def test_it_works_on_old_and_new_pythons(robot, python):
+    done = subprocess.run([python, "-W", "error", "-c", EVERYWHERE, robot.socket()], timeout=90, capture_output=True,
+                          text=True, env={**os.environ, "PYTHONPATH": str(ROOT / "clients/python")})
+    assert done.returncode == 0, done.stderr
+
+
+def test_it_is_imported_in_no_time():
+    code = "import time; b = time.perf_counter(); import rorg_client; print(time.perf_counter() - b)"
+    wait_for(lambda: float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                                          check=True).stdout) < 0.04, 30, "an import in 40 ms, if the machine lets it")
+
+
+MISSPELT = """
+import rorg_client as rorg
+
+rorg.request("camera", waiit=20)
+rorg.client().request("camera", prioritty=20)
+rorg.AsyncClient().request("camera", waiit=20)
+rorg.client().service("camera")["helth"]
+rorg.client().wait("camera", timout=2)
+"""
+
+
+def test_mypy_takes_the_examples_and_no_misspelt_keyword(tmp_path):
+    wrong = tmp_path / "misspelt.py"
+    wrong.write_text(MISSPELT)
+    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"),
+                           "--no-error-summary", str(ROOT / "clients/python/rorg_client"),
+                           *map(str, sorted((ROOT / "clients/python/examples").glob("*.py"))), str(wrong)],
+                          capture_output=True, text=True, cwd=tmp_path)
+    errors = [line for line in done.stdout.splitlines() if ": error:" in line]
+    assert [int(line.split(":")[1]) for line in errors] == [4, 5, 6, 7, 8], done.stdout + done.stderr
+    assert all(line.startswith("misspelt.py:") for line in errors)
+
+
+def test_types_are_those_of_the_api():
+    from rorg_client import types
+
+    from rorg.daemon.openapi import document
+
+    schemas = document()["components"]["schemas"]
+    same = {"ServiceView": "ServiceView", "ConditionView": "Condition", "RequestView": "RequestView", "Why": "Why",
+            "Usage": "Usage", "ServiceUsage": "ServiceUsage", "ManifestView": "ManifestView", "GroupView": "GroupView"}
+    for schema, name in same.items():
+        known = set(getattr(types, name).__annotations__) | {"generation"}
+        assert set(schemas[schema]["properties"]) | {"generation"} == known, f"{name} is not {schema}"
+
+
+def test_an_error_keeps_what_it_says_when_it_is_sent_to_another_process():
+    import pickle
+
+    error = pickle.loads(pickle.dumps(NotReady("cannot x", "y", "z", "not-ready", 504)))
+    assert isinstance(error, Error) and (error.cause, error.status) == ("y", 504)
