@@ -304,7 +304,6 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
     finally:
         rorg.end()
         print("\n".join(rorg.log.read_text().splitlines()[-40:]))
-        print(b"".join(robot.engine.logs(robot.container("rorg_ros").id, False, 40)).decode())
         robot.close()
 
 
