@@ -21,13 +21,16 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     asked_at, client = wall_clock(), context.client()
     if client:
         try:
-            names = client.restart(service, force=yes, wait=timeout if wait else None)
+            names = client.restart(service, force=yes)
         except RefusedByApi as refused:
             _confirm(service, refused.cause)
-            names = client.restart(service, force=True, wait=timeout if wait else None)
+            names = client.restart(service, force=True)
     else:
         names = _write(context, service, yes, asked_at)
     typer.echo(f"restart of {', '.join(names)} asked for")
+    if wait and client:
+        active = [n for n in names if client.service(n)["wanted"]]
+        client.wait(*active, timeout=timeout)
 
 
 def _confirm(service: str, why: str) -> None:

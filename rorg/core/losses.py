@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.plan import Action
-from rorg.core.status import ENDS
+from rorg.core.status import ends
 from rorg.manifest.references import closure
 
 
@@ -62,14 +62,18 @@ def _ending(decision: Decision) -> dict[str, Action | None]:
         n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation)
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
-    return found | {a.service: a for a in (*planned, *under_way) if a.verb in ENDS}
+    return found | {a.service: a for a in (*planned, *under_way) if ends(a)}
 
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:
     situation, step = decision.situation, decision.memory.of(name)
-    if name in situation.gave_way:
-        return _barred(decision, name), situation.gave_way[name]
     if name not in situation.wanted:
+        services = situation.desired.catalog.services
+        # It gives way itself, or what it is needed for does.
+        first = next((n for n in (name, *situation.gave_way) if n in situation.gave_way and name in closure(
+            services, [n])), "")
+        if first:
+            return _barred(decision, first), situation.gave_way[first]
         return "ceased", "nothing wants it any more"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of == "replace" else "restarted"), action.reason

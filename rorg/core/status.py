@@ -135,12 +135,18 @@ ENDS = ("pause", "stop", "remove")
 """Verbs after which a run does not go on."""
 
 
+def ends(action: Action) -> bool:
+    """Whether the run of a service does not go on after it. Where a container is made to take another one's place,
+    that one's run is over too: while it is made, nothing else is planned for the service."""
+    return action.verb in ENDS or (action.verb == "create" and action.part_of == "replace")
+
+
 def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
     """Why the run of now is about to end, though it answers still; empty when it goes on."""
     flight = situation.memory.in_flight.get(service.name)
     planned = () if situation.suspended else actions
     for action in (*([flight.action] if flight else []), *planned):
-        if action.verb in ENDS and current is not None and action.container == current.id:
+        if ends(action) and current is not None and action.container in ("", current.id):
             return f"{action.verb}: {action.reason}"
     asked = situation.restarts.get(service.name)
     return "restart asked for" if current is not None and asked == current.incarnation else ""

@@ -27,6 +27,7 @@ def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
     if source is None or not isinstance(source.spec, ServiceSpec):
         return  # that it is wrong is told where manifests are checked
     found = list(_beyond(source.spec, name, catalog.services[caller.service], catalog))
+    found += ["labels"] if source.labels else []  # they say, for one, whose ROS nodes these are
     if found:
         raise Forbidden(f"change the Service '{name}'", f"{caller.service} may not give it {'; '.join(found)}",
                         "a profile that a person writes, or a person")

@@ -84,8 +84,9 @@ class AsyncRequest(Kept):
 
     async def wait(self, timeout: float = 30.0) -> AsyncRequest:
         """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
-        self.ready_now(await self.client.wait(*self.services, timeout=timeout))
-        if self._lost is not None:
+        known = len(self.losses)
+        lost = self.ready_now(await self.client.wait(*self.services, timeout=timeout), known)
+        if self._lost is not None and not lost:
             self._lost.clear()
         return self
 

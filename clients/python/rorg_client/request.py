@@ -46,9 +46,13 @@ class Kept:
         """Whether it is this process's to keep and to release."""
         return not self._given_up and self._pid == os.getpid()
 
-    def ready_now(self, found: dict[str, Readiness]) -> None:
+    def ready_now(self, found: dict[str, Readiness], known: int) -> bool:
+        """Forgets the losses that were `known` when it was asked, and says whether one has come since of a run that
+        was told to be ready: then it was lost between the answer and now."""
         self.runs = {name: told["incarnation"] for name, told in found.items() if told["incarnation"]}
-        self.losses = []
+        self.losses = [loss for loss in self.losses[known:]
+                       if loss.incarnation and self.runs.get(loss.service) == loss.incarnation]
+        return bool(self.losses)
 
     def takes(self, loss: Loss) -> bool:
         """Whether it is news, and then keeps it in mind. That it was dropped is told by two ways."""
@@ -79,7 +83,7 @@ class Request(Kept):
                  priority: int | None, requester: str | None) -> None:
         super().__init__(services, id, ttl, reason, priority, requester)
         self.client = client
-        self._over, self._lost = threading.Event(), threading.Event()
+        self._over, self._lost, self._guard = threading.Event(), threading.Event(), threading.Lock()
         self._callbacks: list[Callable[[Loss], None]] = []
         self._beat: threading.Thread | None = None
 
@@ -111,9 +115,11 @@ class Request(Kept):
 
     def wait(self, timeout: float = 30.0) -> Request:
         """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
+        known = len(self.losses)
         found = self.client.wait(*self.services, timeout=timeout)
-        self.ready_now(found)
-        self._lost.clear()
+        with self._guard:
+            if not self.ready_now(found, known):
+                self._lost.clear()
         return self
 
     def ready(self, timeout: float = 30.0) -> Future[Request]:
@@ -156,10 +162,12 @@ class Request(Kept):
 
     def note(self, loss: Loss) -> None:
         """Something was lost."""
-        if self.takes(loss):
-            self._lost.set()
-            for call in list(self._callbacks):
-                tell(call, loss)
+        with self._guard:
+            news = self.takes(loss)
+            if news:
+                self._lost.set()
+        for call in list(self._callbacks) if news else ():
+            tell(call, loss)
 
     # -- the end -----------------------------------------------------------------------------------------------
 
