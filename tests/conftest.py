@@ -177,12 +177,12 @@ catkin_make_isolated --install --install-space /out
 g++ -O1 -I/out/include /nodes/caller.cpp -o /out/caller $(pkg-config --cflags --libs roscpp)"""
 
 
-@pytest.fixture
-def package(dockerd, ros_image, tmp_path):
+@pytest.fixture(scope="session")
+def package(dockerd, ros_image, tmp_path_factory):
     """The install space of the package, built by catkin; and a caller in C++."""
     import docker
 
-    out = tmp_path / "out"
+    out = tmp_path_factory.mktemp("package") / "out"
     out.mkdir()
     api = docker.APIClient(dockerd.host, version="auto")
     made = api.create_container(ros_image, ["bash", "-c", BUILD], host_config=api.create_host_config(

@@ -102,7 +102,7 @@ def test_plan(path, tmp_path):
     catalog = catalog_of(case, tmp_path)
     containers = [container_of(entry, catalog) for entry in case.get("observed", [])]
     requests = tuple(Request(r["id"], r.get("requester", "developer"), tuple(r["services"]),
-                             incarnation=r.get("incarnation"), priority=r.get("priority"))
+                             incarnation=r.get("incarnation"), priority=r.get("priority"), ttl=r.get("ttl"))
                      for r in case.get("requests", []))
     now = float(case["now"])
     wall = parse_time("2026-02-01T00:00:00Z") + now

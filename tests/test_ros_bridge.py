@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-import sys
 
 from conftest import ROOT, free_port
 from robots import RealRobot
@@ -23,10 +21,11 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
                     f"{ROOT / 'clients/python/rorg_client'}:/program/rorg_client:ro", f"{NODES}:/nodes:ro",
                     f"{tmp_path}:/told"]}}
     tree["rorg_ros"] = {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
-                        "may_request": ["camera"], "may_restart": ["camera"]}
+                        "may_act_for": ["behaviour", "cpp"]}
     tree["behaviour"] = {**ros, "command": "python3 /nodes/behaviour.py /told/told", "needs": ["rorg_ros"],
-                         "restart": "never"}
-    tree["cpp"] = {**ros, "command": "/bridge/caller /camera", "needs": ["rorg_ros"], "restart": "never"}
+                         "restart": "never", "may_request": ["camera"], "may_restart": ["camera"]}
+    tree["cpp"] = {**ros, "command": "/bridge/caller /camera", "needs": ["rorg_ros"], "restart": "never",
+                   "may_request": ["camera"]}
     try:
         robot.declare(tree)
         robot.request("behaviour", id="run")
@@ -37,53 +36,13 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         assert told["forbidden"][0] is False and "may request camera" in told["forbidden"][1]
         assert told["restart"][0] is True and "may restart camera" in told["restart_arm"][1]
         assert "camera" in told["status"]
-        assert {r.requester for r in robot.requests()} == {"developer", "rorg_ros"}
+        assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
         robot.kill("behaviour")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
         robot.request("cpp", id="run")
-        robot.wait(lambda: any(r.id.startswith("caller.cpp.") and r.services == ("camera",)
-                               for r in robot.requests()), 60)
+        robot.wait(lambda: ("cpp", "ros1:caller:cpp", ("camera",)) in [
+            (r.requester, r.id, r.services) for r in robot.requests()], 60)
         robot.kill("cpp")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
     finally:
         robot.close()
-
-
-def test_no_two_callers_share_a_request():
-    """Its logic, which the ROS 2 node shares, without any ROS."""
-    sys.path.insert(0, str(PACKAGE / "src"))
-    from rorg_ros.bridge import request_id
-
-    assert request_id("/tour/guide", "x y").startswith("tour.guide.x.y.")
-    assert re.fullmatch("[0-9a-f]{8}", request_id("/", ""))
-    assert len(request_id("/a" * 100, "b")) <= 64
-    names = [("/a" * 100, "b"), ("/a" * 100, "c"), ("/a/b", "c"), ("/a", "b.c"), ("/a.b", "c")]
-    assert len({request_id(*name) for name in names}) == len(names), "no two share a request"
-
-
-class Held:
-    """A request that somebody holds; `meanwhile` happens while it is looked at."""
-
-    def __init__(self) -> None:
-        self.released = False
-
-    def release(self) -> None:
-        self.released = True
-
-
-def test_a_caller_that_came_back_keeps_what_it_asked_for_since():
-    sys.path.insert(0, str(PACKAGE / "src"))
-    from rorg_ros.bridge import Bridge
-
-    old, new = Held(), Held()
-    bridge = Bridge(None, lambda caller: False)
-
-    def alive(caller: str) -> bool:
-        bridge._held["/tour", "request"] = new
-        return False
-
-    bridge._held["/tour", "request"], bridge.alive = old, alive
-    assert bridge.sweep() == ["/tour"]
-    assert not new.released
-    bridge.close()
-    assert new.released

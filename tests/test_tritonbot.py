@@ -159,12 +159,12 @@ def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, la
     edit(triton, "behavioral", image="rorg-base", command=[*command, str(steps), *words], restart="never",
          profile="common", may_request=sorted({s for a in actions for s in a["requests"]}),
          container={"volumes": [*mounts, f"{steps}:{steps}"]})
-    play(triton, steps, actions, "behavioral")
+    play(triton, steps, actions)
 
 
-def play(triton: RealRobot, steps, actions: list[dict], holder: str, also: tuple[str, ...] = ()) -> None:
-    """Steps a behaviour program through its actions, then kills it while it holds the last. `holder` is whose requests
-    they are; `also` what runs besides."""
+def play(triton: RealRobot, steps, actions: list[dict], also: tuple[str, ...] = ()) -> None:
+    """Steps a behaviour program through its actions, then kills it while it holds the last. `also` is what runs
+    besides."""
     always = {*CYCLE["always_on"], *also}
     triton.with_door = True
     triton.start()
@@ -179,7 +179,7 @@ def play(triton: RealRobot, steps, actions: list[dict], holder: str, also: tuple
         triton.wait(lambda action=action: triton.active() == expected(action) | always, 60)
         if action is not actions[-1]:
             (steps / f"next-{action['name']}").touch()
-    assert [r.requester for r in triton.requests()] == ["developer", holder]
+    assert [r.requester for r in triton.requests()] == ["developer", "behavioral"]
     triton.kill("behavioral")
     killed = time.monotonic()
     triton.wait(lambda: [r.requester for r in triton.requests()] == ["developer"])
@@ -202,12 +202,13 @@ def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, pack
                        f"{CLIENT}:/program/rorg_client:ro", f"{steps}:{steps}"]}
     bridge = {"image": ros_image, "command": "/bridge/lib/rorg_ros/rorg_node.py", "profile": "common",
               "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "container": ros,
-              "may_request": sorted({s for a in actions for s in a["requests"]})}
+              "may_act_for": ["*"]}
     (triton.tree / "services/rorg_ros.yaml").write_text(yaml.safe_dump(
         {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge}))
     edit(triton, "behavioral", image=ros_image, command=["python3", "/nodes/cycle.py", str(steps), *words],
-         restart="never", profile="common", needs=["rorg_ros"], container=ros)
-    play(triton, steps, actions, "rorg_ros", ("rorg_ros",))
+         restart="never", profile="common", needs=["rorg_ros"], container=ros,
+         may_request=sorted({s for a in actions for s in a["requests"]}))
+    play(triton, steps, actions, ("rorg_ros",))
 
 
 def edit(robot: RealRobot, name: str, **fields) -> None:

@@ -67,7 +67,9 @@ def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Obs
     for request in requests:
         service = catalog.services.get(request.requester)
         bodiless = service is not None and service.meta and request.incarnation is None
-        if request.standing or not observed.complete or bodiless:
+        # A bridge asks for callers that outlive its own runs: what it holds ends with its lease.
+        carried = service is not None and service.may_act_for and request.ttl is not None
+        if request.standing or not observed.complete or bodiless or carried:
             kept.append(request)
             continue
         containers = by_service.get(request.requester, [])

@@ -14,7 +14,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
-from rorg.daemon.api_common import Who, needs
+from rorg.daemon.api_common import Requester, Who, needs
 from rorg.daemon.api_events import add_events
 from rorg.daemon.api_manifests import add_manifests
 from rorg.daemon.api_models import (
@@ -22,6 +22,7 @@ from rorg.daemon.api_models import (
     GroupView,
     Held,
     HoldBody,
+    Listener,
     Problem,
     PutRequest,
     RequestView,
@@ -57,7 +58,6 @@ def accepted(generation: int, body: dict[str, Any] | None = None) -> Response:
     return JSONResponse({**body, "generation": generation}, headers=headers)
 
 
-Requester = Annotated[str | None, Query(description="Whose request; by default the caller's own.", max_length=64)]
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
 
 
@@ -65,6 +65,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
     """The application. `changed()` is an event that is set at the next pass of the loop, or line of the journal."""
     app = FastAPI(title="rorg", version=__version__, docs_url=None, redoc_url=None, openapi_url="/v1/openapi.json",
                   responses=RESPONSES)
+    app.state.robot = robot
     _errors(app)
     _reading(app, robot)
     _requests(app, robot, changed)
@@ -164,6 +165,11 @@ def _reading(app: FastAPI, robot: Robot) -> None:
         """What is to be done, and what waits for what."""
         return text(robot.decision.plan.as_json())
 
+    @app.get("/v1/listeners/{port}", dependencies=read, response_model=Listener)
+    def listener(port: Annotated[int, Path(ge=1, le=65535)]) -> Response:
+        """Which service listens at a TCP port of this machine: tells a bridge whose program calls it."""
+        return text({"port": port, "service": robot.listener(port)})
+
     @app.get("/v1/usage", dependencies=read, response_model=Usage)
     def usage() -> Response:
         """CPU seconds and memory of each service that runs, and of the machine."""
@@ -207,7 +213,7 @@ def _requests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) 
 
 def _people(app: FastAPI, robot: Robot) -> None:
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
-    async def restart(name: str, caller: Who, force: bool = False) -> Response:
+    async def restart(name: str, caller: Who, force: bool = False, requester: Requester = None) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         generation = await asyncio.wrap_future(robot.restart(caller, name, force))
         return accepted(generation, {"services": list(robot.members(name))})

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Depends, Request
+from fastapi import Depends, Query, Request
 
-from rorg.daemon.rights import Caller, allow
+from rorg.daemon.rights import Caller, acting, allow
+
+Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.", max_length=64)]
 
 
 def caller_of(request: Request) -> Caller:
-    """Who is at the other end of the connection, as the door found out."""
-    return getattr(request.state, "caller", Caller())
+    """Who is at the other end of the connection, as the door found out; where a service acts for another, that one."""
+    found: Caller = getattr(request.state, "caller", Caller())
+    requester = request.query_params.get("requester")
+    if requester is None or found.kind != "service" or requester == found.service:
+        return found
+    return acting(found, requester, request.app.state.robot.catalog)
 
 
 Who = Annotated[Caller, Depends(caller_of)]

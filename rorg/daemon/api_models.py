@@ -104,6 +104,11 @@ class Why(BaseModel):
     waits: list[str]
 
 
+class Listener(BaseModel):
+    port: int
+    service: str
+
+
 class ServiceUsage(BaseModel):
     cpu_seconds: float
     memory: int

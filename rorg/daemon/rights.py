@@ -7,10 +7,10 @@ import os
 import pwd
 import socket
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rorg.errors import Forbidden
-from rorg.manifest.catalog import DEVELOPER, Catalog, Service
+from rorg.manifest.catalog import DEVELOPER, EVERY, Catalog, Service
 
 OPERATIONS = {
     "read": ("developer", "service"),
@@ -22,8 +22,9 @@ OPERATIONS = {
     "plan": ("developer",),
     "events": ("developer", "service"),
 }
-"""Operation -> the kinds of caller that may. A service may only request for itself, and only what its manifest says
-(`may_request`, `may_restart`, `may_manage`); it sees only events about its own requests and what they name."""
+"""Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
+what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
+requests and what they name."""
 
 
 WORDS = {"read": "see how services are", "request": "request services", "restart": "restart services",
@@ -43,10 +44,14 @@ class Caller:
     pid: int = 0
     certificate: str = ""
     """Common name of a TLS client certificate."""
+    via: str = ""
+    """The service that acts for this caller."""
 
     @property
     def author(self) -> str:
         """For events and commits."""
+        if self.via:
+            return f"{self.requester} by way of {self.via}"
         if self.kind == "service":
             return self.service
         if self.certificate:
@@ -94,6 +99,20 @@ def allow(caller: Caller, operation: str) -> None:
         remedy = "a person in the group of rorg" + (
             f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else "")
         raise Forbidden(WORDS[operation], f"{who} may not", remedy)
+
+
+def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
+    """The caller for whom a service acts, with that one's rights. Raises Forbidden where it may not act for it."""
+    declared = catalog.services.get(caller.service)
+    named = declared.may_act_for if declared else ()
+    allowed = {m for other in named for m in catalog.members(other)}
+    if EVERY in named:
+        allowed |= set(catalog.services) - {DEVELOPER}
+    if name not in allowed:
+        raise Forbidden(f"request as {name}", f"{caller.service} may only request for itself" + (
+            f", {', '.join(named)}" if named else ""), f"no requester, or `may_act_for: [{name}]` in its manifest")
+    who = Caller("developer") if name == DEVELOPER else Caller("service", service=name)
+    return replace(who, via=caller.service)
 
 
 def allow_request(caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog) -> None:

@@ -19,6 +19,7 @@ from rorg.daemon.rights import Caller, allow_request, allow_restart
 from rorg.daemon.snapshot import request_json, snapshot
 from rorg.daemon.wiring import wall_clock
 from rorg.errors import Busy, Invalid, Missing, Refused
+from rorg.host.listeners import lineage, listening
 from rorg.host.load import machine
 from rorg.manifest.catalog import Catalog, Hold, Request, Service
 from rorg.manifest.diagnostics import nearest
@@ -144,6 +145,21 @@ class Robot:
                                                 for n, (c, m) in self.loop.use().items()},
                 "machine": machine()}
 
+    def listener(self, port: int) -> str:
+        """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets, and asks the
+        engine where nobody is known: a program may call before the loop has seen it run."""
+        forebears = lineage(listening(port))
+        runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
+        if forebears and not runs.keys() & set(forebears):
+            containers = self.loop.engine.list()
+            if any(c.brief for c in containers):
+                raise Busy(f"find who listens at port {port}", "the engine holds back what runs", "again in a moment")
+            runs = {c.pid: c.service for c in containers if c.alive}
+        found = next((runs[pid] for pid in forebears if pid in runs), None)
+        if found is None:
+            raise Missing(f"find who listens at port {port}", "no service's process is known to")
+        return found
+
     # -- changing ----------------------------------------------------------------------------------------------
 
     def put_request(self, caller: Caller, request: Request) -> Future[int]:
@@ -169,9 +185,9 @@ class Robot:
                             f"{', '.join(request.services)}", service=request.requester)
 
     def runs(self, name: str) -> bool:
-        """Whether its container is seen to be alive."""
+        """Whether its container is seen to be alive; a meta-service always is."""
         status = self.statuses().get(name)
-        return status is not None and bool(status.incarnation)
+        return status is not None and (status.state == "meta" or bool(status.incarnation))
 
     def _incarnation(self, requester: str) -> str | None:
         """The run of the requester that a request belongs to; None for those that have no container."""

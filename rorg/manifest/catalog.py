@@ -12,6 +12,9 @@ from rorg.manifest.diagnostics import Where
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
 
+EVERY = "*"
+"""In `may_act_for`: every service, except developer."""
+
 RUN = "${rorg.run}"
 """Stands for the directory of rorg's sockets until it is known which rorg runs this tree."""
 
@@ -70,6 +73,8 @@ class Service:
     """Services and groups that it may request through the API."""
     may_restart: tuple[str, ...] = ()
     """Those that it may restart."""
+    may_act_for: tuple[str, ...] = ()
+    """Those in whose name it may act, as a bridge does for its callers; `*` for every service but developer."""
     may_manage: tuple[str, ...] = ()
     """Patterns of names of those that it may create, change and remove."""
     idle: Idle = Idle()
@@ -105,7 +110,7 @@ class Service:
     @property
     def calls(self) -> bool:
         """It has a socket of rorg's."""
-        return bool(self.may_request or self.may_manage)
+        return bool(self.may_request or self.may_manage or self.may_act_for)
 
     def manages(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.may_manage)

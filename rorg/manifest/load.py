@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.catalog import DEVELOPER, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
+from rorg.manifest.catalog import DEVELOPER, EVERY, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
 from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.idling import check_idling
@@ -129,9 +129,9 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
     for name, source in by_kind.get("Service", {}).items():
-        for field in ("may_request", "may_restart"):
+        for field in ("may_request", "may_restart", "may_act_for"):
             for index, other in enumerate(getattr(services[name], field)):
-                if other not in known:
+                if other not in known and (field, other) != ("may_act_for", EVERY):
                     diagnostics.append(Diagnostic(source.where("spec", field, index), f"unknown service '{other}'",
                                                   nearest(other, known)))
     requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})

@@ -107,6 +107,10 @@ class ServiceSpec(Strict):
     may_restart: list[Name] = Field(
         default_factory=list, json_schema_extra={"x-rorg-change": "none"},
         description="Services and groups that it may restart, beside requesting something.")
+    may_act_for: list[Name | Literal["*"]] = Field(
+        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        description="Services and groups in whose name it may act, within what their manifests allow to them: for a "
+                    "bridge that they call. \"*\" is every service, but not `developer`. Gives it rorg's socket.")
     may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = Field(
         default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
         description="Patterns of names, such as lab-*: services that it may create, change, remove, request and "

@@ -56,6 +56,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         exclusive=dict(spec.exclusive),
         may_request=tuple(spec.may_request),
         may_restart=tuple(spec.may_restart),
+        may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
         idle=_idle(idle),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
@@ -130,7 +131,7 @@ def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> It
     if mounts:  # not merged: a volume of this manifest at the same place is a mistake
         own = {**own, "volumes": own.get("volumes", []) + mounts}
     yield own, "this manifest"
-    if spec.may_request or spec.may_manage:
+    if spec.may_request or spec.may_manage or spec.may_act_for:
         folder = f"{RUN}/services/{source.name}"
         # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}

@@ -13,11 +13,11 @@ request = rospy.ServiceProxy("/rorg/request", RequestServices)
 restart = rospy.ServiceProxy("/rorg/restart", RestartService)
 request.wait_for_service(30)
 told = {}
-done = request("look", ["/camera"], "to see", 30.0)
+done = request("look", ["/camera"], "to see", 30.0, 0.0)
 told["request"] = [done.success, done.message]
 done = rospy.ServiceProxy("/rorg/query", QueryService)("/camera")
 told["query"] = [done.success, done.status.name, done.status.health]
-done = request("other", ["roscore"], "", 0.0)
+done = request("other", ["roscore"], "", 0.0, 0.0)
 told["forbidden"] = [done.success, done.message]
 done = restart("camera", False)
 told["restart"] = [done.success, done.message]

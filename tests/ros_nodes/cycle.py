@@ -11,7 +11,7 @@ request = rospy.ServiceProxy("/rorg/request", RequestServices)
 directory = pathlib.Path(sys.argv[1])
 for word in sys.argv[2:]:
     name, _, services = word.partition("=")
-    done = request("tour", services.split(","), name, 60.0)
+    done = request("tour", services.split(","), name, 60.0, 0.0)
     if not done.success:
         sys.exit(done.message)
     (directory / f"ready-{name}").touch()

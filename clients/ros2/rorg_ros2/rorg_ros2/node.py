@@ -1,4 +1,4 @@
-"""The ROS 2 node /rorg: services request, release, query and restart, and the latched topic status."""
+"""The ROS 2 node /rorg: services request, release, query, restart and manifests, and the latched topic status."""
 
 from __future__ import annotations
 
@@ -8,13 +8,40 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rorg_ros2_interfaces.msg import ServiceStatus, Status
-from rorg_ros2_interfaces.srv import QueryService, ReleaseServices, RequestServices, RestartService
+from rorg_ros2_interfaces.srv import (
+    GetManifest,
+    PutManifest,
+    QueryService,
+    ReleaseServices,
+    RemoveManifest,
+    RequestServices,
+    RestartService,
+)
 
-from rorg.client import Client, Error
-from rorg_ros2.bridge import Bridge
+from rorg_ros2.bridge import Bridge, Client, Error, Graph
 
 LEASE = 20
 """Seconds for which a caller may be out of the graph: a paused participant leaves it after 10 to 20 s."""
+
+
+class Discovered(Graph):
+    """The graph as DDS discovers it. Who runs a node is known by what manifests declare: it has no port of its own."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.seen: dict[str, float] = {}
+
+    def alive(self, node: str) -> bool:
+        now = self.node.get_clock().now().nanoseconds / 1e9
+        if node in self.nodes():
+            self.seen[node] = now
+        return bool(node) and now - self.seen.setdefault(node, now) < LEASE
+
+    def port(self, node: str) -> int:
+        return 0
+
+    def nodes(self) -> set[str]:
+        return {f"{space.rstrip('/')}/{name}" for name, space in self.node.get_node_names_and_namespaces()}
 
 
 class RorgNode(Node):
@@ -24,36 +51,54 @@ class RorgNode(Node):
         super().__init__("rorg")
         group = ReentrantCallbackGroup()
         self.client = Client()
-        self.bridge = Bridge(Client(), self.alive)
-        self.seen: dict[str, float] = {}
+        self.declare_parameter("others", "")
+        self.bridge = Bridge(Client(), Discovered(self), self.get_parameter("others").value, "ros2")
         self.last: Status | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.publisher = self.create_publisher(Status, "~/status", latched)
         for name, kind, call in (("request", RequestServices, self.request), ("release", ReleaseServices, self.release),
-                                 ("query", QueryService, self.query), ("restart", RestartService, self.restart)):
+                                 ("query", QueryService, self.query), ("restart", RestartService, self.restart),
+                                 ("get_manifest", GetManifest, self.get_manifest),
+                                 ("put_manifest", PutManifest, self.put_manifest),
+                                 ("remove_manifest", RemoveManifest, self.remove_manifest)):
             self.create_service(kind, f"~/{name}", call, callback_group=group)
         self.create_timer(0.2, self.publish)
-        self.create_timer(0.5, self.bridge.sweep)
-
-    def alive(self, name: str) -> bool:
-        now = self.get_clock().now().nanoseconds / 1e9
-        present = {f"{space.rstrip('/')}/{node}" for node, space in self.get_node_names_and_namespaces()}
-        if name in present:
-            self.seen[name] = now
-        return now - self.seen.get(name, now) < LEASE
+        self.create_timer(0.5, self.sweep)
 
     def request(self, ask, answer):
-        answer.success, answer.message = self.bridge.request(ask.caller, ask.id, list(ask.services), ask.reason,
-                                                             ask.wait)
+        answer.success, answer.message, answer.lease = self.bridge.request(
+            ask.caller, ask.id, list(ask.services), ask.reason, ask.wait, ask.ttl)
         return answer
 
     def release(self, ask, answer):
-        answer.success, answer.message = self.bridge.release(ask.caller, ask.id)
+        answer.success, answer.message, _ = self.bridge.release(ask.caller, ask.id)
         return answer
 
     def restart(self, ask, answer):
-        answer.success, answer.message = self.bridge.restart(ask.name, ask.force)
+        answer.success, answer.message, _ = self.bridge.restart(ask.caller, ask.name, ask.force)
         return answer
+
+    def get_manifest(self, ask, answer):
+        answer.success, answer.message, answer.text, answer.digest = self.bridge.get_manifest(
+            ask.caller, ask.kind, ask.name)
+        return answer
+
+    def put_manifest(self, ask, answer):
+        answer.success, answer.message, answer.digest = self.bridge.put_manifest(
+            ask.caller, ask.kind, ask.name, ask.text, ask.base, ask.message)
+        return answer
+
+    def remove_manifest(self, ask, answer):
+        answer.success, answer.message, _ = self.bridge.remove_manifest(
+            ask.caller, ask.kind, ask.name, ask.base, ask.message)
+        return answer
+
+    def sweep(self) -> None:
+        try:
+            for name in self.bridge.sweep():
+                self.get_logger().info(f"{name} is gone; what it held is released")
+        except Error as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=10)
 
     def query(self, ask, answer):
         answer.success, answer.message, service = self.bridge.query(ask.name)
@@ -85,5 +130,4 @@ def main() -> None:
     try:
         executor.spin()
     finally:
-        node.bridge.close()
         rclpy.shutdown()

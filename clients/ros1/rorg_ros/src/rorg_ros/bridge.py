@@ -1,60 +1,155 @@
 """What rorg's ROS nodes do, with no ROS in it: ROS 1 and ROS 2 put their services in front of the same bridge.
 
-The bridge asks rorg in its own name, one request for each (caller, id), and gives up what a caller held when the caller
-is gone. Should the bridge itself die, rorg drops everything with the bridge's container.
+The bridge asks rorg in the name of the service that runs the calling node, and within what that one may. All that it
+holds stands in rorg's requests file with a lease, so that nothing is lost while the bridge, or rorg, is restarted: it
+renews the leases of callers that are there, and releases what callers held that are gone.
 """
 
 from __future__ import annotations
 
-import hashlib
-import re
+import contextlib
+import math
 import threading
-from collections.abc import Callable
-from typing import Any
+import time
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+from urllib.parse import quote, urlencode
 
-from rorg.client import Client, Error, Request
+from .names import address, format_seconds, holder_of, manifest, passing, request_id, tag
 
-Answer = tuple[bool, str]
-"""(success, message)."""
+try:
+    from rorg_client import Client, Error, NotFound, NotReady
+except ImportError:
+    from rorg.client import Client, Error, NotFound, NotReady
+
+KEEP = 60.0
+"""Seconds of a lease: for so long the bridge may be away before what its callers hold ends."""
+BY_HAND = 60.0
+"""Seconds that a request of a passing caller lives on, unless it says how many."""
+SHORTEST = 2.0
+"""Seconds of the shortest lease that sweeps surely renew."""
+RENEW = 5.0
+"""Seconds between two renewals of a long lease."""
+FORGET = 30.0
+"""Seconds after which a request that rorg does not know is forgotten here too."""
+SEEN = 10.0
+"""Seconds for which the service that runs a caller is remembered."""
+
+
+class Graph:
+    """The nodes, as a bridge sees them."""
+
+    def alive(self, node: str) -> bool:
+        """Whether a node is still there; a paused one is."""
+        raise NotImplementedError
+
+    def port(self, node: str) -> int:
+        """The TCP port of this machine at which it listens; 0 where it is elsewhere, or nothing is known."""
+        raise NotImplementedError
+
+    def nodes(self) -> Iterable[str]:
+        """The names of all."""
+        raise NotImplementedError
+
+
+class Terms(NamedTuple):
+    """Of a request that the bridge holds."""
+
+    holder: str
+    lease: float
+    """Seconds that it outlives its holder; 0: it is released at once, and its lease in rorg is KEEP."""
+    requester: str
+    at: float
+    """When it was asked for, by our clock."""
+
+
+class Done(NamedTuple):
+    success: bool
+    message: str
+    lease: float = 0.0
 
 
 class Bridge:
-    """`alive` says whether a caller is still there; a paused one is."""
+    """`others` is the requester for callers of whom no service is found; by default the bridge's own service. `kind`
+    tells bridges of different graphs apart."""
 
-    def __init__(self, client: Client, alive: Callable[[str], bool]) -> None:
-        self.client, self.alive = client, alive
-        self._held: dict[tuple[str, str], Request] = {}
+    def __init__(self, client: Client, graph: Graph, others: str = "", kind: str = "ros1") -> None:
+        self.client, self.graph, self.others, self.kind = client, graph, others, kind
+        self._terms: dict[str, Terms] = {}
+        """By the id of the request in rorg."""
+        self._seen: dict[tuple[str, int], tuple[float, str]] = {}
+        """(caller, its port) -> when it was looked for, and the service found."""
         self._lock = threading.Lock()
+        """Held while a request is dropped: what is asked for again meanwhile comes after it."""
 
-    def request(self, caller: str, id: str, services: list[str], reason: str, wait: float) -> Answer:
-        key = (caller, id or "request")
+    # -- for callers -------------------------------------------------------------------------------------------
+
+    def request(self, caller: str, id: str, services: Iterable[str], reason: str, wait: float, ttl: float = 0.0
+                ) -> Done:
+        """Requests for as long as the caller is there, and `ttl` seconds more."""
+        if not (math.isfinite(ttl) and math.isfinite(wait) and ttl >= 0):
+            return Done(False, "cannot request: ttl and wait must be numbers of seconds; try 0 for the default")
         try:
-            names = [self.resolve(name) for name in services]
-            made = self.client.request(*names, id=request_id(*key), reason=f"{caller}: {reason}" if reason else caller)
-            with self._lock:
-                before = self._held.get(key)
-                self._held[key] = made
-            if before:
-                before.abandon()  # the same id has replaced it
+            held, names = self._put(caller, id, services, reason, ttl)
             if wait > 0:
-                self.client.wait(*names, timeout=wait)
+                self._wait(names, wait)
         except Error as error:
-            return False, str(error)
-        return True, f"requested {', '.join(names)}"
+            return Done(False, str(error))
+        told = f"; {format_seconds(held.lease)} after its caller is gone it ends" if held.lease else ""
+        return Done(True, f"requested {', '.join(names)}{told}", held.lease)
 
-    def release(self, caller: str, id: str) -> Answer:
+    def _put(self, caller: str, id: str, services: Iterable[str], reason: str, ttl: float) -> tuple[Terms, list[str]]:
+        holder = holder_of(caller)
+        key, requester = request_id(self.kind, holder, id), self.requester(caller)
+        lasts = not (ttl or passing(caller)) and self.graph.alive(caller)
+        lease = max(ttl, SHORTEST) if ttl else 0.0 if lasts else BY_HAND
+        names = [self.resolve(name) for name in services]
         with self._lock:
-            held = self._held.pop((caller, id or "request"), None)
-        return self._end(held)
-
-    @staticmethod
-    def _end(held: Request | None) -> Answer:
+            before = self._terms.get(key)
+            held = self._terms[key] = Terms(holder, lease, requester, time.monotonic())
+        body = {"services": names, "reason": f"{caller}: {reason}" if reason else caller,
+                "ttl": format_seconds(held.lease or KEEP)}
         try:
-            if held:
-                held.release()
+            done = self.client.call("PUT", address(key, requester), body)
+        except Error:
+            with self._lock:
+                if before and self._terms.get(key) is held:
+                    self._terms[key] = before  # which counts as it did
+            raise
+        with self._lock:
+            made = held._replace(requester=done["requester"])
+            if self._terms.get(key) is held:
+                self._terms[key] = made
+        if before and before.requester != made.requester:
+            self.client.call("DELETE", address(key, before.requester))  # its caller is another service's now
+        return made, names
+
+    def _wait(self, names: list[str], seconds: float) -> None:
+        """Until they are ready. That rorg ends, or begins, in the middle says nothing of them: it is asked again."""
+        end = time.monotonic() + seconds
+        while True:
+            left = max(end - time.monotonic(), 0.0)
+            try:
+                return self.client.wait(*names, timeout=left)
+            except NotReady:
+                raise
+            except Error as error:
+                if 0 < error.status < 500 or left <= 0:
+                    raise
+            time.sleep(0.2)
+
+    def release(self, caller: str, id: str) -> Done:
+        key = request_id(self.kind, holder_of(caller), id)
+        with self._lock:
+            known = self._terms.pop(key, None)
+        try:
+            found = [known.requester] if known else [
+                r["requester"] for r in self.client.requests() if r["id"] == key and not r["standing"]]
+            for requester in found:
+                self.client.call("DELETE", address(key, requester))
         except Error as error:
-            return False, str(error)
-        return True, "released" if held else "nothing to release"
+            return Done(False, str(error))
+        return Done(True, "released" if found else "nothing to release")
 
     def query(self, name: str) -> tuple[bool, str, dict[str, Any]]:
         try:
@@ -62,12 +157,73 @@ class Bridge:
         except Error as error:
             return False, str(error), {}
 
-    def restart(self, name: str, force: bool) -> Answer:
+    def restart(self, caller: str, name: str, force: bool) -> Done:
         try:
-            self.client.restart(self.resolve(name), force)
+            query = self._as(caller, {"force": "true"} if force else {})
+            self.client.call("POST", f"/v1/services/{quote(self.resolve(name))}/restart{query}")
         except Error as error:
-            return False, str(error)
-        return True, "restart asked for"
+            return Done(False, str(error))
+        return Done(True, "restart asked for")
+
+    # -- manifests ---------------------------------------------------------------------------------------------
+
+    def get_manifest(self, caller: str, kind: str, name: str) -> tuple[bool, str, str, str]:
+        """(success, message, text, digest)."""
+        try:
+            query = self._as(caller, {})
+            # Its digest first: should it be changed in between, a change on the base of the older one is refused.
+            found = self._digest(kind or "Service", name, query)
+            return True, "", self.client.call("GET", manifest(kind, name) + query), found
+        except Error as error:
+            return False, str(error), "", ""
+
+    def put_manifest(self, caller: str, kind: str, name: str, text: str, base: str, message: str
+                     ) -> tuple[bool, str, str]:
+        """(success, message, digest)."""
+        body = {"text": text, "base": base or None, "message": message}
+        try:
+            done = self.client.call("PUT", manifest(kind, name) + self._as(caller, {}), body)
+        except Error as error:
+            return False, str(error), ""
+        return True, f"written to {done['file']}", done["digest"]
+
+    def remove_manifest(self, caller: str, kind: str, name: str, base: str, message: str) -> Done:
+        try:
+            base = base or self._digest(kind or "Service", name, self._as(caller, {}))
+            query = self._as(caller, {"base": base, "message": message})
+            self.client.call("DELETE", manifest(kind, name) + query)
+        except Error as error:
+            return Done(False, str(error))
+        return Done(True, "removed")
+
+    def _digest(self, kind: str, name: str, query: str) -> str:
+        for found in self.client.call("GET", f"/v1/manifests{query}"):
+            if (found["kind"], found["name"]) == (kind, name):
+                return str(found["digest"])
+        raise NotFound(f"cannot find the {kind} '{name}'", "there is none of that name", "", "not-found", 404)
+
+    # -- who is who --------------------------------------------------------------------------------------------
+
+    def requester(self, caller: str) -> str:
+        """The service that runs a node: by the process at its port, else by what manifests declare; else `others`."""
+        who, now = (caller, self.graph.port(caller)), time.monotonic()
+        at, found = self._seen.get(who, (0.0, ""))
+        if not found or now - at > SEEN:
+            found = self._runner(*who)
+            self._seen = {**{k: v for k, v in dict(self._seen).items() if now - v[0] < SEEN}, who: (now, found)}
+        return found or self.others
+
+    def _runner(self, caller: str, port: int) -> str:
+        if port:
+            with contextlib.suppress(NotFound):
+                return str(self.client.call("GET", f"/v1/listeners/{port}")["service"])
+        declared = (s for s in self.client.services() if caller in s["ros_nodes"] and s["incarnation"])
+        return str(next((s["service"] for s in declared), ""))
+
+    def _as(self, caller: str, query: dict[str, str]) -> str:
+        requester = self.requester(caller)
+        query = {**query, **({"requester": requester} if requester else {})}
+        return f"?{urlencode(query)}" if query else ""
 
     def resolve(self, name: str) -> str:
         """A ROS node stands for the service that runs it; every other name for itself."""
@@ -75,32 +231,59 @@ class Bridge:
             return name
         for service in self.client.services():
             if name in service["ros_nodes"]:
-                return service["service"]
+                return str(service["service"])
         return name
 
+    # -- leases ------------------------------------------------------------------------------------------------
+
     def sweep(self) -> list[str]:
-        """Releases what callers held that are gone, and returns them."""
-        with self._lock:
-            held = dict(self._held)
-        gone = sorted(caller for caller in {caller for caller, _ in held} if not self.alive(caller))
-        for key, request in held.items():
-            if key[0] in gone:
+        """Renews what callers hold that are there, releases what those held that are gone, and returns these. Raises
+        Error where rorg does not answer."""
+        before = dict(self._terms)
+        mine = {r["id"]: r for r in self.client.requests() if r["id"].startswith(f"{self.kind}:") and not r["standing"]}
+        self._forget(before, mine)
+        terms = self._recall(mine)
+        alive = {holder: self.graph.alive(holder) for holder in {held.holder for held in terms.values()}}
+        gone = set()
+        for key, held in terms.items():
+            if alive[held.holder]:
+                self._renew(mine[key])
+            elif not held.lease and self._drop(key, held):
+                gone.add(held.holder)
+        return sorted(gone)
+
+    def _recall(self, mine: dict[str, Any]) -> dict[str, Terms]:
+        """The terms of all; of those from before this bridge began, by the nodes that are there. A caller that went
+        while nobody looked is not among them: its request ends with its lease."""
+        unknown = [r for key, r in mine.items() if key not in self._terms]
+        nodes = {tag(holder_of(node)): node for node in self.graph.nodes()} if unknown else {}
+        for request in unknown:
+            node = nodes.get(request["id"].split(":")[1])
+            if node:
+                brief = passing(node) or request["ttl"] != KEEP
                 with self._lock:
-                    # Who came back meanwhile and asked again keeps what it was just granted.
-                    mine = self._held.get(key) is request and bool(self._held.pop(key))
-                if mine:
-                    self._end(request)
-        return gone
+                    self._terms.setdefault(request["id"], Terms(
+                        holder_of(node), request["ttl"] if brief else 0.0, request["requester"], time.monotonic()))
+        return {key: held for key, held in dict(self._terms).items() if key in mine}
 
-    def close(self) -> None:
+    def _forget(self, terms: dict[str, Terms], mine: dict[str, Any]) -> None:
+        for key, held in terms.items():
+            if key not in mine and time.monotonic() - held.at > FORGET:
+                with self._lock:
+                    if self._terms.get(key) is held:
+                        del self._terms[key]
+
+    def _renew(self, request: dict[str, Any]) -> None:
+        left, ttl = request["expires_in"], request["ttl"]
+        if left is not None and left < ttl - min(ttl / 3, RENEW):
+            with contextlib.suppress(NotFound):  # it was released meanwhile
+                self.client.call("POST", address(request["id"], request["requester"], "/renew"))
+
+    def _drop(self, key: str, held: Terms) -> bool:
+        """Unless its caller came back meanwhile and asked again."""
         with self._lock:
-            held, self._held = self._held, {}
-        for request in held.values():
-            self._end(request)
-
-
-def request_id(caller: str, id: str) -> str:
-    """An id that rorg takes, from any caller's name and id, and no other's."""
-    text = re.sub(r"[^A-Za-z0-9_.:-]", ".", f"{caller.strip('/')}.{id}").strip(".")
-    own = hashlib.sha256(f"{caller} {id}".encode()).hexdigest()[:8]
-    return f"{text[:54].strip('.')}.{own}".strip(".")
+            if self._terms.get(key) is not held:
+                return False
+            self.client.call("DELETE", address(key, held.requester))
+            del self._terms[key]
+        return True
