@@ -105,9 +105,9 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
     """The running rorg follows its own tree; this only waits for it."""
     from pathlib import Path
 
-    from rorg.cli.context import unready
+    from rorg.cli.context import condition, unready
     from rorg.cli.output import note
-    from rorg.errors import Refused
+    from rorg.errors import NotReady, Refused
 
     live = context.live()
     followed = (live or {}).get("tree", {}).get("root")
@@ -122,7 +122,18 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, wait: bo
             return "it has not read these manifests yet"
         if view["plan"]["actions"] or view["in_flight"]:
             return view["plan"]["summary"]
+        tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]
+        if wait and tried:
+            return f"{', '.join(tried)}: it is to be seen whether the new container comes up"
+        seen[:] = [view]
         return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""
 
+    seen: list[dict[str, Any]] = []
     note(f"rorg run (pid {owner.get('pid')}) carries it out")
     context.wait("the running rorg", done, timeout)
+    failed = {n: c["message"] for n, s in seen[0]["services"].items()
+              if (c := condition(s, "Updated"))["status"] == "False"}
+    for name, why in failed.items():
+        note(f"{name}: its change failed, {why}; it stays as it was")
+    if failed and wait:
+        raise NotReady("finish", f"{len(failed)} change(s) failed", "`rorg describe SERVICE`")
