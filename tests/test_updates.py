@@ -116,6 +116,12 @@ def test_apply_says_that_a_change_failed(docker_robot):
     done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
     assert isinstance(done.exception, NotReady) and "its change failed" in done.output
     assert identity(robot, "arm")[0] == before and running(robot, "arm")
+    robot.start()
+    robot.wait(lambda: failed(robot, "arm"))
+    write_tree(robot.tree, {"arm": {"always_on": True, "command": ["sh", "-c", "sleep .3; exit 5"]}})
+    done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
+    assert isinstance(done.exception, NotReady) and "exit code 5" in done.output
+    assert identity(robot, "arm")[0] == before and running(robot, "arm")
 
 
 def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):

@@ -127,7 +127,7 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: l
     """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
     from pathlib import Path
 
-    from rorg.cli.context import hopeless, unready
+    from rorg.cli.context import condition, hopeless, unready
     from rorg.cli.output import note
     from rorg.errors import NotReady, Refused
 
@@ -155,6 +155,9 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: l
                            "`rorg describe SERVICE`")
         if busy:
             return view["plan"]["summary"]
+        tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]
+        if wait and tried:
+            return f"{', '.join(tried)}: it is to be seen whether the new container comes up"
         return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""
 
     confirmed: list[str] = []
