@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -94,7 +95,7 @@ def seen(inspected: dict, path: str, tree: Path):
 
 
 def _mount(mount: dict, tree: Path) -> str:
-    source = mount.get("Name") or mount.get("Source", "")
+    source = re.sub("^[0-9a-f]{64}$", "UNNAMED", mount.get("Name") or mount.get("Source", ""))
     for folder, short in ((tree / "services", "."), (tree, "..")):
         source = source.replace(f"{folder.resolve()}/", f"{short}/")
     spread = mount["Propagation"] if mount["Propagation"] not in ("", "rprivate") else ""

@@ -120,7 +120,7 @@ def test_apply_says_that_a_change_failed(docker_robot):
     robot.wait(lambda: failed(robot, "arm"))
     write_tree(robot.tree, {"arm": {"always_on": True, "command": ["sh", "-c", "sleep .3; exit 5"]}})
     done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
-    assert isinstance(done.exception, NotReady) and "exit code 5" in done.output
+    assert isinstance(done.exception, NotReady) and "exit code 5" in str(done.exception)
     assert identity(robot, "arm")[0] == before and running(robot, "arm")
 
 

@@ -62,7 +62,8 @@ def _ending(decision: Decision) -> dict[str, Action | None]:
         n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation)
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
-    return found | {a.service: a for a in (*planned, *under_way) if ends(a)}
+    return found | {a.service: a for a in (*planned, *under_way)
+                    if ends(a, decision.memory.of(a.service).incarnation)}
 
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:

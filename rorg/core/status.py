@@ -163,10 +163,12 @@ ENDS = ("pause", "stop", "remove")
 """Verbs after which a run does not go on."""
 
 
-def ends(action: Action) -> bool:
-    """Whether the run of a service does not go on after it. Where a container is made to take another one's place,
-    that one's run is over too: while it is made, nothing else is planned for the service."""
-    return action.verb in ENDS or (action.verb == "create" and action.part_of == "replace")
+def ends(action: Action, run: str) -> bool:
+    """Whether a run (an incarnation) of the action's service does not go on after it. Where a container takes another
+    one's place, that one's run is over from the first call on: while one is under way, nothing else is planned."""
+    if action.part_of == "replace" and action.verb in ("create", "rename"):
+        return True
+    return action.verb in ENDS and action.container[:12] == run.partition("@")[0]
 
 
 def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
@@ -174,7 +176,7 @@ def _ending(situation: Situation, service: Service, current: Container | None, a
     flight = situation.memory.in_flight.get(service.name)
     planned = () if situation.suspended else actions
     for action in (*([flight.action] if flight else []), *planned):
-        if ends(action) and current is not None and action.container in ("", current.id):
+        if current is not None and ends(action, current.incarnation):
             return f"{action.verb}: {action.reason}"
     asked = situation.restarts.get(service.name)
     return "restart asked for" if current is not None and asked == current.incarnation else ""

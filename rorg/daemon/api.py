@@ -72,7 +72,7 @@ def make_app(robot: Robot, changed: Callable[[], asyncio.Event]) -> FastAPI:
     _people(app, robot)
     _waiting(app, robot, changed)
     add_events(app, robot, changed)
-    add_manifests(app, robot)
+    add_manifests(app, robot, changed)
     return app
 
 
@@ -240,7 +240,7 @@ def _people(app: FastAPI, robot: Robot) -> None:
         return accepted(await asyncio.wrap_future(robot.suspend(caller, None, "")))
 
 
-    @app.put("/v1/removals", dependencies=[needs("manifests")], status_code=204, response_class=Response)
+    @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
         """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
         return accepted(await asyncio.wrap_future(robot.confirm(caller, tuple(body.services))))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import hashlib
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,11 +16,11 @@ from fastapi.responses import JSONResponse, Response
 
 from rorg.daemon.api_common import Who, needs
 from rorg.daemon.api_models import ManifestView, PutManifest
-from rorg.daemon.not_before import GENERATION
+from rorg.daemon.not_before import GENERATION, reached
 from rorg.daemon.rights import Caller, allow_manage, manages
 from rorg.daemon.robot import Robot
 from rorg.daemon.vetting import vet
-from rorg.errors import Invalid, Missing, Refused
+from rorg.errors import Busy, Invalid, Missing, Refused
 from rorg.host.git import commit
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.load import load
@@ -121,7 +124,7 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def add_manifests(app: FastAPI, robot: Robot) -> None:
+def add_manifests(app: FastAPI, robot: Robot, changed: Callable[[], asyncio.Event]) -> None:
     """The routes."""
     manifests = Manifests(robot)
     allowed = [needs("manifests")]
@@ -152,7 +155,12 @@ def add_manifests(app: FastAPI, robot: Robot) -> None:
                              "digest": found, "generation": generation}, headers={GENERATION: str(generation)})
 
     @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
-    def delete_one(kind: Kind, name: ManifestName, caller: Who,
-                   base: str | None = None, message: Annotated[str, Query(max_length=500)] = "") -> Response:
-        generation = manifests.delete(caller, kind, name, base, message)
+    async def delete_one(kind: Kind, name: ManifestName, caller: Who,
+                         base: str | None = None, message: Annotated[str, Query(max_length=500)] = "") -> Response:
+        """Delete a manifest. That it was asked for by name is the confirmation that removes what is in use."""
+        generation = await asyncio.to_thread(manifests.delete, caller, kind, name, base, message)
+        with contextlib.suppress(Busy):  # the tree is being written; what is withheld is told, and can be confirmed
+            await reached(robot, generation, changed)
+            if name in robot.decision.situation.withheld:
+                generation = await asyncio.wrap_future(robot.confirm(caller, (name,)))
         return Response(status_code=204, headers={GENERATION: str(generation)})

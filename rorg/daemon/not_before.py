@@ -30,7 +30,7 @@ class NotBefore:
         try:
             generation = self._asked(scope)
             if not self.robot.open_to(generation):
-                await self._reached(generation)
+                await reached(self.robot, generation, self.changed)
         except RorgError as error:
             await answer(error)(scope, receive, send)
         else:
@@ -41,18 +41,20 @@ class NotBefore:
         lists = scope.get("method") == "GET" and scope.get("path") == "/v1/requests"
         return max(_named(scope), self.robot.loop.generations.latest if lists else 0)
 
-    async def _reached(self, generation: int) -> None:
-        end = asyncio.get_running_loop().time() + PATIENCE
-        while not self.robot.open_to(generation):
-            event = self.changed()
-            left = end - asyncio.get_running_loop().time()
-            if self.robot.open_to(generation):
-                return
-            if left <= 0:
-                raise Busy("answer", f"change {generation} has not been acted on in {PATIENCE:g} s; the manifests are "
-                           "being written, or the loop is held up", "again in a moment")
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(event.wait(), left)
+
+async def reached(robot: Robot, generation: int, changed: Callable[[], asyncio.Event]) -> None:
+    """Returns when the loop has acted on a generation. Raises Busy when that takes too long."""
+    end = asyncio.get_running_loop().time() + PATIENCE
+    while not robot.open_to(generation):
+        event = changed()
+        left = end - asyncio.get_running_loop().time()
+        if robot.open_to(generation):
+            return
+        if left <= 0:
+            raise Busy("answer", f"change {generation} has not been acted on in {PATIENCE:g} s; the manifests are "
+                       "being written, or the loop is held up", "again in a moment")
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(event.wait(), left)
 
 
 def _named(scope: Any) -> int:

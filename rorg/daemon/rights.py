@@ -19,6 +19,7 @@ OPERATIONS = {
     "hold": ("developer",),
     "suspend": ("developer",),
     "manifests": ("developer", "service"),
+    "removals": ("developer",),
     "plan": ("developer",),
     "events": ("developer", "service"),
 }
@@ -29,7 +30,7 @@ requests and what they name."""
 
 WORDS = {"read": "see how services are", "request": "request services", "restart": "restart services",
          "hold": "hold services", "suspend": "suspend rorg", "manifests": "see or change manifests",
-         "plan": "see status and plan", "events": "see events"}
+         "removals": "confirm removals", "plan": "see status and plan", "events": "see events"}
 """Operations as in "cannot X"."""
 
 
