@@ -264,6 +264,10 @@ def pytest_runtest_makereport(item, call):
 
 
 def pytest_terminal_summary(terminalreporter):
+    path = os.environ.get("RORG_TEST_FAILED")
+    failed = {r.nodeid for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())}
+    if path and failed:
+        Path(path).write_text("".join(f"{name}\n" for name in sorted(failed)))
     counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
     if not _ran["docker"]:

@@ -6,30 +6,23 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rorg_client import Client
 from rorg_client import Error as ClientError
 
 from rorg.cli.output import note
-from rorg.core.decide import Decision, Inputs, Target, decide
-from rorg.core.desired import Desired, desire
-from rorg.core.memory import Finding, Memory
-from rorg.core.observed import Observed
-from rorg.daemon.snapshot import recall, snapshot
-from rorg.daemon.wiring import ENGINES, make_engine
-from rorg.engines.probe import Asker
-from rorg.engines.protocol import Engine
+from rorg.engines import ENGINES
 from rorg.errors import Invalid, NotReady, Refused, Unreachable
-from rorg.host.contents import Contents
-from rorg.host.probe import CannotAsk
-from rorg.manifest.catalog import Catalog
-from rorg.manifest.load import load_or_raise
-from rorg.store.last_good import read_kept
-from rorg.store.requests_file import Asked, RequestsFile
 from rorg.store.state_dir import StateDir, default_state_dir, read_json
+
+if TYPE_CHECKING:
+    # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
+    from rorg.core.decide import Decision
+    from rorg.engines.protocol import Engine
+    from rorg.manifest.catalog import Catalog
+    from rorg.store.requests_file import Asked
 
 
 class Context:
@@ -84,6 +77,8 @@ class Context:
     def catalog(self) -> Catalog:
         if not self._local:
             self._here("read its manifests")
+        from rorg.manifest.load import load_or_raise
+
         return load_or_raise(self.root)
 
     def members(self, name: str) -> tuple[str, ...]:
@@ -102,11 +97,15 @@ class Context:
     def engine(self) -> Engine:
         self._here("use its engine")
         if self._engine is None:
+            from rorg.daemon.wiring import make_engine
+
             self._engine = make_engine(self.engine_name, self.state)
         return self._engine
 
     def asked(self) -> Asked:
         """The requests file. Raises Invalid when it is broken."""
+        from rorg.store.requests_file import RequestsFile
+
         file = RequestsFile(self.state.requests)
         file.read()
         if file.diagnostics:
@@ -129,6 +128,8 @@ class Context:
 
     def change(self, edit: Callable[[Asked], Asked]) -> None:
         """Changes what is asked of the robot, durably, and says so when nobody is there to do it."""
+        from rorg.store.requests_file import RequestsFile
+
         self.state.prepare()
         RequestsFile(self.state.requests).change(edit)
         if self.state.owner() is None:
@@ -136,40 +137,9 @@ class Context:
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-        desired = desire(catalog, str(self.state.run), Contents().of(catalog, self.root))
-        asked = self.asked()
-        observed = Observed(tuple(self.engine().list()))
-        last = self.last() or {}
-        owner = last.get("instance") or self.state.instance(lambda: "")
+        from rorg.cli.local import decision
 
-        def look(memory: Memory) -> Decision:
-            # An interlock is asked when something is done; a plan that is only shown does not wait for it.
-            allowed = {(n, "interlock"): Finding("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
-            return decide(Inputs(desired, asked.requests, asked.restarts, observed, allowed, memory, 0.0, owner,
-                                 holds=asked.holds, suspended=asked.suspended, wall=time.time(),
-                                 confirmed=asked.removals))
-
-        # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
-        running = self.published()
-        memory = recall(running, time.monotonic()) if running else recall(self.last())
-        memory = replace(memory, kept=read_kept(self.state.path))
-        return look(self._ready(look(memory), desired))
-
-    def _ready(self, first: Decision, desired: Desired) -> Memory:
-        """What is ready, found by one look at each: this process has seen nothing run yet."""
-        progress = dict(first.situation.memory.progress)
-        containers = first.situation.observed.by_service()
-        ask = Asker(self.engine(), lambda name: next(iter(containers.get(name, [])), None))
-        for name, step in progress.items():
-            service = desired.catalog.services.get(name)
-            ready = service.ready if service else None
-            if step.running_since is None:
-                continue
-            with contextlib.suppress(CannotAsk):
-                if ready is None or ready.kind == "delay" or not ask(
-                        (name, "ready"), Target(ready, step.incarnation, 0.0)):
-                    progress[name] = replace(step, running_since=0.0, ready=True)
-        return Memory(progress, kept=first.memory.kept)
+        return decision(self, catalog)
 
     def view(self) -> dict[str, Any]:
         """The published state of the running rorg; computed the same way when none runs."""
@@ -178,10 +148,9 @@ class Context:
             self._remark(live)
             return live
         self._here("compute how it is")
-        catalog = self.catalog()
-        return snapshot(self.decision(catalog), {
-            "pid": None, "engine_name": self.engine_name,
-            "tree": {"root": str(self.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []}})
+        from rorg.cli.local import view
+
+        return view(self)
 
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""

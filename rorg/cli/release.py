@@ -18,8 +18,6 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.output import note
     from rorg.errors import Invalid
-    from rorg.store.requests_file import Asked, RequestsFile
-    from rorg.store.state_dir import StateDir, default_state_dir
 
     released: list[str] = []
     client = Context(state_dir, None).client()
@@ -35,6 +33,9 @@ def command(
         if not found:
             note(f"there is no request '{id}'; nothing to release")
         return
+
+    from rorg.store.requests_file import Asked, RequestsFile
+    from rorg.store.state_dir import StateDir, default_state_dir
 
     def edit(asked: Asked) -> Asked:
         keys = {r.key for r in asked.requests if r.id == id and requester in ("", r.requester)}

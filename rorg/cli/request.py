@@ -22,36 +22,48 @@ def command(
     wait: Wait = False, timeout: Timeout = 60.0, state_dir: StateDirectory = None, engine: EngineName = None,
 ) -> None:
     """Ask for services; they run, with all that they need, until the request is released."""
-    from urllib.parse import quote, urlencode
-
     from rorg_client import check_id
 
-    from rorg.cli.context import Context, unready
-    from rorg.core.requests import problems
-    from rorg.daemon.wiring import wall_clock
-    from rorg.errors import Invalid, Refused
-    from rorg.manifest.catalog import Request
-    from rorg.manifest.references import closure
-    from rorg.manifest.scalars import format_duration
-    from rorg.store.requests_file import Asked
+    from rorg.cli.context import Context
+    from rorg.errors import Invalid
 
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
-    context = Context(state_dir, engine)
-    chosen = tuple(dict.fromkeys(services))
-    client = context.client()
+    context, chosen = Context(state_dir, engine), tuple(dict.fromkeys(services))
+    name, client = id or chosen[0], context.client()
     if client:
-        name = id or chosen[0]
-        client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}", {
-            "services": list(chosen), "reason": reason, "priority": priority,
-            "ttl": format_duration(ttl) if ttl else None})
-        typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
-        if wait:
-            client.wait(*chosen, timeout=timeout)
-        return
+        _ask(client, name, requester, {"services": list(chosen), "reason": reason, "priority": priority}, ttl)
+    else:
+        _write(context, name, requester, chosen, reason, ttl, priority)
+    typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
+    if wait and client:
+        client.wait(*chosen, timeout=timeout)
+    elif wait:
+        _wait(context, name, requester, chosen, timeout)
+
+
+def _ask(client: Any, name: str, requester: str, body: dict[str, Any], ttl: float | None) -> None:
+    """Through the running rorg."""
+    from urllib.parse import quote, urlencode
+
+    from rorg.manifest.scalars import format_duration
+
+    client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}",
+                {**body, "ttl": format_duration(ttl) if ttl else None})
+
+
+def _write(context: Any, name: str, requester: str, chosen: tuple[str, ...], reason: str, ttl: float | None,
+           priority: int | None) -> None:
+    """Into the requests file, where no rorg serves."""
+    from rorg.core.requests import problems
+    from rorg.daemon.wiring import wall_clock
+    from rorg.errors import Invalid, Refused
+    from rorg.manifest.catalog import Request
+    from rorg.store.requests_file import Asked
+
     catalog = context.catalog()
-    request = Request(id or chosen[0], requester, chosen, reason, _incarnation(context, catalog, requester),
+    request = Request(name, requester, chosen, reason, _incarnation(context, catalog, requester),
                       priority=priority, ttl=ttl, renewed=wall_clock() if ttl else "")
 
     def put(asked: Asked) -> Asked:
@@ -63,14 +75,19 @@ def command(
         return asked.put(request)
 
     context.change(put)
-    typer.echo(f"request '{request.id}' of {requester}: {', '.join(chosen)}")
-    if not wait:
-        return
+
+
+def _wait(context: Any, name: str, requester: str, chosen: tuple[str, ...], timeout: float) -> None:
+    """By what the rorg that owns the robot publishes."""
+    from rorg.cli.context import unready
+    from rorg.manifest.references import closure
+
+    catalog = context.catalog()
     asked = [m for s in chosen for m in catalog.members(s)]
     names = [*asked, *sorted(closure(catalog.services, asked) - set(asked))]
 
     def done(view: dict[str, Any]) -> str:
-        known = any(r["id"] == request.id and r["requester"] == requester for r in view["requests"])
+        known = any(r["id"] == name and r["requester"] == requester for r in view["requests"])
         return unready(view, names) if known else "the request has not been read yet"
 
     context.wait(", ".join(chosen), done, timeout)

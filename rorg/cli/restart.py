@@ -15,10 +15,9 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
     from rorg_client import Refused as RefusedByApi
 
     from rorg.cli.context import Context
-    from rorg.daemon.wiring import wall_clock
 
     context = Context(state_dir, engine)
-    asked_at, client = wall_clock(), context.client()
+    client = context.client()
     if client:
         try:
             names = client.restart(service, force=yes)
@@ -26,7 +25,7 @@ def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout:
             _confirm(service, refused.cause)
             names = client.restart(service, force=True)
     else:
-        names = _write(context, service, yes, asked_at)
+        names = _write(context, service, yes)
     typer.echo(f"restart of {', '.join(names)} asked for")
     if wait and client:
         active = [n for n in names if client.service(n)["wanted"]]
@@ -43,11 +42,12 @@ def _confirm(service: str, why: str) -> None:
         raise Refused(f"restart {service}", "you said no")
 
 
-def _write(context: object, service: str, yes: bool, asked_at: str) -> list[str]:
+def _write(context: object, service: str, yes: bool) -> list[str]:
     """Into the requests file, where no rorg serves."""
     from dataclasses import replace
 
     from rorg.cli.output import missing
+    from rorg.daemon.wiring import wall_clock
 
     catalog = context.catalog()  # type: ignore[attr-defined]
     names = [n for n in catalog.members(service) if not catalog.services[n].meta]
@@ -57,5 +57,5 @@ def _write(context: object, service: str, yes: bool, asked_at: str) -> list[str]
     if drivers and not yes:
         _confirm(service, f"{', '.join(drivers)} moves hardware")
     context.change(  # type: ignore[attr-defined]
-        lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, asked_at)}))
+        lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, wall_clock())}))
     return names

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rorg.core.desired import Situation
 from rorg.core.plan import Action, Plan
 
@@ -19,9 +21,8 @@ STATES = {
 def check(plan: Plan, situation: Situation) -> list[str]:
     """What is wrong with a plan, in words; empty for every plan that may be executed."""
     found: list[str] = []
-    executable = [a for a in plan.actions if not a.after]
-    services = [a.service for a in executable]
-    found += [f"two actions at once for {name}" for name in sorted({n for n in services if services.count(n) > 1})]
+    at_once = Counter(a.service for a in plan.actions if not a.after)
+    found += [f"two actions at once for {name}" for name, count in sorted(at_once.items()) if count > 1]
     known = {c.id: c for c in situation.observed.containers}
     for action in plan.actions:
         if action.service in situation.memory.in_flight:
@@ -32,12 +33,12 @@ def check(plan: Plan, situation: Situation) -> list[str]:
             found.append(f"{action} touches a container of {known[action.container].service}")
         if any(i >= action.index for i in action.after):
             found.append(f"{action} comes before what it must follow")
-        if action in executable and action.container:
+        if not action.after and action.container:
             state = known[action.container].state if action.container in known else ""
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
         found += _activation(action, situation)
-        if action in executable and action.verb in ("start", "resume"):
+        if not action.after and action.verb in ("start", "resume"):
             others = situation.observed.by_service().get(action.service, [])
             found += [f"{action} beside another active container of it" for c in others
                       if c.active and c.id != action.container]

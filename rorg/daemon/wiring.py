@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rorg.daemon.loop import Loop
 from rorg.daemon.reporter import Reporter
 from rorg.daemon.tree import Tree
+from rorg.engines import ENGINES
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid
 from rorg.manifest.scalars import stamp
@@ -19,8 +20,6 @@ from rorg.store.state_dir import StateDir
 
 if TYPE_CHECKING:
     from rorg.daemon.door import Door
-
-ENGINES = ("docker", "process")
 
 
 def make_engine(name: str, state: StateDir) -> Engine:

@@ -1,1 +1,4 @@
 """What runs services: the Engine protocol, Docker, processes; observing and executing. No decisions here."""
+
+ENGINES = ("docker", "process")
+"""Names to choose from."""
