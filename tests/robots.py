@@ -17,8 +17,8 @@ from conftest import BASE_IMAGE, wait_for
 
 from rorg.client import Client
 from rorg.daemon.wiring import make_door, make_engine, make_loop
-from rorg.manifest.catalog import Hold, Request
 from rorg.manifest.load import load_or_raise
+from rorg.model.catalog import Hold, Request
 from rorg.sim.robot import SimRobot
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json

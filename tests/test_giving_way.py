@@ -6,7 +6,7 @@ import pytest
 from robots import VirtualRobot
 
 from rorg.core.requests import problems
-from rorg.manifest.catalog import Request
+from rorg.model.catalog import Request
 
 QUEUE = {"policy": {"budget": {"cpu": 1.0, "over": "queue"}}}
 

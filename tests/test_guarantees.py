@@ -10,7 +10,7 @@ import pytest
 from conftest import BASE_IMAGE, ROOT, wait_for
 from robots import WORK, write_tree
 
-from rorg.manifest.catalog import Request
+from rorg.model.catalog import Request
 
 
 def git(folder, *args):

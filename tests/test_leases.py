@@ -20,8 +20,8 @@ from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.daemon.wiring import make_engine, make_loop
 from rorg.errors import Missing
-from rorg.manifest.catalog import Hold, Request
-from rorg.manifest.diagnostics import Where
+from rorg.model.catalog import Hold, Request
+from rorg.model.diagnostics import Where
 from rorg.store.requests_file import Asked, RequestsFile, parse, render
 from rorg.store.state_dir import StateDir
 

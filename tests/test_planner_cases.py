@@ -21,11 +21,11 @@ from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
 from rorg.core.update import Update
-from rorg.manifest.catalog import Hold, Request
-from rorg.manifest.container import LIVE
 from rorg.manifest.load import load_or_raise
-from rorg.manifest.scalars import parse_time
 from rorg.manifest.yaml_source import read_yaml
+from rorg.model.catalog import Hold, Request
+from rorg.model.live import LIVE
+from rorg.model.units import parse_time
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
 KEYS = {"about", "services", "groups", "requests", "observed", "complete", "memory", "in_flight", "now", "removals",

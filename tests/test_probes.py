@@ -21,7 +21,7 @@ from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.host import ros
 from rorg.host.probe import Prober
-from rorg.manifest.catalog import Probe
+from rorg.model.catalog import Probe
 
 SERVER = ["python3", "-S", "-c", """
 import os, signal, sys, time

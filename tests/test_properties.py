@@ -23,10 +23,10 @@ from rorg.core.plan import Action
 from rorg.core.requests import problems
 from rorg.daemon.snapshot import recall, snapshot
 from rorg.errors import Invalid, RorgError
-from rorg.manifest.catalog import Catalog, Hold, Request
 from rorg.manifest.load import load_or_raise
-from rorg.manifest.references import closure, conflicting, overbooked
-from rorg.manifest.scalars import stamp
+from rorg.model.catalog import Catalog, Hold, Request
+from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
 NAMES = [f"s{n}" for n in range(6)]

@@ -166,7 +166,7 @@ def test_requests_written_at_once_are_all_kept(tmp_path):
     """Many processes change the file at the same time."""
     state = StateDir(tmp_path).prepare()
     code = ("import sys; from pathlib import Path; from rorg.store.requests_file import RequestsFile; "
-            "from rorg.manifest.catalog import Request\n"
+            "from rorg.model.catalog import Request\n"
             "for i in range(10): RequestsFile(Path(sys.argv[1])).change("
             "lambda a: a.put(Request(f'{sys.argv[2]}-{i}', 'developer', ('x',))))")
     running = [subprocess.Popen([sys.executable, "-c", code, str(state.requests), f"p{n}"]) for n in range(8)]

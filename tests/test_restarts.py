@@ -9,7 +9,7 @@ from robots import VirtualRobot
 from test_giving_way import later
 
 from rorg.core.memory import Memory
-from rorg.manifest.scalars import stamp
+from rorg.model.units import stamp
 from rorg.sim.engine import iso
 from rorg.store.requests_file import Asked, parse, render
 

@@ -251,7 +251,7 @@ def later(virtual, seconds: float) -> None:
 def restart(virtual, name: str) -> None:
     from dataclasses import replace
 
-    from rorg.manifest.scalars import stamp
+    from rorg.model.units import stamp
 
     virtual.change(lambda asked: replace(asked, restarts={name: stamp(virtual.wall())}))
 

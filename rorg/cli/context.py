@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
     from rorg.core.decide import Decision
     from rorg.engines.protocol import Engine
-    from rorg.manifest.catalog import Catalog
+    from rorg.model.catalog import Catalog
     from rorg.store.requests_file import Asked
 
 

@@ -21,8 +21,8 @@ from rorg.daemon.wiring import make_engine, make_loop
 from rorg.engines.protocol import Usage
 from rorg.errors import Invalid, NotReady, RorgError
 from rorg.host.build import ProcessBuilder, build
-from rorg.manifest.catalog import Catalog, Request
 from rorg.manifest.load import load_or_raise
+from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 

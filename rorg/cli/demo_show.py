@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.text import Text
 
 from rorg.cli.output import rich_table
-from rorg.manifest.scalars import format_memory
+from rorg.model.units import format_memory
 
 
 class Show:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.cli.demo_robot import DemoRobot
 from rorg.cli.demo_show import Show
-from rorg.manifest.scalars import format_memory
+from rorg.model.units import format_memory
 
 FACE = ["ros_face_train_controller", "snowboy"]
 CYCLE: list[tuple[str, list[str]]] = [

@@ -12,7 +12,7 @@ def command(services: ServiceNames, duration: For = None, reason: Reason = "", e
     """Keep services from being active, whoever requests them, for a time; it ends by itself."""
     from rorg.cli.context import Context
     from rorg.errors import Invalid
-    from rorg.manifest.scalars import format_seconds
+    from rorg.model.units import format_seconds
 
     if not end and not duration:
         raise Invalid(f"hold {', '.join(services)}", "it must end by itself", "--for 10m")
@@ -36,7 +36,7 @@ def _write(context: object, services: list[str], duration: float | None, reason:
 
     from rorg.cli.output import missing
     from rorg.errors import Invalid
-    from rorg.manifest.catalog import Hold
+    from rorg.model.catalog import Hold
     from rorg.store.requests_file import Asked
 
     catalog = context.catalog()  # type: ignore[attr-defined]

@@ -16,7 +16,7 @@ from rorg.daemon.snapshot import recall, snapshot
 from rorg.engines.probe import Asker
 from rorg.host.contents import Contents
 from rorg.host.probe import CannotAsk
-from rorg.manifest.catalog import Catalog
+from rorg.model.catalog import Catalog
 from rorg.store.last_good import read_kept
 
 

@@ -21,7 +21,7 @@ def complete_service(incomplete: str) -> list[str]:
 
 def duration(text: str) -> float:
     """Seconds of "10m" or "1m30s"."""
-    from rorg.manifest.scalars import parse_duration
+    from rorg.model.units import parse_duration
 
     try:
         return parse_duration(text)

@@ -80,7 +80,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]], form: str, columns: Sequence[s
 
 def missing(what: str, name: str, known: Any) -> Invalid:
     """The error for a name that is not there."""
-    from rorg.manifest.diagnostics import nearest
+    from rorg.model.diagnostics import nearest
 
     return Invalid(f"find the {what} '{name}'", "there is none of that name", nearest(name, known))
 

@@ -47,7 +47,7 @@ def _ask(client: Any, name: str, requester: str, body: dict[str, Any], ttl: floa
     """Through the running rorg."""
     from urllib.parse import quote, urlencode
 
-    from rorg.manifest.scalars import format_duration
+    from rorg.model.units import format_duration
 
     client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}",
                 {**body, "ttl": format_duration(ttl) if ttl else None})
@@ -59,7 +59,7 @@ def _write(context: Any, name: str, requester: str, chosen: tuple[str, ...], rea
     from rorg.core.requests import problems
     from rorg.daemon.wiring import wall_clock
     from rorg.errors import Invalid, Refused
-    from rorg.manifest.catalog import Request
+    from rorg.model.catalog import Request
     from rorg.store.requests_file import Asked
 
     catalog = context.catalog()
@@ -80,7 +80,7 @@ def _write(context: Any, name: str, requester: str, chosen: tuple[str, ...], rea
 def _wait(context: Any, name: str, requester: str, chosen: tuple[str, ...], timeout: float) -> None:
     """By what the rorg that owns the robot publishes."""
     from rorg.cli.context import unready
-    from rorg.manifest.references import closure
+    from rorg.model.graph import closure
 
     catalog = context.catalog()
     asked = [m for s in chosen for m in catalog.members(s)]

@@ -14,8 +14,8 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
 
     from rorg.cli.context import Context
     from rorg.errors import Invalid
-    from rorg.manifest.catalog import Hold
-    from rorg.manifest.scalars import format_seconds
+    from rorg.model.catalog import Hold
+    from rorg.model.units import format_seconds
 
     if not end and not duration:
         raise Invalid("suspend", "it must end by itself", "--for 10m")

@@ -52,7 +52,7 @@ COLUMNS = ("service", "state", "cpu", "memory", "rank", "why")
 
 def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) -> dict[str, Any]:
     """Rates between two looks at the usage, busiest first; and the machine in one line."""
-    from rorg.manifest.scalars import format_memory
+    from rorg.model.units import format_memory
 
     seconds = max(now["at"] - before["at"], 0.001)
     rows = []

@@ -9,9 +9,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from rorg.core.wanted import Wanted, wanted
-from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure, conflicting
-from rorg.manifest.scalars import format_memory
+from rorg.model.catalog import Catalog, Request
+from rorg.model.graph import closure, conflicting
+from rorg.model.units import format_memory
 
 PROTECTED = 101
 """Rank of a protected service and of all that it needs: above every priority."""

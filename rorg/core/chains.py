@@ -17,8 +17,8 @@ from rorg.core.pressure import LOWERED_SHARES
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.trial import candidate
-from rorg.manifest.catalog import Service
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Service
+from rorg.model.units import format_seconds
 
 DEFAULT_SHARES = 1024
 """What an engine gives a container that declares no cpu_shares."""

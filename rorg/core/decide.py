@@ -22,8 +22,8 @@ from rorg.core.restarts import note_restarts
 from rorg.core.trial import renew, try_out
 from rorg.core.wanted import urgent
 from rorg.core.withheld import over, withhold
-from rorg.manifest.catalog import Hold, Probe, Request
-from rorg.manifest.scalars import format_time, parse_time, stamp
+from rorg.model.catalog import Hold, Probe, Request
+from rorg.model.units import format_time, parse_time, stamp
 
 FRESH = 1.0
 """Seconds for which the answer of an interlock counts, beyond its interval."""

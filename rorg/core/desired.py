@@ -12,7 +12,7 @@ from rorg.core.digest import digest
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
-from rorg.manifest.catalog import RUN, Catalog
+from rorg.model.catalog import RUN, Catalog
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from typing import Any
 from rorg.core.digest import declared_fields, declared_of
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
-from rorg.manifest.catalog import Spec
-from rorg.manifest.container import LIVE
+from rorg.model.catalog import Spec
+from rorg.model.live import LIVE
 
 
 @dataclass(frozen=True, slots=True)

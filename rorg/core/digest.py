@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_PREVIOUS, LABEL_RULES, LABEL_SERVICE, LABEL_SPEC
-from rorg.manifest.catalog import Probe, Spec
+from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rorg.core.observed import Container
-from rorg.manifest.catalog import Service
+from rorg.model.catalog import Service
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rorg.manifest.catalog import Catalog, Group, Service
+from rorg.model.catalog import Catalog, Group, Service
 
 if TYPE_CHECKING:
     from rorg.core.desired import Desired

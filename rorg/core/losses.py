@@ -9,7 +9,7 @@ from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.plan import Action
 from rorg.core.status import ends
-from rorg.manifest.references import closure
+from rorg.model.graph import closure
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.update import Update
 from rorg.core.wanted import Wanted
-from rorg.manifest.catalog import Catalog, Service
+from rorg.model.catalog import Catalog, Service
 
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""

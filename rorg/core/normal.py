@@ -7,8 +7,8 @@ import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.manifest.ports import parse_expose, parse_ports
-from rorg.manifest.volumes import parse_device, parse_tmpfs, parse_volume, same_path
+from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
 Turn = Callable[[Any], Any]
 NOTHING = None

@@ -12,8 +12,8 @@ from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.core.steps import Step, away
-from rorg.manifest.catalog import Service
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Service
+from rorg.model.units import format_seconds
 
 
 def make_plan(situation: Situation) -> Plan:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rorg.manifest.catalog import Budget, Thresholds
-from rorg.manifest.scalars import format_memory
+from rorg.model.catalog import Budget, Thresholds
+from rorg.model.units import format_memory
 
 MEASURES = ("lower-shares", "end-lingering", "stop-paused", "close-admission", "shed")
 """In the order in which they are taken. `shed` can be taken many times, for one service each."""

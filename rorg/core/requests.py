@@ -9,10 +9,10 @@ from rorg.core.arbitrate import expected, over_budget
 from rorg.core.memory import Lease
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
-from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.diagnostics import nearest
-from rorg.manifest.references import closure, conflicting, overbooked
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Catalog, Request
+from rorg.model.diagnostics import nearest
+from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.units import format_seconds
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
 from rorg.core.trial import candidate
 from rorg.core.wanted import chain
-from rorg.manifest.catalog import Service
+from rorg.model.catalog import Service
 
 
 @dataclass(frozen=True, slots=True)

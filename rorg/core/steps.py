@@ -9,7 +9,7 @@ from typing import Any
 from rorg.core.digest import declared_of
 from rorg.core.memory import DEFAULT_GRACE
 from rorg.core.observed import Container
-from rorg.manifest.catalog import Service
+from rorg.model.catalog import Service
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from rorg.core.desired import Situation
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.trial import asks, candidate, patience
-from rorg.manifest.catalog import Service
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Service
+from rorg.model.units import format_seconds
 
 
 class Swap:

@@ -15,8 +15,8 @@ from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.update import Update
-from rorg.manifest.catalog import Service
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Service
+from rorg.model.units import format_seconds
 
 TRIAL = 2.0
 """Seconds without an end that prove a service which does not say when it is ready."""

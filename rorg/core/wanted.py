@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure
+from rorg.model.catalog import Catalog, Request
+from rorg.model.graph import closure
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from rorg.core.desired import Desired, desire
 from rorg.core.former import Former, Kept
 from rorg.core.observed import Observed
-from rorg.manifest.catalog import Catalog, Group, Request, Service
+from rorg.model.catalog import Catalog, Group, Request, Service
 
 Withheld = Mapping[str, str]
 """Services and groups whose removal waits for a person's word, each with the reason."""

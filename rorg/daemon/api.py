@@ -37,8 +37,8 @@ from rorg.daemon.readiness import Question
 from rorg.daemon.rights import Caller
 from rorg.daemon.robot import Robot
 from rorg.errors import Invalid, NotReady, RorgError
-from rorg.manifest.catalog import Request as Ask
-from rorg.manifest.scalars import parse_duration
+from rorg.model.catalog import Request as Ask
+from rorg.model.units import parse_duration
 
 SEEN = 5.0
 """Seconds until a service that asks is seen to run."""

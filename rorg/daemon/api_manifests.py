@@ -25,8 +25,8 @@ from rorg.host.git import commit
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.load import load
 from rorg.manifest.models import FOLDERS
-from rorg.manifest.scalars import NAME
 from rorg.manifest.yaml_source import read_yaml
+from rorg.model.units import NAME
 from rorg.store.files import write_atomic
 
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]

@@ -11,7 +11,7 @@ from pathlib import Path
 from rorg.core.decide import Decision
 from rorg.daemon.reporter import Reporter
 from rorg.errors import RorgError
-from rorg.manifest.catalog import Hold, Request
+from rorg.model.catalog import Hold, Request
 from rorg.store.requests_file import Asked, RequestsFile
 
 Key = tuple[str, str]

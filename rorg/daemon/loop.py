@@ -33,8 +33,8 @@ from rorg.host.cgroups import reclaim
 from rorg.host.load import Meter, Sampler
 from rorg.host.probe import Prober
 from rorg.host.watch import Watcher
-from rorg.manifest.catalog import Thresholds
-from rorg.manifest.scalars import format_memory
+from rorg.model.catalog import Thresholds
+from rorg.model.units import format_memory
 from rorg.store.bell import Bell
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.state_dir import StateDir, read_json

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rorg.manifest.catalog import Catalog, Request
-from rorg.manifest.references import closure
+from rorg.model.catalog import Catalog, Request
+from rorg.model.graph import closure
 
 
 def own_events(entries: Iterable[Mapping[str, Any]], requester: str, catalog: Catalog, requests: Iterable[Request]

@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.core.decide import Decision, told_since
 from rorg.core.status import Status
-from rorg.manifest.references import closure
+from rorg.model.graph import closure
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,8 @@ from rorg.core.losses import losses, ready_runs
 from rorg.core.plan import Action
 from rorg.daemon.snapshot import pressure_json, snapshot
 from rorg.daemon.tree import Tree
-from rorg.manifest.diagnostics import nearest
-from rorg.manifest.scalars import format_seconds
+from rorg.model.diagnostics import nearest
+from rorg.model.units import format_seconds
 from rorg.store.files import write_atomic
 from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile

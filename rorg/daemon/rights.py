@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass, replace
 
 from rorg.errors import Forbidden
-from rorg.manifest.catalog import DEVELOPER, EVERY, Catalog, Service
+from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
 
 OPERATIONS = {
     "read": ("developer", "service"),

@@ -21,10 +21,10 @@ from rorg.daemon.wiring import wall_clock
 from rorg.errors import Busy, Invalid, Missing, Refused
 from rorg.host.listeners import lineage, listening
 from rorg.host.load import machine
-from rorg.manifest.catalog import Catalog, Hold, Request, Service
-from rorg.manifest.diagnostics import nearest
-from rorg.manifest.references import closure
-from rorg.manifest.scalars import format_seconds
+from rorg.model.catalog import Catalog, Hold, Request, Service
+from rorg.model.diagnostics import nearest
+from rorg.model.graph import closure
+from rorg.model.units import format_seconds
 from rorg.store.committer import Committer
 from rorg.store.requests_file import Asked, RequestsFile
 

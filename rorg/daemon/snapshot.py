@@ -11,7 +11,7 @@ from rorg.core.memory import Memory, Progress, Try
 from rorg.core.pressure import MEASURES
 from rorg.core.status import statuses
 from rorg.core.update import Update
-from rorg.manifest.catalog import Request
+from rorg.model.catalog import Request
 
 
 def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:

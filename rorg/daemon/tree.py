@@ -12,11 +12,11 @@ from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
-from rorg.manifest.catalog import EMPTY
-from rorg.manifest.diagnostics import Diagnostic, Where
 from rorg.manifest.documents import manifest_files, stray_files
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
+from rorg.model.catalog import EMPTY
+from rorg.model.diagnostics import Diagnostic, Where
 
 PATIENCE = 2.0
 """Seconds for which a tree that changes while it is read is left for later; then it is taken as it can be had."""

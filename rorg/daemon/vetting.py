@@ -7,10 +7,10 @@ from pathlib import Path
 
 from rorg.daemon.rights import Caller, permitted
 from rorg.errors import Forbidden
-from rorg.manifest.catalog import Catalog, Service
 from rorg.manifest.documents import read_source
 from rorg.manifest.models import ServiceSpec
 from rorg.manifest.profiles import built_in_profiles
+from rorg.model.catalog import Catalog, Service
 
 FIELDS = frozenset({"type", "image", "command", "profile", "needs", "conflicts", "idle", "ready", "live", "exclusive",
                     "may_request", "may_restart", "restart", "priority", "resources", "container"})

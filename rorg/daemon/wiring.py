@@ -15,7 +15,7 @@ from rorg.daemon.tree import Tree
 from rorg.engines import ENGINES
 from rorg.engines.protocol import Engine
 from rorg.errors import Invalid
-from rorg.manifest.scalars import stamp
+from rorg.model.units import stamp
 from rorg.store.state_dir import StateDir
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.manifest.ports import parse_expose, parse_ports
-from rorg.manifest.volumes import parse_device
+from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.volumes import parse_device
 
 Body = dict[str, Any]
 NANO = 1_000_000_000

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rorg.engines.docker import DockerEngine, docker_errors
 from rorg.errors import EngineError
 from rorg.host.build import import_stream
-from rorg.manifest.catalog import Image
+from rorg.model.catalog import Image
 
 
 class DockerBuilder:

@@ -10,7 +10,7 @@ from rorg.core.observed import Container
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.host.probe import CannotAsk, ask_host
-from rorg.manifest.catalog import Probe
+from rorg.model.catalog import Probe
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""

@@ -24,9 +24,10 @@ from rorg.engines.process_log import read_log, read_log_from
 from rorg.engines.process_table import MARK, boot_id, is_same, members, signal_group, stat
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError
-from rorg.manifest.container import LIVE, ContainerOptions
-from rorg.manifest.option_checks import signal_number
-from rorg.manifest.scalars import stamp
+from rorg.manifest.container import ContainerOptions
+from rorg.model.live import LIVE
+from rorg.model.signals import signal_number
+from rorg.model.units import stamp
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 

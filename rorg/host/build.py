@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rorg.errors import EngineError, Invalid, RorgError
-from rorg.manifest.catalog import Catalog, Image
+from rorg.model.catalog import Catalog, Image
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 

@@ -8,7 +8,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from rorg.manifest.catalog import Catalog, Spec
+from rorg.model.catalog import Catalog, Spec
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20

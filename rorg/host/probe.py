@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from rorg.core.decide import FRESH, Target
 from rorg.core.memory import Finding
 from rorg.host import ros
-from rorg.manifest.catalog import Probe
+from rorg.model.catalog import Probe
 
 TIMEOUT = 1.0
 """Seconds for one attempt."""

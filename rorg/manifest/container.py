@@ -137,13 +137,6 @@ class ContainerOptions(Strict):
     working_dir: Annotated[str, check.WORKING_DIR] | None = recreate()
 
 
-LIVE = frozenset(
-    name
-    for name, field in ContainerOptions.model_fields.items()
-    if (field.json_schema_extra or {}).get("x-rorg-change") == "live"  # type: ignore[union-attr]
-)
-"""Options that the engine changes without a new container (docker update, docker rename)."""
-
 ELSEWHERE = {
     "image": "spec.image",
     "command": "spec.command",

@@ -11,10 +11,10 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
-from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rorg.manifest.catalog import Service
-from rorg.manifest.diagnostics import Diagnostic
 from rorg.manifest.documents import Source
+from rorg.model.catalog import Service
+from rorg.model.diagnostics import Diagnostic
 
 INFRASTRUCTURE = {
     "roscore": "the ROS master", "rosmaster": "the ROS master", "fast-discovery-server": "a discovery server",

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.catalog import DEVELOPER, EVERY, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
-from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.idling import check_idling
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
+from rorg.model.catalog import DEVELOPER, EVERY, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
+from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any
 
 from pydantic import AfterValidator, ValidationInfo
 
-from rorg.manifest.ports import parse_expose, parse_ports
-from rorg.manifest.volumes import parse_device, parse_tmpfs, parse_volume
+from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
 """Context of the check after `${...}` was filled in."""
@@ -94,12 +94,6 @@ def read_signal(value: object) -> str:
     if name not in SIGNALS and not (name.isdigit() and 1 <= int(name) <= 64):
         raise ValueError(f"'{value}' is not a signal; write SIGINT or SIGTERM")
     return name
-
-
-def signal_number(name: str) -> int:
-    """The number of a signal that read_signal() wrote."""
-    base, sign, offset = name.partition("+") if "+" in name else name.partition("-")
-    return int(name) if name.isdigit() else signal.Signals[base].value + int(f"{sign}{offset}" or 0)
 
 
 def _ip(value: str) -> None:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.scalars import Duration, Memory
-from rorg.manifest.volumes import PROPAGATION, VOLUME_NAME, is_target
+from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
 
 MIB = 1 << 20
 LEAST_MEMORY = 6 * MIB

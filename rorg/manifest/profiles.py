@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rorg.manifest.container import ContainerOptions
-from rorg.manifest.diagnostics import Diagnostic, nearest
 from rorg.manifest.documents import Source, read_source
-from rorg.manifest.volumes import same_path
+from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.volumes import same_path
 
 BUILT_IN = Path(__file__).with_name("profiles")
 COMMON = "common"

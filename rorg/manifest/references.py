@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 
-from rorg.manifest.catalog import Catalog, Group, Service
-from rorg.manifest.diagnostics import Diagnostic, Where, nearest
 from rorg.manifest.documents import Source
+from rorg.model.catalog import Catalog, Group, Service
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.graph import closure, conflicting, overbooked
 
 
 def expand_groups(sources: Mapping[str, Source], services: Mapping[str, Service], broken: set[str]
@@ -62,36 +63,6 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     written = [n.service for n in source.spec.needs]  # type: ignore[attr-defined]
     where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
     return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
-
-
-def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
-    """The named services and all that they need."""
-    found: set[str] = set()
-    pending = list(names)
-    while pending:
-        name = pending.pop()
-        if name not in found and name in services:
-            found.add(name)
-            pending += services[name].needs
-    return found
-
-
-def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[tuple[str, str]]:
-    """Pairs among `names` that must not be active together; a conflict declared on one side counts for both."""
-    chosen = set(names)
-    pairs = {tuple(sorted((n, c))) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
-    return sorted(p for p in pairs if p[0] != p[1])  # type: ignore[misc]
-
-
-def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
-    """In words, the exclusive resources of which these services, all active, would use more than there are."""
-    used: dict[str, dict[str, int]] = {}
-    for name in sorted(n for n in names if n in catalog.services):
-        for resource, units in catalog.services[name].exclusive.items():
-            used.setdefault(resource, {})[name] = units
-    there = catalog.policy.resources
-    return [f"{', '.join(users)} use {sum(users.values())} of {there.get(resource, 1)} {resource}"
-            for resource, users in sorted(used.items()) if sum(users.values()) > there.get(resource, 1)]
 
 
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:

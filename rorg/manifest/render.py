@@ -10,14 +10,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rorg.manifest.catalog import RUN, Idle, Probe, Service
 from rorg.manifest.container import ContainerOptions
-from rorg.manifest.diagnostics import Diagnostic
 from rorg.manifest.documents import Source
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
 from rorg.manifest.together import Clash, clashes
+from rorg.model.catalog import RUN, Idle, Probe, Service
+from rorg.model.diagnostics import Diagnostic
 
 REALTIME = {
     "cap_add": ["SYS_NICE"],

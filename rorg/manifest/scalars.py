@@ -1,88 +1,12 @@
-"""Durations, amounts of memory and names, as they are written in manifests."""
+"""Durations, amounts of memory and names as fields of manifests."""
 
 from __future__ import annotations
 
-import re
-from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema
 
-DURATION = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+$"
-MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
-NAME = r"^[a-z0-9][a-z0-9_.-]{0,61}[a-z0-9]$"
-_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-_BYTES = {"": 1, "b": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30}
-
-
-LONGEST = 3653 * 86400.0
-"""Seconds."""
-
-
-def parse_duration(value: object) -> float:
-    """Seconds of "20s", "1m30s" or "250ms". A bare number has no unit and is refused, except 0."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
-        return 0.0
-    if not isinstance(value, str) or not re.match(DURATION, value):
-        raise ValueError(f"{value!r} is not a duration; write a number with a unit, such as 20s, 1m30s or 250ms")
-    found = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
-    if found > LONGEST:
-        raise ValueError(f"{value!r} is more than ten years")
-    return found
-
-
-def format_duration(seconds: float) -> str:
-    """The same, written so that parse_duration reads it."""
-    return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"
-
-
-def parse_memory(value: object) -> int:
-    """Bytes of "180Mi", "512m" or 1048576. Every unit is a power of 1024, as in Compose; -1 means no limit."""
-    if isinstance(value, int) and not isinstance(value, bool) and value >= -1:
-        return value
-    if not isinstance(value, str) or not re.match(MEMORY, value):
-        raise ValueError(f"{value!r} is not an amount of memory; write 180Mi, 2Gi, or bytes as a number")
-    number, unit = re.match(r"([0-9.]+)(.*)", value).groups()  # type: ignore[union-attr]
-    return int(float(number) * _BYTES[unit[:1].lower()])
-
-
-def format_seconds(seconds: float) -> str:
-    """A duration for people: 0.4 s, 12 s, 3 m 5 s."""
-    if seconds < 10:
-        return f"{seconds:.1f}".rstrip("0").rstrip(".") + " s"
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{int(seconds) // 60} m {int(seconds) % 60} s"
-
-
-def format_time(epoch: float) -> str:
-    """A point in time, in seconds since the epoch, for people."""
-    return datetime.fromtimestamp(epoch, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-
-
-def stamp(epoch: float) -> str:
-    """A point in time, in seconds since the epoch, as engines write it: ISO 8601, UTC. Two of them compare as text."""
-    return datetime.fromtimestamp(epoch, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
-
-
-def parse_time(value: object) -> float:
-    """Seconds since the epoch of an ISO 8601 time; UTC where it names no zone."""
-    try:
-        time = datetime.fromisoformat(str(value).replace("Z", "+00:00"))
-        epoch = (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
-        stamp(epoch)
-        return epoch
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{value!r} is not a time; write one such as 2026-01-31T12:00:00Z") from error
-
-
-def format_memory(count: float) -> str:
-    """Bytes for people: 180Mi, 1.2Gi."""
-    for size, unit in ((1 << 30, "Gi"), (1 << 20, "Mi"), (1 << 10, "Ki")):
-        if count >= size:
-            return f"{count / size:.1f}{unit}" if count < 10 * size else f"{count / size:.0f}{unit}"
-    return f"{count:.0f}"
-
+from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
 Duration = Annotated[float, BeforeValidator(parse_duration), WithJsonSchema({"type": "string", "pattern": DURATION})]
 Interval = Annotated[Duration, Field(ge=0.05)]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from rorg.manifest.profiles import mounted_at
-from rorg.manifest.volumes import parse_tmpfs, same_path
+from rorg.model.volumes import parse_tmpfs, same_path
 
 
 class Clash(NamedTuple):

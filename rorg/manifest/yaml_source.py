@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, Where
 
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 MAX_DEPTH = 50

@@ -11,8 +11,8 @@ from typing import Any
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
 from rorg.engines.protocol import Capabilities
 from rorg.errors import EngineError
-from rorg.manifest.container import LIVE
-from rorg.manifest.scalars import stamp
+from rorg.model.live import LIVE
+from rorg.model.units import stamp
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
 LATENCY: Mapping[str, float] = {"create": 0.014, "start": 0.088, "pause": 0.013, "resume": 0.013, "stop": 0.047,

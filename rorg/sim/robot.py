@@ -17,7 +17,7 @@ from rorg.core.pressure import Load
 from rorg.core.trial import refuse
 from rorg.engines.execute import perform, said_no
 from rorg.errors import RorgError
-from rorg.manifest.catalog import Catalog
+from rorg.model.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_file import Asked
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rorg.core.former import Former, Kept
-from rorg.manifest.catalog import Catalog, Group, Idle, Probe, Service
-from rorg.manifest.diagnostics import Where
+from rorg.model.catalog import Catalog, Group, Idle, Probe, Service
+from rorg.model.diagnostics import Where
 from rorg.store.files import write_atomic
 
 NAME = ".services.last-good.json"

@@ -11,10 +11,10 @@ from typing import Any
 import yaml
 
 from rorg.errors import Invalid
-from rorg.manifest.catalog import Hold, Request
-from rorg.manifest.diagnostics import Diagnostic, Where, nearest
-from rorg.manifest.scalars import format_duration, parse_duration, parse_time, stamp
 from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.model.catalog import Hold, Request
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.units import format_duration, parse_duration, parse_time, stamp
 from rorg.store.bell import ring
 from rorg.store.files import locked, write_atomic
 

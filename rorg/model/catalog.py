@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
-from rorg.manifest.diagnostics import Where
+from rorg.model.diagnostics import Where
 
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
