@@ -14,12 +14,13 @@ TREE = {"camera": {"idle": {"action": "pause"}}, "lidar": {}, "arm": {"driver": 
 CLIENT = ROOT / "clients/cpp"
 
 
-def test_every_call_does_what_it_says(cpp_programs, tmp_path):
+@pytest.mark.parametrize("words", [["calls"], ["forks", "3"]], ids=lambda words: words[0])
+def test_every_call_does_what_it_says(cpp_programs, tmp_path, words):
     robot = RealRobot(tmp_path, "process", None, with_door=True)
     robot.declare(TREE)
     robot.wait(lambda: len(robot.containers()) == 3)
     try:
-        done = subprocess.run([cpp_programs / "calls"], capture_output=True, text=True, timeout=60,
+        done = subprocess.run([cpp_programs / "calls", *words], capture_output=True, text=True, timeout=100,
                               env={**os.environ, "RORG_SOCKET": robot.socket()})
         assert done.returncode == 0, done.stderr
     finally:

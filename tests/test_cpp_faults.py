@@ -33,7 +33,7 @@ def robot(tmp_path):
 @BOTH
 @pytest.mark.parametrize("word", ["calls", "lifetimes", "forks", "left"])
 def test_no_memory_is_misused(sanitized, robot, kind, word):
-    with program(sanitized[kind], word, "2" if kind == "address" else "1", RORG_SOCKET=robot.socket()):
+    with program(sanitized[kind], word, "0" if kind == "address" else "1", RORG_SOCKET=robot.socket()):
         pass
 
 

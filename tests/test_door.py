@@ -17,6 +17,7 @@ from robots import RealRobot, write_tree
 import rorg.daemon.connection
 import rorg.host.git
 from rorg.client import AsyncClient, Client, Error, Invalid, Refused, Unreachable
+from rorg.errors import Busy
 from rorg.store.journal import Journal
 
 TREE = {"alpha": {"may_request": ["camera"]}, "beta": {"may_request": ["camera"]}, "camera": {}, "lidar": {}}
@@ -340,3 +341,11 @@ if child:
 os._exit(wrong)
 """
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+def test_what_comes_after_the_end_is_told_to_come_again(robot):
+    """It must be told so at once: nobody would ever do it."""
+    committer = robot.door.robot.committer
+    committer.stop()
+    with pytest.raises(Busy):
+        committer.submit(lambda asked: asked).result(0)

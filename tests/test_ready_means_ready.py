@@ -14,7 +14,7 @@ import pytest
 from conftest import wait_for
 
 SLOW = {"command": ["python3", "-c", "import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), "
-                    "exit()))\nwhile True: signal.pause()"],
+                    "exit()))\nprint('up', flush=True)\nwhile True: signal.pause()"], "ready": {"log": "up"},
         "container": {"stop_signal": "SIGINT", "stop_grace_period": "10s"}, "idle": {"action": "stop", "linger": 0}}
 PAUSED = {"idle": {"action": "pause", "linger": 0}}
 STOPPED = {"idle": {"action": "stop", "linger": 0}, "container": {"stop_grace_period": "1s"}}

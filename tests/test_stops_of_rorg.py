@@ -11,7 +11,7 @@ from robots import Daemon, write_tree
 from rorg.client import Client
 
 SLOW_END = ("import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), exit()))\n"
-            "while True: signal.pause()")
+            "print('up', flush=True)\nwhile True: signal.pause()")
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
 def test_what_an_rorg_was_ending_when_it_was_killed_is_not_ready_for_the_next(daemon):
     client = begin(daemon, {"slow": {
         "command": ["python3", "-c", SLOW_END], "container": {"stop_signal": "SIGINT", "stop_grace_period": "4s"},
-        "idle": {"action": "stop", "linger": 0}}})
+        "idle": {"action": "stop", "linger": 0}, "ready": {"log": "up"}}})
     client.request("slow", id="a", wait=30, ttl=None)
     first = daemon.robot.container("slow").incarnation
     client.release("a")

@@ -63,8 +63,8 @@ class Document:
 class _Reader:
     """Turns nodes into plain values, noting positions, duplicate keys and foreign tags."""
 
-    def __init__(self, file: str) -> None:
-        self.document = Document(file)
+    def __init__(self, file: str, nul: bool) -> None:
+        self.document, self.nul = Document(file), nul
         self.diagnostics: list[Diagnostic] = []
         self.count = 0
 
@@ -111,7 +111,7 @@ class _Reader:
             return self.number(node, tag, text)
         if tag != "str":
             self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
-        if "\0" in text:
+        if "\0" in text and not self.nul:
             self.error(node, "a NUL character, which ends a text for the engine and for programs", "to leave it out")
         return text
 
@@ -139,9 +139,10 @@ def _check_depth(text: str) -> None:
             depth -= 1
 
 
-def read_yaml(text: str, file: str) -> tuple[Document | None, list[Diagnostic]]:
-    """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened."""
-    reader = _Reader(file)
+def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None, list[Diagnostic]]:
+    """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened. `nul`:
+    its texts go to no engine and no program, so they may have NUL characters."""
+    reader = _Reader(file, nul)
     try:
         _check_depth(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))

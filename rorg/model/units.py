@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from decimal import Decimal
 
 DURATION = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
@@ -30,7 +31,7 @@ def parse_duration(value: object) -> float:
 
 def format_duration(seconds: float) -> str:
     """The same, written so that parse_duration reads it."""
-    return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"
+    return f"{Decimal(repr(float(seconds))):f}".removesuffix(".0") + "s"
 
 
 def parse_memory(value: object) -> int:

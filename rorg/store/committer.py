@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
-from rorg.errors import Unreachable
+from rorg.errors import Busy, Unreachable
 from rorg.store.requests_file import Asked, RequestsFile
 
 PATIENCE = 5.0
@@ -31,6 +31,7 @@ class Committer:
         of it."""
         self.file, self.changed = file, changed
         self._edits: queue.SimpleQueue[tuple[Edit, Future[int]] | None] = queue.SimpleQueue()
+        self._lock, self._stopped = threading.Lock(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
 
     def start(self) -> None:
@@ -38,14 +39,20 @@ class Committer:
 
     def stop(self) -> None:
         """Ends when what was submitted before is done."""
-        self._edits.put(None)
+        with self._lock:
+            self._stopped = True
+            self._edits.put(None)
         if self._thread.is_alive():
             self._thread.join(PATIENCE)
 
     def submit(self, edit: Edit) -> Future[int]:
         """The future has the change's generation when the disk has it, or the error with which it was refused."""
         future: Future[int] = Future()
-        self._edits.put((edit, future))
+        with self._lock:
+            if self._stopped:
+                future.set_exception(Busy("write the requests file", "rorg is being stopped", "again in a moment"))
+            else:
+                self._edits.put((edit, future))
         return future
 
     def _run(self) -> None:

@@ -73,7 +73,7 @@ def parse(text: str, file: str) -> tuple[Asked | None, list[Diagnostic]]:
     """The content of a requests file, or everything that is wrong with it, with places."""
     if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
         return Asked(), []
-    document, diagnostics = read_yaml(text, file)
+    document, diagnostics = read_yaml(text, file, nul=True)
     if document is None or diagnostics:
         return None, diagnostics
     reader = _Reader(document)

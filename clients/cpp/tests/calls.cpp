@@ -106,7 +106,7 @@ int main(int argc, char** argv) {
   try {
     if (word == "calls") calls();
     else if (word == "lifetimes") faults::lifetimes();
-    else if (word == "forks") faults::forks(count > 1);
+    else if (word == "forks") faults::forks((count & 1) != 0, (count & 2) != 0);
     else if (word == "outages") faults::outages(count);
     else if (word == "cycles") faults::cycles(count, argc > 3 ? argv[3] : "camera");
     else if (word == "losses") faults::losses();
