@@ -1,5 +1,5 @@
-"""The long version of tests/test_cycles.py: CYCLES of each program (3400 by default; on Docker a tenth), printed. rorg is
-left alone, stopped and killed, and its own container is upgraded."""
+"""The long version of tests/test_cycles.py: CYCLES of each program (3400 by default; on Docker a tenth), printed.
+rorg is left alone, stopped and killed, and its own container is upgraded."""
 
 from __future__ import annotations
 
