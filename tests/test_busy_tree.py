@@ -103,3 +103,26 @@ def test_what_is_read_beside_the_manifests_counts(tmp_path):
     (root / "notes").mkdir()
     (root / "notes/today.txt").write_text("x")
     assert tree.stamp() == before, "a build's context counts when it is built"
+
+
+def test_a_change_that_comes_while_the_tree_is_read_is_not_lost(tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    robot.declare({"camera": {}})
+    try:
+        robot.settle()
+        read, left = robot.loop.tree.read, [True]
+
+        def read_and_change() -> tuple[bool, bool]:
+            found = read()
+            if left:
+                left.clear()
+                write_tree(robot.tree, {"camera": {}, "late": {}})
+                robot.loop.files_changed()
+            return found
+
+        robot.loop.watcher.stop()
+        robot.loop.tree.read = read_and_change
+        robot.loop.files_changed()
+        robot.wait(lambda: "late" in robot.loop.tree.desired.catalog.services, 5)
+    finally:
+        robot.close()

@@ -232,7 +232,9 @@ class Loop:
             self.ledger.read()
         if self._files:
             self._files = False
-            _, self._files = self.tree.read()
+            _, again = self.tree.read()
+            if again:  # never the other way: a change may have come while it was read
+                self._files = True
 
     def _take_outcomes(self) -> None:
         with self._lock:
