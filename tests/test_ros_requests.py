@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -23,6 +24,9 @@ from rorg_ros.bridge import Bridge, Graph, holder_of, request_id, tag
 PAUSE = {"idle": {"action": "pause"}}
 LISTEN = ["python3", "-S", "-c", "import socket,sys\nwith socket.create_server(('127.0.0.1', int(sys.argv[1]))) as s:\n"
           "    while True: s.accept()"]
+
+CYCLES = int(os.environ.get("RORG_TEST_ROS_CYCLES", "30"))
+"""Requests and releases through ROS, back to back."""
 
 
 class People(Graph):
@@ -269,7 +273,7 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
         "camera": PAUSE, "lamp": PAUSE, "slow": {"ready": {"delay": "4s"}},
         "rorg_ros": {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
                      "always_on": True, "may_request": ["lamp"], "may_act_for": ["*"]},
-        "tour": {**ros, "command": "python3 /nodes/cycles.py /told/cycles camera", "needs": ["rorg_ros"],
+        "tour": {**ros, "command": f"python3 /nodes/cycles.py /told/cycles camera {CYCLES}", "needs": ["rorg_ros"],
                  "may_request": ["camera"], "restart": "never"},
         "waiter": {**ros, "command": "python3 /nodes/ask.py /told/waiter waiter lamp slow", "needs": ["rorg_ros"],
                    "may_request": ["slow"], "restart": "never"}}
@@ -277,7 +281,7 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
     rorg = Rorg(robot)
     try:
         robot.request("tour", id="run")
-        robot.wait(lambda: (hand.folder / "cycles").exists(), 120)
+        robot.wait(lambda: (hand.folder / "cycles").exists(), 120 + CYCLES)
         assert json.loads((hand.folder / "cycles").read_text()) == [], "told ready and found otherwise"
         assert held(robot) == {"developer": ["tour"], "tour": ["camera"]}
 

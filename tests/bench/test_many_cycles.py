@@ -4,9 +4,14 @@ rorg is left alone, stopped and killed, and its own container is upgraded."""
 from __future__ import annotations
 
 import os
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import docker
 import pytest
+from conftest import *  # noqa: F403 - the engines of the test suite
 from cycles import SERVICES, Restarts, cycle
 from robots import RealRobot, write_tree
 from rorg_client import Client
