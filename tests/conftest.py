@@ -18,6 +18,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 ROOT = Path(__file__).parent.parent
+for _name in ("RORG_STATE_DIR", "RORG_ENGINE", "RORG_SOCKET", "RORG_ADDRESS", "RORG_RUN_DIR"):
+    os.environ.pop(_name, None)  # of whoever runs the tests: they are about robots of their own
 BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
 

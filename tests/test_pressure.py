@@ -186,7 +186,8 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, tmp_pa
         robot.wait(lambda: {"aa", "bb"} <= robot.active())
         robot.wait(lambda: robot.status()["pressure"]["reason"] != "", 10)
         robot.wait(lambda: len({"aa", "bb"} & robot.active()) < 2, 10)
-        robot.wait(lambda: not over(robot, budget), 10)
+        # Within 10 s on a quiet machine; what the kernel calls available comes back late on a busy one.
+        robot.wait(lambda: not over(robot, budget), 30)
         assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
         assert "drive" in robot.active()
         robot.release("load")
