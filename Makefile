@@ -28,7 +28,7 @@ bench: $(VENV)/test-installed
 
 schemas: $(BIN)/rorg
 	$(BIN)/python -m rorg.manifest.schema schemas
-	$(BIN)/python -m rorg.daemon.openapi schemas/openapi.json
+	$(BIN)/python -m rorg.api.openapi schemas/openapi.json
 
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py

@@ -22,8 +22,22 @@ from rorg_client import (
     request,
 )
 
-__all__ = ["PATIENCE", "TTL", "Client", "Error", "Forbidden", "Invalid", "NotFound", "NotReady", "Refused", "Request",
-           "Unreachable", "check_id", "client", "request"]
+__all__ = [
+    "PATIENCE",
+    "TTL",
+    "Client",
+    "Error",
+    "Forbidden",
+    "Invalid",
+    "NotFound",
+    "NotReady",
+    "Refused",
+    "Request",
+    "Unreachable",
+    "check_id",
+    "client",
+    "request",
+]
 
 
 def __getattr__(name: str) -> Any:

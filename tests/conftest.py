@@ -64,10 +64,25 @@ class Dockerd:
         hang.write_text(f'#!/bin/sh\ncase " $* " in *" start "*) {wait};; esac\nexec runc "$@"\n')
         hang.chmod(0o755)
         self.process = subprocess.Popen(
-            ["dockerd", "--data-root", f"{self.folder}/data", "--exec-root", f"{self.folder}/exec", "--pidfile",
-             f"{self.folder}/pid", "--host", self.host, "--bridge=none", "--iptables=false", "--add-runtime",
-             f"hang={hang}"],
-            stdout=log, stderr=log, start_new_session=True)
+            [
+                "dockerd",
+                "--data-root",
+                f"{self.folder}/data",
+                "--exec-root",
+                f"{self.folder}/exec",
+                "--pidfile",
+                f"{self.folder}/pid",
+                "--host",
+                self.host,
+                "--bridge=none",
+                "--iptables=false",
+                "--add-runtime",
+                f"hang={hang}",
+            ],
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
         wait_for(self.answers, 60, f"dockerd, see {self.folder}/dockerd.log")
 
     def answers(self) -> bool:
@@ -187,9 +202,14 @@ def package(dockerd, ros_image, tmp_path_factory):
     out = tmp_path_factory.mktemp("package") / "out"
     out.mkdir()
     api = docker.APIClient(dockerd.host, version="auto")
-    made = api.create_container(ros_image, ["bash", "-c", BUILD], host_config=api.create_host_config(
-        network_mode="host", binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out",
-                                    f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]))["Id"]
+    made = api.create_container(
+        ros_image,
+        ["bash", "-c", BUILD],
+        host_config=api.create_host_config(
+            network_mode="host",
+            binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"],
+        ),
+    )["Id"]
     api.start(made)
     code = api.wait(made)["StatusCode"]
     said = api.logs(made).decode()
@@ -203,26 +223,63 @@ def cpp_programs(tmp_path_factory):
     """The C++ client's programs, static, so that they run in any container."""
     folder = tmp_path_factory.mktemp("cpp")
     for name in ("examples/tour", "tests/calls", "tests/latency"):
-        subprocess.run(["g++", "-std=c++17", "-O1", "-static", "-pthread", "-Wall", "-Wextra", "-Werror",
-                        "-I", ROOT / "clients/cpp/include", ROOT / f"clients/cpp/{name}.cpp", "-o",
-                        folder / name.partition("/")[2]], check=True)
+        subprocess.run(
+            [
+                "g++",
+                "-std=c++17",
+                "-O1",
+                "-static",
+                "-pthread",
+                "-Wall",
+                "-Wextra",
+                "-Werror",
+                "-I",
+                ROOT / "clients/cpp/include",
+                ROOT / f"clients/cpp/{name}.cpp",
+                "-o",
+                folder / name.partition("/")[2],
+            ],
+            check=True,
+        )
     return folder
 
 
-SANITIZERS = {"address": ["-fsanitize=address,undefined", "-fno-sanitize-recover=all",
-                          # What the address sanitizer sees as well, and half of the compiler's time.
-                          "-fno-sanitize=null,alignment,object-size,vptr"],
-              "thread": ["-fsanitize=thread"]}
+SANITIZERS = {
+    "address": [
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
+        # What the address sanitizer sees as well, and half of the compiler's time.
+        "-fno-sanitize=null,alignment,object-size,vptr",
+    ],
+    "thread": ["-fsanitize=thread"],
+}
 
 
 @pytest.fixture(scope="session")
 def sanitized(tmp_path_factory) -> dict[str, Path]:
     """The program of the C++ client's tests, once for each sanitizer, with TLS."""
     folder, client = tmp_path_factory.mktemp("sanitized"), ROOT / "clients/cpp"
-    builds = [subprocess.Popen(["g++", "-std=c++17", "-O1", "-g1", "-pthread", "-DRORG_WITH_TLS", *flags, "-I",
-                                client / "include", client / "tests/calls.cpp", "-o", folder / name, "-lssl",
-                                "-lcrypto"])
-              for name, flags in SANITIZERS.items()]
+    builds = [
+        subprocess.Popen(
+            [
+                "g++",
+                "-std=c++17",
+                "-O1",
+                "-g1",
+                "-pthread",
+                "-DRORG_WITH_TLS",
+                *flags,
+                "-I",
+                client / "include",
+                client / "tests/calls.cpp",
+                "-o",
+                folder / name,
+                "-lssl",
+                "-lcrypto",
+            ]
+        )
+        for name, flags in SANITIZERS.items()
+    ]
     assert [build.wait() for build in builds] == [0, 0]
     return {name: folder / name for name in SANITIZERS}
 
@@ -258,8 +315,11 @@ def pytest_runtest_makereport(item, call):
     outcome = yield
     if call.when == "call" and outcome.get_result().passed:
         names = set(item.fixturenames)
-        kind = item.callspec.params.get("robot") or item.callspec.params.get("real_robot") if hasattr(
-            item, "callspec") else None
+        kind = (
+            item.callspec.params.get("robot") or item.callspec.params.get("real_robot")
+            if hasattr(item, "callspec")
+            else None
+        )
         if kind is None:
             kind = "docker" if names & {"dockerd", "docker_robot"} else "no engine"
         _ran[kind] += 1

@@ -7,15 +7,24 @@ import subprocess
 from contextlib import contextmanager
 from pathlib import Path
 
-HOW = {"ASAN_OPTIONS": "detect_stack_use_after_return=1", "UBSAN_OPTIONS": "print_stacktrace=1",
-       "TSAN_OPTIONS": "halt_on_error=1:die_after_fork=0"}
+HOW = {
+    "ASAN_OPTIONS": "detect_stack_use_after_return=1",
+    "UBSAN_OPTIONS": "print_stacktrace=1",
+    "TSAN_OPTIONS": "halt_on_error=1:die_after_fork=0",
+}
 
 
 @contextmanager
 def program(path: Path, *words: str, **env: str):
     """The program, which must end well when the block has."""
-    running = subprocess.Popen([path, *words], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE, env={**os.environ, **HOW, **env})
+    running = subprocess.Popen(
+        [path, *words],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, **HOW, **env},
+    )
     try:
         yield running
         _, errors = running.communicate(timeout=120)

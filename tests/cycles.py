@@ -49,16 +49,22 @@ def compile_cpp(folder: Path, headers: Path) -> Path:
     return made
 
 
-def cycle(daemon: Daemon, programs: Sequence[Sequence[str]], count: int,
-          between: Callable[[int], None] = lambda _: None, seed: int = 1) -> Result:
+def cycle(
+    daemon: Daemon,
+    programs: Sequence[Sequence[str]],
+    count: int,
+    between: Callable[[int], None] = lambda _: None,
+    seed: int = 1,
+) -> Result:
     """`count` cycles of each program, all at the same time. `between(n)` is called beside them, again and again, with
     the number of cycles so far."""
     result, lock, over = Result(), threading.Lock(), threading.Event()
 
     def play(number: int) -> None:
         chance = random.Random(seed * 1000 + number)
-        program = subprocess.Popen([*programs[number], daemon.robot.socket()], stdin=subprocess.PIPE,
-                                   stdout=subprocess.PIPE, text=True)
+        program = subprocess.Popen(
+            [*programs[number], daemon.robot.socket()], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         assert program.stdin and program.stdout
         for _ in range(count):
             service = chance.choice(("cam", "nav", "arm", "loc"))
@@ -85,9 +91,12 @@ def cycle(daemon: Daemon, programs: Sequence[Sequence[str]], count: int,
         before = {n: daemon.robot.container(n) for n in names}
         time.sleep(chance.choice((0.0, 0.0, 0.005, 0.03)))
         after = {n: daemon.robot.container(n) for n in names}
-        return [f"{n}: {before[n].state} {before[n].incarnation} -> {after[n].state} {after[n].incarnation}"
-                for n in names if (before[n].state, after[n].state) != ("running", "running")
-                or before[n].incarnation != after[n].incarnation]
+        return [
+            f"{n}: {before[n].state} {before[n].incarnation} -> {after[n].state} {after[n].incarnation}"
+            for n in names
+            if (before[n].state, after[n].state) != ("running", "running")
+            or before[n].incarnation != after[n].incarnation
+        ]
 
     def disturb() -> None:
         while not over.wait(0.01):

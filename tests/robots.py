@@ -15,25 +15,34 @@ import psutil
 import yaml
 from conftest import BASE_IMAGE, wait_for
 
+from rorg.api.server import make_server
 from rorg.client import Client
-from rorg.daemon.wiring import make_door, make_engine, make_loop
+from rorg.daemon.wiring import make_loop
+from rorg.engines.make import make_engine
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Hold, Request
 from rorg.sim.robot import SimRobot
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 
-WORK = ["python3", "-S", "-c", "import signal,sys\nfor s in (2,15): signal.signal(s, lambda *_: sys.exit(0))\n"
-        "while True: signal.pause()"]
+WORK = [
+    "python3",
+    "-S",
+    "-c",
+    "import signal,sys\nfor s in (2,15): signal.signal(s, lambda *_: sys.exit(0))\nwhile True: signal.pause()",
+]
 """A program that waits, and ends when told to."""
 
 
 def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) -> Path:
     """A tree of manifests from specs by name. Services get the test image and WORK unless they say otherwise."""
-    for folder, kind, specs in (("services", "Service", services), ("groups", "Group", kinds.get("groups", {})),
-                                ("profiles", "Profile", kinds.get("profiles", {})),
-                                ("requests", "Request", kinds.get("requests", {})),
-                                ("policies", "Policy", kinds.get("policies", {}))):
+    for folder, kind, specs in (
+        ("services", "Service", services),
+        ("groups", "Group", kinds.get("groups", {})),
+        ("profiles", "Profile", kinds.get("profiles", {})),
+        ("requests", "Request", kinds.get("requests", {})),
+        ("policies", "Policy", kinds.get("policies", {})),
+    ):
         (root / folder).mkdir(parents=True, exist_ok=True)
         wanted = {f"{name}.yaml" for name in specs}
         for path in (root / folder).glob("*.yaml"):
@@ -42,8 +51,9 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         for name, spec in specs.items():
             if kind == "Service" and spec.get("type") != "meta":
                 spec = {"image": BASE_IMAGE, "command": WORK, **spec}
-            text = yaml.safe_dump({"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec},
-                                  sort_keys=False)
+            text = yaml.safe_dump(
+                {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}, sort_keys=False
+            )
             path = root / folder / f"{name}.yaml"
             if not path.exists() or path.read_text() != text:
                 path.write_text(text)
@@ -65,7 +75,7 @@ class VirtualRobot:
             self.sim.declare(catalog)
 
     def change(self, edit) -> None:
-        self.sim.asked = edit(self.sim.asked)
+        self.sim.document = edit(self.sim.document)
 
     def request(self, *services: str, id: str = "test", by: str = "developer", **more) -> None:
         run = None if by == "developer" else self.container(by).incarnation
@@ -103,7 +113,7 @@ class VirtualRobot:
         return self.sim.now
 
     def requests(self):
-        return self.sim.asked.requests
+        return self.sim.document.requests
 
     # behind its back
     def kill(self, service: str) -> None:
@@ -128,8 +138,8 @@ class VirtualRobot:
 
 
 class RealRobot(VirtualRobot):
-    def __init__(self, folder: Path, kind: str, host: str | None, with_door: bool = False) -> None:
-        self.with_door, self.door = with_door, None
+    def __init__(self, folder: Path, kind: str, host: str | None, with_server: bool = False) -> None:
+        self.with_server, self.server = with_server, None
         self.kind, self.tree, self.host = kind, folder / "tree", host
         self.state = StateDir(folder / "state").prepare()
         if host:
@@ -148,9 +158,9 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
-        if self.with_door:
-            self.door = make_door(self.loop, self.state, "rorg")
-            self.door.start()
+        if self.with_server:
+            self.server = make_server(self.loop, self.state, "rorg")
+            self.server.start()
         self.thread = threading.Thread(target=self.loop.run, daemon=True)
         self.thread.start()
 
@@ -162,9 +172,9 @@ class RealRobot(VirtualRobot):
         return Client(self.socket(service), **more)
 
     def stop(self) -> None:
-        if self.door:
-            self.door.stop()
-            self.door = None
+        if self.server:
+            self.server.stop()
+            self.server = None
         self.loop.stop()
         self.thread.join(30)
         assert not self.thread.is_alive()
@@ -204,14 +214,17 @@ class RealRobot(VirtualRobot):
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""
         generation = self.loop.generations.changed(manifest=True)
-        self.loop.files_changed()
+        self.loop.wakes.files_changed()
         self.wait(lambda: self.loop.generations.reached(generation) and self.quiet())
 
     def quiet(self) -> bool:
         """The last pass has nothing to do, nothing is under way, and all that is known is published."""
         decision = self.loop.decision
-        return decision is not None and not (decision.plan.actions or decision.plan.waitings) and (
-            not self.loop.memory.in_flight and self.loop.reporter.due() is None)
+        return (
+            decision is not None
+            and not (decision.plan.actions or decision.plan.waitings)
+            and (not self.loop.memory.in_flight and self.loop.publisher.due() is None)
+        )
 
     def containers(self):
         return self.engine.list()
@@ -221,7 +234,7 @@ class RealRobot(VirtualRobot):
 
     def requests(self):
         self.file.read()
-        return self.file.asked.requests
+        return self.file.document.requests
 
     def kill(self, service: str) -> None:
         container = self.container(service)
@@ -255,8 +268,20 @@ class Daemon:
         self.starts += 1
         log = (self.robot.state.path.parent / "run.log").open("ab")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
-             "--engine", self.robot.kind], stdout=log, stderr=log)
+            [
+                sys.executable,
+                "-m",
+                "rorg",
+                "run",
+                str(self.robot.tree),
+                "--state-dir",
+                str(self.robot.state.path),
+                "--engine",
+                self.robot.kind,
+            ],
+            stdout=log,
+            stderr=log,
+        )
 
     def kill(self) -> None:
         self.process.send_signal(signal.SIGKILL)

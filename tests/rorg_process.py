@@ -11,7 +11,7 @@ import psutil
 from robots import write_tree
 from rorg_client import Client
 
-from rorg.daemon.wiring import make_engine
+from rorg.engines.make import make_engine
 from rorg.store.state_dir import StateDir
 
 
@@ -24,8 +24,21 @@ class RorgProcess:
     def start(self) -> RorgProcess:
         with (self.folder / "rorg.log").open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "rorg", "run", str(self.tree), "--state-dir", str(self.state), "--engine",
-                 "process", *self.options], stderr=log, stdout=log)
+                [
+                    sys.executable,
+                    "-m",
+                    "rorg",
+                    "run",
+                    str(self.tree),
+                    "--state-dir",
+                    str(self.state),
+                    "--engine",
+                    "process",
+                    *self.options,
+                ],
+                stderr=log,
+                stdout=log,
+            )
         return self
 
     def socket(self, service: str = "") -> str:

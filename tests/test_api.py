@@ -15,24 +15,26 @@ import pytest
 from conftest import ROOT, wait_for
 from robots import RealRobot
 
+from rorg.api.permissions import OPERATIONS
 from rorg.client import Client, Forbidden, Invalid, NotFound, NotReady, Refused
-from rorg.daemon.rights import OPERATIONS
 
 TREE = {
-    "behaviour": {"may_request": ["camera", "seeing"]}, "camera": {"idle": {"action": "pause"}}, "lidar": {},
+    "behaviour": {"may_request": ["camera", "seeing"]},
+    "camera": {"idle": {"action": "pause"}},
+    "lidar": {},
     "arm": {"driver": {}, "conflicts": ["lidar"]},
 }
 
 
 @pytest.fixture
 def robot(tmp_path):
-    found = RealRobot(tmp_path, "process", None, with_door=True)
+    found = RealRobot(tmp_path, "process", None, with_server=True)
     found.declare(TREE, groups={"seeing": {"services": ["camera"]}})
     found.wait(lambda: len(found.containers()) == 4)
     found.settle()
     yield found
     found.close()
-    assert not [t for t in threading.enumerate() if t.name == "door"], "the door's thread has ended"
+    assert not [t for t in threading.enumerate() if t.name == "api-server"], "the server's thread has ended"
 
 
 @pytest.fixture
@@ -104,8 +106,9 @@ def test_events_are_numbered_and_can_be_resumed(robot, client):
     first = list(client.events(tail=5))
     assert [e["seq"] for e in first] == sorted(e["seq"] for e in first)
     found: list[dict] = []
-    threading.Thread(target=lambda: [found.append(e) for e in client.events(cursor=first[-1]["seq"], follow=True)],
-                     daemon=True).start()
+    threading.Thread(
+        target=lambda: [found.append(e) for e in client.events(cursor=first[-1]["seq"], follow=True)], daemon=True
+    ).start()
     client.release("one")
     wait_for(lambda: any(e["kind"] == "release" and e["author"] for e in found))
     assert found[0]["seq"] == first[-1]["seq"] + 1
@@ -135,8 +138,13 @@ def test_usage_and_plan_and_status(robot, client):
 
 
 def git(folder, *args) -> str:
-    return subprocess.run(["git", "-c", "user.name=t", "-c", "user.email=t@localhost", *args], cwd=folder, check=True,
-                          capture_output=True, text=True).stdout
+    return subprocess.run(
+        ["git", "-c", "user.name=t", "-c", "user.email=t@localhost", *args],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
 
 
 def test_manifests_are_validated_written_and_committed(robot, client):
@@ -154,7 +162,7 @@ def test_manifests_are_validated_written_and_committed(robot, client):
     assert git(robot.tree, "log", "-1", "--format=%s").strip() == "lidar matters more"
     with pytest.raises(Refused, match="changed meanwhile"):
         client.put_manifest("Service", "lidar", text, mine["digest"])
-    wait_for(lambda: client.service("lidar")["rank"] == 70)
+    wait_for(lambda: client.service("lidar")["effective_priority"] == 70)
     client.put_manifest("Service", "radar", text.replace("name: lidar", "name: radar"), None)
     wait_for(lambda: any(s["service"] == "radar" for s in client.services()))
     with pytest.raises(Invalid, match=r"unknown service 'lidar'"):
@@ -167,7 +175,7 @@ def test_manifests_are_validated_written_and_committed(robot, client):
 def routes(robot) -> list[tuple[str, str, str]]:
     """(method, path, operation) of every route; each must have an operation."""
     found = []
-    for route in robot.door.app.routes:
+    for route in robot.server.app.routes:
         if not hasattr(route, "dependant"):
             continue
         marks = [d.call.operation for d in route.dependant.dependencies if hasattr(d.call, "operation")]
@@ -176,8 +184,12 @@ def routes(robot) -> list[tuple[str, str, str]]:
     return found
 
 
-BODIES = {"/v1/requests/{id}": {"services": ["camera"]}, "/v1/holds/{name}": {"duration": "1s"},
-          "/v1/suspension": {"duration": "1s"}, "/v1/manifests/{kind}/{name}": {"text": "x", "base": None}}
+BODIES = {
+    "/v1/requests/{id}": {"services": ["camera"]},
+    "/v1/holds/{name}": {"duration": "1s"},
+    "/v1/suspension": {"duration": "1s"},
+    "/v1/manifests/{kind}/{name}": {"text": "x", "base": None},
+}
 
 
 def status_of(socket_path: str, method: str, path: str) -> int:
@@ -293,20 +305,26 @@ def test_thousands_of_dead_connections_do_not_slow_the_loop(robot, client):
 
 
 def test_the_openapi_document_is_current():
-    from rorg.daemon.openapi import document
+    from rorg.api.openapi import document
 
     assert json.loads((ROOT / "schemas/openapi.json").read_text()) == document(), "try `make schemas`"
 
 
 def test_the_client_is_light():
-    code = ("import sys, time; b = time.perf_counter(); import rorg_client; t = time.perf_counter() - b\n"
-            "import importlib.util\n"
-            "known = sys.stdlib_module_names | {'rorg_client', '__main__'}\n"
-            "own = [m for m in sys.modules if m.split('.')[0] not in known"
-            " and not m.startswith(('_', 'sitecustomize', 'distutils'))]\nprint(own, t)")
+    code = (
+        "import sys, time; b = time.perf_counter(); import rorg_client; t = time.perf_counter() - b\n"
+        "import importlib.util\n"
+        "known = sys.stdlib_module_names | {'rorg_client', '__main__'}\n"
+        "own = [m for m in sys.modules if m.split('.')[0] not in known"
+        " and not m.startswith(('_', 'sitecustomize', 'distutils'))]\nprint(own, t)"
+    )
     path = str(ROOT / "clients/python")
-    said = subprocess.run([sys.executable, "-S", "-c", f"import sys; sys.path.insert(0, {path!r})\n{code}"],
-                          capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-S", "-c", f"import sys; sys.path.insert(0, {path!r})\n{code}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     assert said.startswith("[] ")
 
 
@@ -334,11 +352,18 @@ while True:
 def test_a_program_killed_at_any_moment_leaves_nothing_behind(tmp_path):
     """It requests, waits and releases without a pause, and is killed at ten random moments of that."""
     dice = random.Random(11)
-    robot = RealRobot(tmp_path, "process", None, with_door=True)
-    robot.declare({"behaviour": {"may_request": ["camera"], "restart": "never",
-                                 "command": [sys.executable, "-c", RESTLESS],
-                                 "container": {"environment": {"PYTHONPATH": str(ROOT)}}},
-                   "camera": {}})
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    robot.declare(
+        {
+            "behaviour": {
+                "may_request": ["camera"],
+                "restart": "never",
+                "command": [sys.executable, "-c", RESTLESS],
+                "container": {"environment": {"PYTHONPATH": str(ROOT)}},
+            },
+            "camera": {},
+        }
+    )
     try:
         for _ in range(10):
             robot.request("behaviour", id="run")

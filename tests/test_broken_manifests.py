@@ -38,30 +38,33 @@ def test_enough_cases():
     assert len(CASES) >= 30
 
 
-@pytest.mark.parametrize(("text", "value"), [
-    ("NO", "NO"),
-    ("no", "no"),
-    ("on", "on"),
-    ("yes", "yes"),
-    ("true", True),
-    ("FALSE", False),
-    ("1:30", "1:30"),
-    ("0o17", 15),
-    ("017", 17),
-    ("0x1F", 31),
-    ("1_000", "1_000"),
-    (".5", 0.5),
-    ("1e3", 1000.0),
-    ("-12", -12),
-    ("~", None),
-    ("null", None),
-    ("", None),
-    ("'~'", "~"),
-    ("'12'", "12"),
-    ("2026-01-01", "2026-01-01"),
-    ("=", "="),
-    ("host", "host"),
-])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("NO", "NO"),
+        ("no", "no"),
+        ("on", "on"),
+        ("yes", "yes"),
+        ("true", True),
+        ("FALSE", False),
+        ("1:30", "1:30"),
+        ("0o17", 15),
+        ("017", 17),
+        ("0x1F", 31),
+        ("1_000", "1_000"),
+        (".5", 0.5),
+        ("1e3", 1000.0),
+        ("-12", -12),
+        ("~", None),
+        ("null", None),
+        ("", None),
+        ("'~'", "~"),
+        ("'12'", "12"),
+        ("2026-01-01", "2026-01-01"),
+        ("=", "="),
+        ("host", "host"),
+    ],
+)
 def test_scalars_are_those_of_yaml_1_2(text, value):
     document, diagnostics = read_yaml(f"key: {text}\n", "case.yaml")
     assert diagnostics == []

@@ -6,22 +6,27 @@ import pytest
 from conftest import BASE_IMAGE, ROOT
 from robots import write_tree
 
-from rorg.engines.docker import DockerEngine
-from rorg.engines.docker_build import DockerBuilder
-from rorg.host.build import build, order, parents
+from rorg.engines.docker.engine import DockerEngine
+from rorg.images.build import build, order, parents
+from rorg.images.docker import DockerBuilder
 from rorg.manifest.load import load_or_raise
 
 
-@pytest.mark.parametrize("text, expected", [
-    ("FROM a", ["a"]),
-    ("# FROM x\nFROM --platform=linux/amd64 a:1 AS one\nFROM one\nCOPY --from=one /x /x\nCOPY --from=b /y /y",
-     ["a:1", "b"]),
-    ("ARG BASE=a\nFROM ${BASE}", ["a"]),
-    ("ARG BASE=a\nFROM $BASE:2", ["a:2"]),
-    ("FROM ${BASE:-z}", ["z"]),
-    ("from \\\n  a", ["a"]),
-    ("FROM scratch", []),
-])
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("FROM a", ["a"]),
+        (
+            "# FROM x\nFROM --platform=linux/amd64 a:1 AS one\nFROM one\nCOPY --from=one /x /x\nCOPY --from=b /y /y",
+            ["a:1", "b"],
+        ),
+        ("ARG BASE=a\nFROM ${BASE}", ["a"]),
+        ("ARG BASE=a\nFROM $BASE:2", ["a:2"]),
+        ("FROM ${BASE:-z}", ["z"]),
+        ("from \\\n  a", ["a"]),
+        ("FROM scratch", []),
+    ],
+)
 def test_parents_of_a_dockerfile(text, expected):
     assert parents(text, {}) == expected
 
@@ -47,19 +52,36 @@ def image_tree(folder, dockerfiles: dict[str, str]):
         context.mkdir()
         (context / "Dockerfile").write_text(text)
         (folder / "tree" / "images" / f"{name}.yaml").write_text(
-            f"apiVersion: rorg/v1\nkind: Image\nmetadata: {{name: {name}}}\nspec: {{context: ../../{name}}}\n")
+            f"apiVersion: rorg/v1\nkind: Image\nmetadata: {{name: {name}}}\nspec: {{context: ../../{name}}}\n"
+        )
     return load_or_raise(folder / "tree")
 
 
 def test_a_failure_stops_its_descendants_and_nothing_else(dockerd, tmp_path):
-    catalog = image_tree(tmp_path, {
-        "bad": f"FROM {BASE_IMAGE}\nCOPY nothing-here /x", "child": "FROM bad", "grandchild": "FROM child",
-        "good": f"FROM {BASE_IMAGE}\nLABEL a=b", "leaf": "FROM good\nLABEL c=d", "lost": "FROM not.there/at-all"})
+    catalog = image_tree(
+        tmp_path,
+        {
+            "bad": f"FROM {BASE_IMAGE}\nCOPY nothing-here /x",
+            "child": "FROM bad",
+            "grandchild": "FROM child",
+            "good": f"FROM {BASE_IMAGE}\nLABEL a=b",
+            "leaf": "FROM good\nLABEL c=d",
+            "lost": "FROM not.there/at-all",
+        },
+    )
     builder = DockerBuilder(DockerEngine("test", dockerd.host))
     results = build(catalog, sorted(catalog.images), builder, lambda line: None)
     found = {r.image: r.outcome for r in results}
-    assert found == {BASE_IMAGE: "present", "bad": "failed", "child": "skipped", "grandchild": "skipped",
-                     "good": "built", "leaf": "built", "not.there/at-all": "failed", "lost": "skipped"}
+    assert found == {
+        BASE_IMAGE: "present",
+        "bad": "failed",
+        "child": "skipped",
+        "grandchild": "skipped",
+        "good": "built",
+        "leaf": "built",
+        "not.there/at-all": "failed",
+        "lost": "skipped",
+    }
     assert builder.has("leaf") and not builder.has("child")
     builder.remove(["good", "leaf"])
 

@@ -13,6 +13,7 @@ from conftest import wait_for
 from robots import RealRobot, write_tree
 
 from rorg.daemon.tree import Tree
+from rorg.host.watch import Watcher
 
 WRITER = """
 import sys, time
@@ -79,7 +80,8 @@ def test_what_is_read_beside_the_manifests_counts(tmp_path):
     root = write_tree(tmp_path / "tree", {"camera": camera})
     (root / "images").mkdir()
     (root / "images/eye.yaml").write_text(
-        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: eye}\n")
+        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: eye}\n"
+    )
     tree = Tree(root)
     tree.read()
     assert len(tree.errors) == 3
@@ -117,12 +119,12 @@ def test_a_change_that_comes_while_the_tree_is_read_is_not_lost(tmp_path):
             if left:
                 left.clear()
                 write_tree(robot.tree, {"camera": {}, "late": {}})
-                robot.loop.files_changed()
+                robot.loop.wakes.files_changed()
             return found
 
-        robot.loop.watcher.stop()
+        next(t for t in robot.loop.threads if isinstance(t, Watcher)).stop()
         robot.loop.tree.read = read_and_change
-        robot.loop.files_changed()
+        robot.loop.wakes.files_changed()
         robot.wait(lambda: "late" in robot.loop.tree.desired.catalog.services, 5)
     finally:
         robot.close()

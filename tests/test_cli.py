@@ -28,14 +28,21 @@ class Shell:
         self.daemon = None
 
     def __call__(self, *args: str, code: int = 0, **env: str) -> subprocess.CompletedProcess:
-        done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=60,
-                              env={**self.env, **env}, stdin=subprocess.DEVNULL)
+        done = subprocess.run(
+            [sys.executable, "-m", "rorg", *args],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env={**self.env, **env},
+            stdin=subprocess.DEVNULL,
+        )
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
 
     def run(self) -> None:
-        self.daemon = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(self.tree)], env=self.env,
-                                       stderr=subprocess.PIPE, text=True)
+        self.daemon = subprocess.Popen(
+            [sys.executable, "-m", "rorg", "run", str(self.tree)], env=self.env, stderr=subprocess.PIPE, text=True
+        )
         wait_for(lambda: "base" in self.active(), 20)
 
     def active(self) -> set[str]:
@@ -53,7 +60,7 @@ def shell(tmp_path):
         found.daemon.terminate()
         found.daemon.wait()
     if found.state.exists():
-        from rorg.daemon.wiring import make_engine
+        from rorg.engines.make import make_engine
         from rorg.store.state_dir import StateDir
 
         engine = make_engine("process", StateDir(found.state))
@@ -86,7 +93,10 @@ def test_apply_alone_and_again(shell):
     assert shell("diff", str(shell.tree), code=0).stdout == "No differences.\n"
     rows = yaml.safe_load(shell("get", "services", "-o", "yaml").stdout)
     assert {r["service"]: r["health"] for r in rows if r["state"] != "meta"} == {
-        "base": "Healthy", "navigation": "Idle", "roscore": "Idle"}
+        "base": "Healthy",
+        "navigation": "Idle",
+        "roscore": "Idle",
+    }
     assert shell("get", "-o", "name").stdout.split() == ["base", "navigation", "roscore"]
     assert shell("get", "groups").stdout.splitlines() == ["NAME     SERVICES", "driving  navigation"]
 
@@ -101,8 +111,12 @@ def test_request_why_release_with_a_running_loop(shell):
     shell("request", "driving", "--id", "tour", "--reason", "a visitor", "--wait")
     assert {"navigation", "roscore"} <= shell.active()
     lines = shell("why", "roscore").stdout.splitlines()
-    assert lines == ["roscore is running, and wanted:", "  roscore (needed by navigation)",
-                     "    navigation (requested by developer (tour))", "      developer (meta-service)"]
+    assert lines == [
+        "roscore is running, and wanted:",
+        "  roscore (needed by navigation)",
+        "    navigation (requested by developer (tour))",
+        "      developer (meta-service)",
+    ]
     assert json.loads(shell("get", "requests", "-o", "json").stdout)[0]["reason"] == "a visitor"
     shell("request", "navigation", "--id", "tour", "--wait")
     assert shell("get", "requests").stdout.splitlines()[1].split() == ["tour", "developer", "navigation", "live"]
@@ -148,10 +162,17 @@ def test_secrets_are_in_no_output(shell):
     write_tree(shell.tree, {"base": {"always_on": True, "container": {"environment": {"KEY": "hunter2"}}}})
     shell("apply", str(shell.tree), "--yes", "--wait")
     write_tree(shell.tree, {"base": {"always_on": True, "container": {"environment": {"KEY": "hunter3"}}}})
-    outputs = [shell("diff", str(shell.tree), code=1), shell("diff", str(shell.tree), "-o", "json", code=1),
-               shell("describe", "base"), shell("apply", str(shell.tree), "--yes", "--wait")]
-    texts = "".join(o.stdout + o.stderr for o in outputs) + (shell.state / "journal.jsonl").read_text() + (
-        shell.state / "status.json").read_text()
+    outputs = [
+        shell("diff", str(shell.tree), code=1),
+        shell("diff", str(shell.tree), "-o", "json", code=1),
+        shell("describe", "base"),
+        shell("apply", str(shell.tree), "--yes", "--wait"),
+    ]
+    texts = (
+        "".join(o.stdout + o.stderr for o in outputs)
+        + (shell.state / "journal.jsonl").read_text()
+        + (shell.state / "status.json").read_text()
+    )
     assert "environment.KEY" in texts
     assert "hunter" not in texts
 
@@ -173,8 +194,9 @@ def test_a_hold_and_a_suspension_are_shown_and_end(shell):
     shell("hold", "developer", "--for", "1m", code=2)
     shell("suspend", "--for", "10m", "--reason", "maintenance")
     shell("hold", "navigation", "--end")
-    assert "suspended until" in wait_for(lambda: (d := shell("diff", str(shell.tree), code=1).stdout) and "resume" in d
-                                         and d)
+    assert "suspended until" in wait_for(
+        lambda: (d := shell("diff", str(shell.tree), code=1).stdout) and "resume" in d and d
+    )
     assert "navigation" not in shell.active()
     shell("suspend", "--end")
     wait_for(lambda: "navigation" in shell.active())
@@ -189,8 +211,11 @@ def test_a_request_with_a_lease_says_so(shell):
 
 
 def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):
-    write_tree(shell.tree, {**SERVICES, "aa": {"resources": {"cpu": 0.6}}, "bb": {"resources": {"cpu": 0.6}}},
-               policies={"policy": {"budget": {"cpu": 1.0, "over": "refuse"}}})
+    write_tree(
+        shell.tree,
+        {**SERVICES, "aa": {"resources": {"cpu": 0.6}}, "bb": {"resources": {"cpu": 0.6}}},
+        policies={"policy": {"budget": {"cpu": 1.0, "over": "refuse"}}},
+    )
     shell.run()
     shell("request", "aa")
     assert "1.2 cores would be used of a budget of 1" in shell("request", "bb", code=5).stderr

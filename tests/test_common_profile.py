@@ -31,38 +31,61 @@ def image(dockerd) -> str:
 def test_an_image_keeps_its_stop_signal_unless_another_is_asked_for(docker_robot, image):
     robot = docker_robot
     own = {"image": image, "command": ["python3", "-S", "-c", TELLS], "ready": {"log": "up"}}
-    quiet = {"SIGUSR1": own, "SIGINT": {**own, "container": {"stop_signal": "SIGINT"}},
-             "SIGTERM": {**own, "profile": "gentle"}, "plain": {**own, "profile": "plain"},
-             "without": {**own, "image": BASE_IMAGE}}
+    quiet = {
+        "SIGUSR1": own,
+        "SIGINT": {**own, "container": {"stop_signal": "SIGINT"}},
+        "SIGTERM": {**own, "profile": "gentle"},
+        "plain": {**own, "profile": "plain"},
+        "without": {**own, "image": BASE_IMAGE},
+    }
     quiet = {name.lower(): spec for name, spec in quiet.items()}
     gentle = {"extends": ["ros2"], "container": {"stop_signal": "SIGTERM"}}
     robot.declare(quiet, profiles={"gentle": gentle})
     robot.request(*quiet)
-    robot.wait(lambda: robot.active() == set(quiet) and all(
-        b"up" in b"".join(robot.engine.logs(c.id, False, None)) for c in robot.containers()))
+    robot.wait(
+        lambda: (
+            robot.active() == set(quiet)
+            and all(b"up" in b"".join(robot.engine.logs(c.id, False, None)) for c in robot.containers())
+        )
+    )
     robot.release()
     robot.wait(lambda: set(robot.states().values()) == {"exited"})
     said = {c.service: b"".join(robot.engine.logs(c.id, False, None)).split()[-1].decode() for c in robot.containers()}
-    assert said == {"sigusr1": "SIGUSR1", "sigint": "SIGINT", "sigterm": "SIGTERM", "plain": "SIGUSR1",
-                    "without": "SIGINT"}
+    assert said == {
+        "sigusr1": "SIGUSR1",
+        "sigint": "SIGINT",
+        "sigterm": "SIGTERM",
+        "plain": "SIGUSR1",
+        "without": "SIGINT",
+    }
     inspect = robot.engine.api().inspect_container
     assert {c.service: inspect(c.id)["Config"]["StopSignal"] for c in robot.containers()} == said
 
 
 def test_profile_plain_leaves_what_every_container_gets(docker_robot):
     robot = docker_robot
-    robot.declare({"usual": {"always_on": True}, "bare": {"always_on": True, "profile": "plain"},
-                   "own": {"always_on": True, "profile": "lonely"}},
-                  profiles={"lonely": {"extends": ["plain"], "container": {"environment": {"A": "1"}}}})
+    robot.declare(
+        {
+            "usual": {"always_on": True},
+            "bare": {"always_on": True, "profile": "plain"},
+            "own": {"always_on": True, "profile": "lonely"},
+        },
+        profiles={"lonely": {"extends": ["plain"], "container": {"environment": {"A": "1"}}}},
+    )
     robot.wait(lambda: robot.active() == {"usual", "bare", "own"})
     seen = {c.service: robot.engine.api().inspect_container(c.id) for c in robot.containers()}
     hosts = {name: s["HostConfig"] for name, s in seen.items()}
     assert {n: (h["NetworkMode"], h.get("Init"), h["LogConfig"]["Config"]) for n, h in hosts.items()} == {
         "usual": ("host", True, {"max-size": "10m", "max-file": "3"}),
-        "bare": ("default", None, {}), "own": ("default", None, {})}
+        "bare": ("default", None, {}),
+        "own": ("default", None, {}),
+    }
     names = {n: {v.partition("=")[0] for v in s["Config"]["Env"] or ()} - {"PATH"} for n, s in seen.items()}
-    assert names == {"usual": {"TINI_KILL_PROCESS_GROUP", "PYTHONUNBUFFERED", "RORG_SERVICE"}, "bare": set(),
-                     "own": {"A"}}
+    assert names == {
+        "usual": {"TINI_KILL_PROCESS_GROUP", "PYTHONUNBUFFERED", "RORG_SERVICE"},
+        "bare": set(),
+        "own": {"A"},
+    }
 
 
 def test_describe_says_which_profile_declares_an_option(tmp_path):
@@ -76,11 +99,18 @@ def test_describe_says_which_profile_declares_an_option(tmp_path):
     assert told["environment.ROS_DOMAIN_ID"] == told["stop_signal"] == told["cap_add"] == "this manifest"
 
 
-@pytest.mark.parametrize(("text", "place", "says"), [
-    ("ports: ['80:80']", (8, 22), "ports has no effect under network_mode: host, which profile common (built in)"),
-    ("sysctls: {net.core.somaxconn: 5}", (8, 45), "'net.core.somaxconn' belongs to the host under network_mode: host"),
-    ("links: [arm]", (8, 22), "links has no effect under network_mode: host"),
-])
+@pytest.mark.parametrize(
+    ("text", "place", "says"),
+    [
+        ("ports: ['80:80']", (8, 22), "ports has no effect under network_mode: host, which profile common (built in)"),
+        (
+            "sysctls: {net.core.somaxconn: 5}",
+            (8, 45),
+            "'net.core.somaxconn' belongs to the host under network_mode: host",
+        ),
+        ("links: [arm]", (8, 22), "links has no effect under network_mode: host"),
+    ],
+)
 def test_what_the_common_profile_does_not_allow_is_told(tmp_path, text, place, says):
     shell = Shell(tmp_path)
     shell.service("arm", text, "restart: always")
@@ -90,13 +120,23 @@ def test_what_the_common_profile_does_not_allow_is_told(tmp_path, text, place, s
 def test_networks_take_the_place_of_an_inherited_host_network(docker_robot):
     robot = docker_robot
     api = robot.engine.api()
-    made = [api.create_network(name, driver="bridge", options={"com.docker.network.bridge.name": f"br{name}"})["Id"]
-            for name in ("floor", "lab")]
+    made = [
+        api.create_network(name, driver="bridge", options={"com.docker.network.bridge.name": f"br{name}"})["Id"]
+        for name in ("floor", "lab")
+    ]
     try:
-        robot.declare({"arm": {"container": {"networks": {"lab": {"aliases": ["gripper"]}, "floor": None},
-                                             "ports": ["8090-8099:80"]}},
-                       "log": {"container": {"logging": {"driver": "none"}, "volumes": ["/tmp:/x"]}, "profile": "low"}},
-                      profiles={"low": {"container": {"volumes": ["/var:/x", "/var:/y"]}}})
+        robot.declare(
+            {
+                "arm": {
+                    "container": {
+                        "networks": {"lab": {"aliases": ["gripper"]}, "floor": None},
+                        "ports": ["8090-8099:80"],
+                    }
+                },
+                "log": {"container": {"logging": {"driver": "none"}, "volumes": ["/tmp:/x"]}, "profile": "low"},
+            },
+            profiles={"low": {"container": {"volumes": ["/var:/x", "/var:/y"]}}},
+        )
         robot.wait(lambda: len(robot.containers()) == 2)
         seen = {c.service: api.inspect_container(c.id) for c in robot.containers()}
         networks = seen["arm"]["NetworkSettings"]["Networks"]

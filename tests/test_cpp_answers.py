@@ -64,21 +64,47 @@ def said(status: int, body: str, **headers: object) -> bytes:
     return f"HTTP/1.1 {status} x\r\n{more}content-length: {len(body)}\r\n\r\n{body}".encode()
 
 
-EVENTS = (b'{"seq": 7, "kind": "lost", "service": "camera", "cause": "crashed", "message": "m", "requests": ["x"]}\n'
-          b'{"seq": 8, "kind": "request-dropped", "request": "x"}\n')
+EVENTS = (
+    b'{"seq": 7, "kind": "lost", "service": "camera", "cause": "crashed", "message": "m", "requests": ["x"]}\n'
+    b'{"seq": 8, "kind": "request-dropped", "request": "x"}\n'
+)
 SANE = [
-    said(200, '{"service": "camera", "conditions": [{"type": "Ready", "status": "True"}], "rank": 5e1}',
-         rorg_generation=5),
+    said(
+        200,
+        '{"service": "camera", "conditions": [{"type": "Ready", "status": "True"}], "rank": 5e1}',
+        rorg_generation=5,
+    ),
     said(200, '{"ready": true, "services": {"camera": {"ready": true, "incarnation": "x", "reason": ""}}}'),
     said(504, '{"title": "t", "code": "not-ready", "cause": "c\\u00e9", "services": {"camera": {"ready": false}}}'),
-    said(200, '[{"id": "x", "services": ["camera"]}]', etag='"0123"'), said(409, '{"title": "t", "code": "refused"}'),
-    said(503, "busy", Retry_After=1), said(204, ""), b"HTTP/1.1 200 OK\r\n\r\n{}",
+    said(200, '[{"id": "x", "services": ["camera"]}]', etag='"0123"'),
+    said(409, '{"title": "t", "code": "refused"}'),
+    said(503, "busy", Retry_After=1),
+    said(204, ""),
+    b"HTTP/1.1 200 OK\r\n\r\n{}",
     b"HTTP/1.1 200 OK\r\ntransfer-encoding: chunked\r\n\r\n4\r\n[1,2\r\n1\r\n]\r\n0\r\n\r\n",
     b"HTTP/1.1 200 OK\r\nrorg-cursor: 3\r\ntransfer-encoding: chunked\r\n\r\n"
     b"%x\r\n%s\r\n0\r\n\r\n" % (len(EVENTS), EVENTS),
 ]
-ODD = [b"\r\n", b"\r\n\r\n", b"-1", b"0", b"ffffffffffffffff", b"99999999999999999999", b'"', b"\\u", b"\\ud800",
-       b"[" * 300, b"{", b"\x00", b"\xff\xfe", b"1e999", b"nan", b"HTTP/1.1 100 x\r\n\r\n", b": ", b"A" * 70000]
+ODD = [
+    b"\r\n",
+    b"\r\n\r\n",
+    b"-1",
+    b"0",
+    b"ffffffffffffffff",
+    b"99999999999999999999",
+    b'"',
+    b"\\u",
+    b"\\ud800",
+    b"[" * 300,
+    b"{",
+    b"\x00",
+    b"\xff\xfe",
+    b"1e999",
+    b"nan",
+    b"HTTP/1.1 100 x\r\n\r\n",
+    b": ",
+    b"A" * 70000,
+]
 
 
 def mutated(dice: random.Random) -> bytes:
@@ -87,7 +113,7 @@ def mutated(dice: random.Random) -> bytes:
         at = dice.randrange(len(text) + 1)
         until = min(len(text), at + dice.choice([1, 1, 2, 8, 40]))
         text[at:until] = dice.choice([b"", dice.randbytes(until - at), dice.choice(ODD), bytes(text[at:until]) * 3])
-    return bytes(text[:dice.randrange(len(text) + 1)] if dice.random() < 0.1 else text)
+    return bytes(text[: dice.randrange(len(text) + 1)] if dice.random() < 0.1 else text)
 
 
 def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_path):
@@ -163,8 +189,12 @@ class Script:
         a = {"ready": True, "incarnation": "run1", "reason": ""}
         b = {"ready": False, "incarnation": "", "reason": "it starts"}
         late = {"title": "cannot wait", "code": "not-ready", "cause": "b: it starts", "services": {"a": a, "b": b}}
-        answers = [said(503, '{"title": "cannot wait", "code": "ending"}', Retry_After=1), None,
-                   said(200, json.dumps({"ready": True, "services": {"a": a}})), said(504, json.dumps(late))]
+        answers = [
+            said(503, '{"title": "cannot wait", "code": "ending"}', Retry_After=1),
+            None,
+            said(200, json.dumps({"ready": True, "services": {"a": a}})),
+            said(504, json.dumps(late)),
+        ]
         return answers[self.waits - 1]
 
 
@@ -175,12 +205,28 @@ def test_what_it_changed_it_asks_to_see_and_repeats_only_what_it_may(sanitized, 
     both = ("GET", "/v1/wait?services=a&services=b", "12")
     late = [call for call in script.calls if "late" in call[1]]
     assert len(late) >= 2 and {call[2] for call in late} == {"20"}
-    manifests = [("PUT", "/v1/manifests/Service/cut", "0"), ("GET", "/v1/manifests/Service/cut", "20"),
-                 ("DELETE", "/v1/manifests/Service/gone?base=d1&message=", "0")]
+    manifests = [
+        ("PUT", "/v1/manifests/Service/cut", "0"),
+        ("GET", "/v1/manifests/Service/cut", "20"),
+        ("DELETE", "/v1/manifests/Service/gone?base=d1&message=", "0"),
+    ]
     assert [(m, p, n or "0") for m, p, n in script.calls if "late" not in p and "twice" not in p] == [
-        ("GET", "/v1/services/a", "0"), ("PUT", "/v1/requests/r", "0"), ("GET", "/v1/services/b", "7"),
-        ("PUT", "/v1/manifests/Service/c", "0"), ("GET", "/v1/wait?services=c", "9"),
-        ("DELETE", "/v1/requests/other", "0"), both, both, both, both, ("POST", "/v1/services/cut/restart", "9"),
-        ("POST", "/v1/services/ending/restart", "9"), ("POST", "/v1/services/ending/restart", "9"),
-        ("POST", "/v1/services/a/restart", "9"), ("GET", "/v1/wait?services=a", "20"), *manifests,
-        ("GET", "/v1/manifests/Service/gone", "20"), ("DELETE", "/v1/requests/r", "0")]
+        ("GET", "/v1/services/a", "0"),
+        ("PUT", "/v1/requests/r", "0"),
+        ("GET", "/v1/services/b", "7"),
+        ("PUT", "/v1/manifests/Service/c", "0"),
+        ("GET", "/v1/wait?services=c", "9"),
+        ("DELETE", "/v1/requests/other", "0"),
+        both,
+        both,
+        both,
+        both,
+        ("POST", "/v1/services/cut/restart", "9"),
+        ("POST", "/v1/services/ending/restart", "9"),
+        ("POST", "/v1/services/ending/restart", "9"),
+        ("POST", "/v1/services/a/restart", "9"),
+        ("GET", "/v1/wait?services=a", "20"),
+        *manifests,
+        ("GET", "/v1/manifests/Service/gone", "20"),
+        ("DELETE", "/v1/requests/r", "0"),
+    ]

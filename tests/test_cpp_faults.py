@@ -23,7 +23,7 @@ BOTH = pytest.mark.parametrize("kind", SANITIZERS)
 
 @pytest.fixture
 def robot(tmp_path):
-    found = RealRobot(tmp_path, "process", None, with_door=True)
+    found = RealRobot(tmp_path, "process", None, with_server=True)
     found.declare(TREE)
     found.wait(lambda: len(found.containers()) == 3)
     yield found
@@ -39,7 +39,7 @@ def test_no_memory_is_misused(sanitized, robot, kind, word):
 
 @pytest.mark.parametrize("action", ["pause", "stop"])
 def test_what_it_is_told_is_ready_stays_so_while_it_is_held(sanitized, tmp_path, action):
-    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
     robot.declare({"camera": {"idle": {"action": action, "linger": 0}}})
     try:
         with program(sanitized["thread"], "cycles", "25", RORG_SOCKET=robot.socket()):
@@ -69,14 +69,29 @@ def daemon(folder: Path, *words: str):
 
     def begin() -> subprocess.Popen:
         with (folder / "log").open("a") as log:
-            begun.append(subprocess.Popen([sys.executable, "-m", "rorg", "run", str(folder / "tree"), "--state-dir",
-                                           str(state), "--engine", "process", *words], stderr=log))
+            begun.append(
+                subprocess.Popen(
+                    [
+                        sys.executable,
+                        "-m",
+                        "rorg",
+                        "run",
+                        str(folder / "tree"),
+                        "--state-dir",
+                        str(state),
+                        "--engine",
+                        "process",
+                        *words,
+                    ],
+                    stderr=log,
+                )
+            )
         return begun[-1]
 
     try:
         yield begin
     finally:
-        from rorg.daemon.wiring import make_engine
+        from rorg.engines.make import make_engine
         from rorg.store.state_dir import StateDir
 
         begun[-1].terminate()
@@ -111,8 +126,10 @@ def test_over_tls(sanitized, tmp_path, kind):
     words = ["--listen", f"127.0.0.1:{port}"]
     for word, name in (("--tls-cert", "robot.pem"), ("--tls-key", "robot.key"), ("--tls-ca", "authority.pem")):
         words += [word, str(tmp_path / name)]
-    names = {f"RORG_{word}": str(tmp_path / name)
-             for word, name in (("CA", "authority.pem"), ("CERT", "ada.pem"), ("KEY", "ada.key"))}
+    names = {
+        f"RORG_{word}": str(tmp_path / name)
+        for word, name in (("CA", "authority.pem"), ("CERT", "ada.pem"), ("KEY", "ada.key"))
+    }
     with daemon(tmp_path, *words) as begin:
         begin()
         with program(sanitized[kind], "secured", RORG_ADDRESS=f"https://127.0.0.1:{port}", **names):

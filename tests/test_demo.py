@@ -26,15 +26,21 @@ def left_behind(folder: Path) -> list[str]:
 
 
 def demo(folder: Path, *args: str, **env: str) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-m", "rorg", "demo", "--speed", "10", *args], text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                            env={**os.environ, "TMPDIR": str(folder), **env})
+    return subprocess.Popen(
+        [sys.executable, "-m", "rorg", "demo", "--speed", "10", *args],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "TMPDIR": str(folder), **env},
+    )
 
 
 def check(output: str) -> None:
     lines = output.splitlines()
-    assert any(line.split() == ["needed", "by", "navigation"] for line in [
-        line.partition("> cartographer_localization")[2] for line in lines])
+    assert any(
+        line.split() == ["needed", "by", "navigation"]
+        for line in [line.partition("> cartographer_localization")[2] for line in lines]
+    )
     assert any("# cartographer_localization" in line for line in lines)
     assert any(line.startswith("cartographer_localization: exited. Nobody ever requested it") for line in lines)
     assert "services/ros_trigger_ui.yaml:8:3: unknown key 'imagge'; try 'image'" in output

@@ -24,11 +24,13 @@ def test_systemd_hears_that_it_is_ready_alive_and_stopping(tmp_path):
     heard.settimeout(20)
     tree = write_tree(tmp_path / "tree", {})
     (tree / "services/camera.yaml").write_text(
-        "apiVersion: rorg/v1\nkind: Service\nmetadata: {name: camera}\nspec: {image: x, command: 'true'}\n")
+        "apiVersion: rorg/v1\nkind: Service\nmetadata: {name: camera}\nspec: {image: x, command: 'true'}\n"
+    )
     process = subprocess.Popen(
         [sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(tmp_path / "state"), "--engine", "process"],
         env={**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"},
-        stderr=subprocess.DEVNULL)
+        stderr=subprocess.DEVNULL,
+    )
     try:
         assert heard.recv(100) == b"READY=1"
         assert [heard.recv(100) for _ in range(3)] == [b"WATCHDOG=1"] * 3
@@ -47,15 +49,25 @@ def rorg_image(dockerd, ros_image, tmp_path) -> str:
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, context)
     for name in ("rorg", "images/rorg", "clients/python"):
-        shutil.copytree(ROOT / name, context / name,
-                        ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
+        shutil.copytree(
+            ROOT / name, context / name, ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info")
+        )
     arguments = {"BASE": ros_image}
     if os.environ.get("PIP_CERT"):
         shutil.copy(os.environ["PIP_CERT"], context / "authority.pem")
         arguments["PIP_CERT"] = "authority.pem"
     api = docker.APIClient(dockerd.host, version="auto", timeout=600)
-    lines = list(api.build(path=str(context), dockerfile="images/rorg/Dockerfile", tag="rorg", buildargs=arguments,
-                           network_mode="host", decode=True, rm=True))
+    lines = list(
+        api.build(
+            path=str(context),
+            dockerfile="images/rorg/Dockerfile",
+            tag="rorg",
+            buildargs=arguments,
+            network_mode="host",
+            decode=True,
+            rm=True,
+        )
+    )
     assert api.images("rorg"), lines[-5:]
     return "rorg"
 
@@ -67,10 +79,15 @@ def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, 
     write_tree(robot.tree, {"camera": {}, "lidar": {"always_on": True}})
     engine = str(dockerd.folder) if hasattr(dockerd, "folder") else "/var/run"
     made = api.create_container(
-        rorg_image, ["run", str(robot.tree), "--engine", "docker"],
+        rorg_image,
+        ["run", str(robot.tree), "--engine", "docker"],
         environment={"RORG_STATE_DIR": str(robot.state.path), "DOCKER_HOST": dockerd.host},
-        host_config=api.create_host_config(network_mode="host", pid_mode="host", binds=[
-            f"{engine}:{engine}", f"{tmp_path}:{tmp_path}", "/sys/fs/cgroup:/sys/fs/cgroup:ro"]))["Id"]
+        host_config=api.create_host_config(
+            network_mode="host",
+            pid_mode="host",
+            binds=[f"{engine}:{engine}", f"{tmp_path}:{tmp_path}", "/sys/fs/cgroup:/sys/fs/cgroup:ro"],
+        ),
+    )["Id"]
     try:
         api.start(made)
         client = Client(robot.socket(), patience=30)
@@ -96,28 +113,78 @@ def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, 
 
 def certificate(folder, name: str, authority: str = "") -> None:
     """NAME.pem and NAME.key, signed by the authority, or by itself."""
+
     def openssl(*args: str) -> None:
         subprocess.run(["openssl", *args], cwd=folder, check=True, capture_output=True)
 
     kind, out = ("-new", f"{name}.csr") if authority else ("-x509", f"{name}.pem")
-    openssl("req", kind, "-newkey", "rsa:2048", "-nodes", "-keyout", f"{name}.key", "-out", out, "-subj", f"/CN={name}",
-            "-days", "2")
+    openssl(
+        "req",
+        kind,
+        "-newkey",
+        "rsa:2048",
+        "-nodes",
+        "-keyout",
+        f"{name}.key",
+        "-out",
+        out,
+        "-subj",
+        f"/CN={name}",
+        "-days",
+        "2",
+    )
     if authority:
         (folder / "names").write_text("subjectAltName=IP:127.0.0.1\n")
-        openssl("x509", "-req", "-in", f"{name}.csr", "-CA", f"{authority}.pem", "-CAkey", f"{authority}.key", "-out",
-                f"{name}.pem", "-days", "2", "-CAcreateserial", "-extfile", "names")
+        openssl(
+            "x509",
+            "-req",
+            "-in",
+            f"{name}.csr",
+            "-CA",
+            f"{authority}.pem",
+            "-CAkey",
+            f"{authority}.key",
+            "-out",
+            f"{name}.pem",
+            "-days",
+            "2",
+            "-CAcreateserial",
+            "-extfile",
+            "names",
+        )
 
 
 def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
     for name, authority in (("authority", ""), ("stranger", ""), ("robot", "authority"), ("ada", "authority")):
         certificate(tmp_path, name, authority)
     tree, port = write_tree(tmp_path / "tree", {"camera": {}}), free_port()
-    base = [sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(tmp_path / "state"), "--engine",
-            "process", "--listen", f"127.0.0.1:{port}"]
+    base = [
+        sys.executable,
+        "-m",
+        "rorg",
+        "run",
+        str(tree),
+        "--state-dir",
+        str(tmp_path / "state"),
+        "--engine",
+        "process",
+        "--listen",
+        f"127.0.0.1:{port}",
+    ]
     refused = subprocess.run(base, capture_output=True, text=True)
     assert refused.returncode == 2 and "only served with TLS and client certificates" in refused.stderr
-    process = subprocess.Popen([*base, "--tls-cert", tmp_path / "robot.pem", "--tls-key", tmp_path / "robot.key",
-                                "--tls-ca", tmp_path / "authority.pem"], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [
+            *base,
+            "--tls-cert",
+            tmp_path / "robot.pem",
+            "--tls-key",
+            tmp_path / "robot.key",
+            "--tls-ca",
+            tmp_path / "authority.pem",
+        ],
+        stderr=subprocess.DEVNULL,
+    )
 
     def ask(who: str, method: str = "GET", path: str = "/v1/services", body: str | None = None) -> int:
         context = ssl.create_default_context(cafile=tmp_path / "authority.pem")
@@ -143,7 +210,7 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
     finally:
         process.terminate()
         process.wait(20)
-        from rorg.daemon.wiring import make_engine
+        from rorg.engines.make import make_engine
         from rorg.store.state_dir import StateDir
 
         engine = make_engine("process", StateDir(tmp_path / "state"))

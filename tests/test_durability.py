@@ -64,8 +64,10 @@ def test_every_acknowledged_change_survives_kill_9(tmp_path):
     socket = str(state.run / "rorg.sock")
 
     def start() -> subprocess.Popen:
-        return subprocess.Popen([sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(state.path),
-                                 "--engine", "process"], stderr=subprocess.DEVNULL)
+        return subprocess.Popen(
+            [sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(state.path), "--engine", "process"],
+            stderr=subprocess.DEVNULL,
+        )
 
     daemon = start()
     dice, restarts = random.Random(3), 0
@@ -92,13 +94,13 @@ def test_every_acknowledged_change_survives_kill_9(tmp_path):
         assert len(found) == len(acknowledged), "none twice"
         file = RequestsFile(state.requests)
         file.read()
-        assert {r.id: r.reason for r in file.asked.requests} == acknowledged
+        assert {r.id: r.reason for r in file.document.requests} == acknowledged
         assert restarts >= 2
         print(f"{sum(c.calls for c in callers)} calls, {restarts} restarts, {len(found)} requests held at the end")
     finally:
         daemon.kill()
         daemon.wait()
-        from rorg.daemon.wiring import make_engine
+        from rorg.engines.make import make_engine
 
         engine = make_engine("process", state)
         for container in engine.list():
@@ -110,14 +112,14 @@ def test_a_held_request_outlives_a_restart_of_rorg(tmp_path):
     """The program that holds it notices nothing, and its service is not touched."""
     from robots import RealRobot
 
-    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
     robot.declare({"camera": {}})
     try:
         with robot.client().request("camera", wait=20, ttl=1.5) as request:
             before = robot.container("camera").incarnation
             robot.stop()
             robot.start()
-            wait_for(lambda: robot.loop.ledger.renewals().get(("developer", request.id), 0) >= 2)
+            wait_for(lambda: robot.loop.leases.renewals().get(("developer", request.id), 0) >= 2)
             assert robot.container("camera").incarnation == before
         robot.wait(lambda: "camera" not in robot.active())
     finally:

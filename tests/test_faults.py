@@ -19,9 +19,9 @@ from test_giving_way import later
 from rorg.core.digest import Rules, declared_of, rules_of
 from rorg.core.memory import Memory
 from rorg.core.observed import Container
-from rorg.daemon.snapshot import recall, snapshot
+from rorg.daemon.snapshot import restore, snapshot
 from rorg.engines.observe import Observer
-from rorg.engines.process import ProcessEngine
+from rorg.engines.process.engine import ProcessEngine
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def another_rorg(virtual) -> None:
     """The one of now is killed; the next one finds what it had published."""
     view = json.loads(json.dumps(snapshot(virtual.sim.decision, {})))
     virtual.sim._events.clear()
-    virtual.sim.memory = recall(view)
+    virtual.sim.memory = restore(view)
 
 
 # -- an rorg that begins again ---------------------------------------------------------------------------------
@@ -72,14 +72,24 @@ def test_a_restart_that_is_cut_in_halves_is_finished(virtual, restart):
     virtual.wait(lambda: virtual.active() == {"arm", "core"}, 20)
 
 
-@pytest.mark.parametrize("view", [
-    None, [1], {"runs": 5}, {"runs": {"arm": 5}}, {"runs": {"arm": {"run": "x"}}},
-    {"runs": {"arm": {"run": 1, "needs": ["core"]}}}, {"runs": {"arm": {"needs": {"core": 5}, "stopped": []}}}, "x"])
+@pytest.mark.parametrize(
+    "view",
+    [
+        None,
+        [1],
+        {"runs": 5},
+        {"runs": {"arm": 5}},
+        {"runs": {"arm": {"run": "x"}}},
+        {"runs": {"arm": {"run": 1, "needs": ["core"]}}},
+        {"runs": {"arm": {"needs": {"core": 5}, "stopped": []}}},
+        "x",
+    ],
+)
 def test_whatever_was_published_an_rorg_begins(virtual, view):
     virtual.declare({"arm": {"always_on": True, "needs": [{"service": "core", "restart": True}]}, "core": {}})
     virtual.settle()
     before = virtual.container("arm").incarnation
-    virtual.sim.memory = recall(view)
+    virtual.sim.memory = restore(view)
     later(virtual, 5)
     assert virtual.container("arm").incarnation == before
     snapshot(virtual.sim.decision, {})
@@ -125,7 +135,7 @@ def test_a_container_that_is_not_told_all_of_is_still_the_one_it_was():
     observer.sync()
     engine.containers = [Container(arm.id, "arm", "arm", "paused", digest="v1:x", brief=True)]
     observer.sync()
-    seen, = observer.snapshot().containers
+    (seen,) = observer.snapshot().containers
     assert (seen.incarnation, seen.state) == (arm.incarnation, "paused")
     engine.containers = [Container(arm.id, "arm", "arm", "exited", digest="v1:x", brief=True)]
     observer.sync()
@@ -133,8 +143,9 @@ def test_a_container_that_is_not_told_all_of_is_still_the_one_it_was():
 
 
 def test_nor_is_anything_concluded_of_one_that_was_never_seen_whole(virtual):
-    virtual.declare({"arm": {"always_on": True, "needs": [{"service": "core", "restart": True}]}, "core": {},
-                     "cam": {}})
+    virtual.declare(
+        {"arm": {"always_on": True, "needs": [{"service": "core", "restart": True}]}, "core": {}, "cam": {}}
+    )
     virtual.settle()
     virtual.request("cam", id="look", by="arm")
     virtual.settle()
@@ -142,7 +153,8 @@ def test_nor_is_anything_concluded_of_one_that_was_never_seen_whole(virtual):
     virtual.sim.memory = Memory()
     for name in ("arm", "core"):
         virtual.sim.engine.list = lambda name=name: [
-            replace(c, started_at="", brief=True) if c.service == name else c for c in whole()]
+            replace(c, started_at="", brief=True) if c.service == name else c for c in whole()
+        ]
         later(virtual, 3)
         virtual.sim.engine.list = whole
         later(virtual, 3)
@@ -184,8 +196,15 @@ def test_whatever_an_engine_answers_it_is_asked_again(monkeypatch):
 
 def test_a_process_whose_name_is_no_text_is_in_nobodys_way(robot):
     name = "überwachungsdä".encode()[:15]
-    stranger = subprocess.Popen([sys.executable, "-c", "import ctypes, sys, time\nctypes.CDLL(None).prctl(15, "
-                                 f"{name!r}, 0, 0, 0)\nprint(1, flush=True)\ntime.sleep(60)"], stdout=subprocess.PIPE)
+    stranger = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import ctypes, sys, time\nctypes.CDLL(None).prctl(15, "
+            f"{name!r}, 0, 0, 0)\nprint(1, flush=True)\ntime.sleep(60)",
+        ],
+        stdout=subprocess.PIPE,
+    )
     try:
         stranger.stdout.readline()
         with open(f"/proc/{stranger.pid}/comm", "rb") as comm:
@@ -204,8 +223,9 @@ def test_a_process_whose_name_is_no_text_is_in_nobodys_way(robot):
 
 def test_the_end_of_a_run_that_began_while_nobody_looked_is_seen(tmp_path):
     engine = ProcessEngine("me", tmp_path)
-    container = engine.create("x", {"image": "x", "command": ["sleep", "100"]}, {
-        "rorg.io/owner": "me", "rorg.io/service": "x"})
+    container = engine.create(
+        "x", {"image": "x", "command": ["sleep", "100"]}, {"rorg.io/owner": "me", "rorg.io/service": "x"}
+    )
     engine.start(container)
     stop, events = threading.Event(), []
     stream = engine.events(stop)
@@ -268,8 +288,8 @@ def test_a_full_disk_under_status_and_log_ends_nothing(robot, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("rorg.daemon.reporter.write_atomic", full)
-        patch.setattr(robot.loop.reporter, "say", full)
+        patch.setattr("rorg.daemon.recorder.write_atomic", full)
+        patch.setattr(robot.loop.recorder, "say", full)
         before = robot.container("arm").incarnation
         robot.kill("arm")
         wait_for(lambda: robot.active() == {"arm"} and robot.container("arm").incarnation != before)
@@ -300,11 +320,22 @@ def test_manifests_are_followed_into_another_directory_of_the_same_name(robot, t
     robot.wait(lambda: robot.active() == {"aa", "bb", "cc"}, 10)
 
 
-@pytest.mark.parametrize("label", [
-    "", "{", "[]", "5", "null", "{}", '{"interlock": 5, "exclusive": {}, "conflicts": []}', "[" * 20000,
-    '{"interlock": null, "exclusive": {"gpu": 1e999}, "conflicts": []}',
-    '{"interlock": ["file"], "exclusive": {}, "conflicts": []}',
-    '{"interlock": null, "exclusive": 5, "conflicts": []}'])
+@pytest.mark.parametrize(
+    "label",
+    [
+        "",
+        "{",
+        "[]",
+        "5",
+        "null",
+        "{}",
+        '{"interlock": 5, "exclusive": {}, "conflicts": []}',
+        "[" * 20000,
+        '{"interlock": null, "exclusive": {"gpu": 1e999}, "conflicts": []}',
+        '{"interlock": ["file"], "exclusive": {}, "conflicts": []}',
+        '{"interlock": null, "exclusive": 5, "conflicts": []}',
+    ],
+)
 def test_a_label_that_says_nothing_is_no_rule(label):
     assert rules_of(label) == Rules()
     declared_of(label)

@@ -24,9 +24,13 @@ def later(robot, seconds: float) -> None:
 
 
 def test_who_lost_to_a_loser_runs(robot):
-    robot.declare({"low": {"exclusive": ["camera0"], "priority": 10},
-                   "middle": {"exclusive": ["camera0", "gpu"], "priority": 50},
-                   "high": {"exclusive": ["gpu"], "priority": 90}})
+    robot.declare(
+        {
+            "low": {"exclusive": ["camera0"], "priority": 10},
+            "middle": {"exclusive": ["camera0", "gpu"], "priority": 50},
+            "high": {"exclusive": ["gpu"], "priority": 90},
+        }
+    )
     robot.request("low", "middle", "high")
     robot.wait(lambda: robot.active() == {"low", "high"})
     assert robot.waits("middle") == "waits for gpu, which is taken by high"
@@ -35,16 +39,23 @@ def test_who_lost_to_a_loser_runs(robot):
 
 def test_losers_come_back_by_rank(robot):
     """Both lost to `middle`, which loses itself; they cannot both run either."""
-    robot.declare({"aa": {"conflicts": ["bb", "middle"], "priority": 10},
-                   "bb": {"conflicts": ["middle"], "priority": 20},
-                   "middle": {"exclusive": ["gpu"], "priority": 50}, "high": {"exclusive": ["gpu"], "priority": 90}})
+    robot.declare(
+        {
+            "aa": {"conflicts": ["bb", "middle"], "priority": 10},
+            "bb": {"conflicts": ["middle"], "priority": 20},
+            "middle": {"exclusive": ["gpu"], "priority": 50},
+            "high": {"exclusive": ["gpu"], "priority": 90},
+        }
+    )
     robot.request("aa", "bb", "middle", "high")
     robot.wait(lambda: robot.active() == {"bb", "high"})
 
 
 def test_a_requester_does_not_give_way_to_what_it_asks_for(robot):
-    robot.declare({"mission": {"always_on": True, "exclusive": ["gpu"]}, "track": {"exclusive": ["gpu"]}},
-                  requests={"standing": {"requester": "mission", "services": ["track"], "priority": 90}})
+    robot.declare(
+        {"mission": {"always_on": True, "exclusive": ["gpu"]}, "track": {"exclusive": ["gpu"]}},
+        requests={"standing": {"requester": "mission", "services": ["track"], "priority": 90}},
+    )
     robot.wait(lambda: robot.active() == {"mission"})
     later(robot, 10)
     assert robot.active() == {"mission"}
@@ -55,15 +66,20 @@ def test_a_requester_does_not_give_way_to_what_it_asks_for(robot):
 def test_a_request_that_its_requester_rules_out_is_refused(robot):
     robot.declare({"mission": {"exclusive": ["gpu"]}, "track": {"exclusive": ["gpu"]}})
     catalog = robot.sim.desired.catalog
-    (cause, _), = problems(catalog, (), Request("look", "mission", ("track",)))
+    ((cause, _),) = problems(catalog, (), Request("look", "mission", ("track",)))
     assert cause == "it does not fit: mission, track use 2 of 1 gpu"
     assert problems(catalog, (), Request("look", "developer", ("track",))) == []
 
 
 def test_what_gives_way_takes_no_room(robot):
-    robot.declare({"aa": {"resources": {"cpu": 0.8}, "exclusive": ["gpu"], "priority": 50},
-                   "bb": {"resources": {"cpu": 0.8}, "priority": 40}, "cc": {"exclusive": ["gpu"], "priority": 90}},
-                  policies=QUEUE)
+    robot.declare(
+        {
+            "aa": {"resources": {"cpu": 0.8}, "exclusive": ["gpu"], "priority": 50},
+            "bb": {"resources": {"cpu": 0.8}, "priority": 40},
+            "cc": {"exclusive": ["gpu"], "priority": 90},
+        },
+        policies=QUEUE,
+    )
     for name in ("aa", "bb", "cc"):
         robot.request(name, id=name)
     robot.wait(lambda: robot.active() == {"bb", "cc"})
@@ -73,8 +89,14 @@ def test_what_gives_way_takes_no_room(robot):
 
 
 def test_what_is_held_and_what_waits_for_it_take_no_room(robot):
-    robot.declare({"map": {}, "nav": {"resources": {"cpu": 0.8}, "needs": ["map"], "priority": 50},
-                   "log": {"resources": {"cpu": 0.8}, "priority": 40}}, policies=QUEUE)
+    robot.declare(
+        {
+            "map": {},
+            "nav": {"resources": {"cpu": 0.8}, "needs": ["map"], "priority": 50},
+            "log": {"resources": {"cpu": 0.8}, "priority": 40},
+        },
+        policies=QUEUE,
+    )
     robot.request("nav", id="nav")
     robot.request("log", id="log")
     robot.hold("map", 30.0)
@@ -83,9 +105,15 @@ def test_what_is_held_and_what_waits_for_it_take_no_room(robot):
 
 
 def test_a_meta_service_does_not_give_way(robot):
-    robot.declare({"shift": {"type": "meta", "needs": ["detect"]}, "detect": {"exclusive": ["gpu"]},
-                   "train": {"exclusive": ["gpu"], "priority": 90}, "arm": {}},
-                  requests={"work": {"requester": "shift", "services": ["arm"]}})
+    robot.declare(
+        {
+            "shift": {"type": "meta", "needs": ["detect"]},
+            "detect": {"exclusive": ["gpu"]},
+            "train": {"exclusive": ["gpu"], "priority": 90},
+            "arm": {},
+        },
+        requests={"work": {"requester": "shift", "services": ["arm"]}},
+    )
     robot.wait(lambda: robot.active() == {"detect", "arm"})
     before = robot.container("arm").incarnation
     robot.request("train")
@@ -115,14 +143,18 @@ def test_a_priority_is_that_of_the_request_that_says_it(robot):
     robot.declare({"cam": {}, "log": {}}, requests={"work": {"services": ["cam"], "priority": 95}})
     robot.request("log", id="work", priority=5)
     robot.wait(lambda: robot.active() == {"cam", "log"})
-    ranks = robot.sim.decision.situation.ranks
+    ranks = robot.sim.decision.situation.priorities
     assert (ranks["cam"], ranks["log"]) == (95, 50)
 
 
 def test_an_idle_holder_keeps_its_place_where_there_is_room(robot):
-    robot.declare({"job": {"exclusive": ["gpu"], "restart": "never"},
-                   "vision": {"exclusive": ["gpu"], "idle": {"action": "pause", "linger": "30s"}}},
-                  policies={"policy": {"resources": {"gpu": 2}}})
+    robot.declare(
+        {
+            "job": {"exclusive": ["gpu"], "restart": "never"},
+            "vision": {"exclusive": ["gpu"], "idle": {"action": "pause", "linger": "30s"}},
+        },
+        policies={"policy": {"resources": {"gpu": 2}}},
+    )
     robot.request("job", id="job")
     robot.request("vision", id="vision")
     robot.wait(lambda: len(robot.active()) == 2)
@@ -193,8 +225,13 @@ def test_what_is_held_does_not_linger(robot):
 
 @pytest.mark.parametrize("rival", [{"conflicts": ["map"]}, {"exclusive": ["gpu"]}, None])
 def test_nor_does_what_needs_something_that_must_go(robot, rival):
-    robot.declare({"map": {"exclusive": ["gpu"]}, "nav": {"needs": ["map"], "idle": {"linger": "10m"}},
-                   "rival": {"priority": 99, **(rival or {})}})
+    robot.declare(
+        {
+            "map": {"exclusive": ["gpu"]},
+            "nav": {"needs": ["map"], "idle": {"linger": "10m"}},
+            "rival": {"priority": 99, **(rival or {})},
+        }
+    )
     robot.request("nav")
     robot.wait(lambda: robot.active() == {"map", "nav"})
     robot.release()

@@ -14,15 +14,20 @@ from rorg.model.catalog import Request
 
 
 def git(folder, *args):
-    subprocess.run(["git", "-c", "user.name=test", "-c", "user.email=test@localhost", *args], cwd=folder, check=True,
-                   capture_output=True)
+    subprocess.run(
+        ["git", "-c", "user.name=test", "-c", "user.email=test@localhost", *args],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
 
 
 def test_a_container_without_our_label_is_never_touched(docker_robot):
     robot = docker_robot
     api = robot.engine.api()
-    stranger = api.create_container(BASE_IMAGE, WORK, name="camera", labels={"rorg.io/owner": "another",
-                                                                              "rorg.io/service": "camera"})["Id"]
+    stranger = api.create_container(
+        BASE_IMAGE, WORK, name="camera", labels={"rorg.io/owner": "another", "rorg.io/service": "camera"}
+    )["Id"]
     api.start(stranger)
     try:
         robot.declare({"camera": {"always_on": True}, "mapper": {"always_on": True}})
@@ -111,8 +116,13 @@ def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dock
 def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     """The same on Docker: a service that ignores its signals takes seconds to stop."""
     robot = docker_robot
-    deaf = ["python3", "-S", "-c", "import signal\nfor s in (2,15): signal.signal(s, signal.SIG_IGN)\n"
-            "print('deaf', flush=True)\nwhile True: signal.pause()"]
+    deaf = [
+        "python3",
+        "-S",
+        "-c",
+        "import signal\nfor s in (2,15): signal.signal(s, signal.SIG_IGN)\n"
+        "print('deaf', flush=True)\nwhile True: signal.pause()",
+    ]
     robot.declare({"deaf": {"command": deaf}, "camera": {"idle": {"action": "pause"}}})
     robot.settle()
     robot.request("deaf", "camera")
@@ -142,7 +152,7 @@ def test_a_wrong_manifest_changes_nothing(real_robot):
     for case in cases:
         shutil.rmtree(robot.tree)
         shutil.copytree(case, robot.tree, symlinks=True)
-        robot.loop.files_changed()
+        robot.loop.wakes.files_changed()
         robot.wait(lambda: robot.loop.tree.stamp() == robot.loop.tree._stamp)
         assert robot.loop.tree.errors, case.name
         assert [(c.service, c.incarnation, c.state) for c in robot.containers()] == before, case.name
@@ -210,15 +220,19 @@ def test_conflicting_requests_are_refused_whole(tmp_path):
     from rorg.core.requests import problems
     from rorg.manifest.load import load_or_raise
 
-    catalog = load_or_raise(write_tree(tmp_path, {"mapper": {"conflicts": ["locator"]}, "locator": {},
-                                                  "navigation": {"needs": ["locator"]}}))
+    catalog = load_or_raise(
+        write_tree(
+            tmp_path, {"mapper": {"conflicts": ["locator"]}, "locator": {}, "navigation": {"needs": ["locator"]}}
+        )
+    )
     held = [Request("one", "developer", ("mapper",))]
     found = problems(catalog, held, Request("two", "developer", ("navigation",)))
     assert found == [("'locator' and 'mapper' conflict and would both be wanted", "`rorg why` for who wants which")]
     assert problems(catalog, held, Request("one", "developer", ("navigation",))) == [], "a replacement is no conflict"
     assert problems(catalog, held, Request("two", "nobody", ("nothing",))) == [
         ("unknown requester 'nobody'", "one of developer, locator, mapper, navigation"),
-        ("unknown service 'nothing'", "one of developer, locator, mapper, navigation")]
+        ("unknown service 'nothing'", "one of developer, locator, mapper, navigation"),
+    ]
 
 
 def test_a_removal_that_fails_backs_off(tmp_path):
@@ -232,5 +246,5 @@ def test_a_removal_that_fails_backs_off(tmp_path):
     robot.declare({"mapper": {}})
     robot.sim.at(60.0, lambda: None)
     robot.wait(lambda: robot.sim.now >= 60.0)
-    tries = [text for _, text in robot.sim.log if "remove camera" in text]
-    assert 4 <= len(tries) <= 10
+    attempts = [text for _, text in robot.sim.log if "remove camera" in text]
+    assert 4 <= len(attempts) <= 10

@@ -13,12 +13,38 @@ import rorg
 from rorg.model.live import LIVE
 
 ROOT = Path(rorg.__file__).parent
-ROOMS = ["cli", "daemon", "sim", "engines", "host", "store", "manifest", "core", "model"]
+ROOMS = [
+    "cli",
+    "api",
+    "sim",
+    "daemon",
+    "images",
+    "probes",
+    "engines",
+    "host",
+    "store",
+    "manifest",
+    "core",
+    "model",
+]
 """A room imports only itself and rooms after it; `errors` and `client` stand beside them. `manifest` and `core` are
 siblings: neither imports the other."""
 SIBLINGS = {"manifest": "core", "core": "manifest"}
-PURE = {"os", "time", "random", "subprocess", "socket", "threading", "docker", "psutil", "pathlib", "datetime",
-        "uuid", "pydantic", "yaml"}
+PURE = {
+    "os",
+    "time",
+    "random",
+    "subprocess",
+    "socket",
+    "threading",
+    "docker",
+    "psutil",
+    "pathlib",
+    "datetime",
+    "uuid",
+    "pydantic",
+    "yaml",
+}
 FILES = sorted(p for p in ROOT.rglob("*.py") if p.parent != ROOT)
 
 
@@ -53,8 +79,11 @@ def test_the_core_loads_neither_yaml_nor_pydantic():
 def test_what_the_core_takes_for_live_is_what_the_fields_are_marked_as():
     from rorg.manifest.container import ContainerOptions
 
-    marked = {name for name, field in ContainerOptions.model_fields.items()
-              if (field.json_schema_extra or {}).get("x-rorg-change") == "live"}
+    marked = {
+        name
+        for name, field in ContainerOptions.model_fields.items()
+        if (field.json_schema_extra or {}).get("x-rorg-change") == "live"
+    }
     assert marked == LIVE
 
 

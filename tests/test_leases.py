@@ -15,14 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import write_tree
 
+from rorg.api.operations import Operations
+from rorg.api.permissions import Caller
 from rorg.core.observed import Container, Observed
-from rorg.daemon.rights import Caller
-from rorg.daemon.robot import Robot
-from rorg.daemon.wiring import make_engine, make_loop
+from rorg.daemon.wiring import make_loop
+from rorg.engines.make import make_engine
 from rorg.errors import Missing
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Where
-from rorg.store.requests_file import Asked, RequestsFile, parse, render
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_file import RequestsFile
+from rorg.store.requests_parser import parse, render
 from rorg.store.state_dir import StateDir
 
 DEVELOPER = Caller("developer")
@@ -33,9 +36,13 @@ class Stepped:
 
     def __init__(self, folder) -> None:
         self.folder, state = folder, StateDir(folder / "state").prepare()
-        self.loop = make_loop(write_tree(folder / "tree", {"camera": {}, "lidar": {}, "mission": {}}), state,
-                              make_engine("process", state), lambda line: None)
-        self.robot, self.file = Robot(self.loop, {}), RequestsFile(state.requests)
+        self.loop = make_loop(
+            write_tree(folder / "tree", {"camera": {}, "lidar": {}, "mission": {}}),
+            state,
+            make_engine("process", state),
+            lambda line: None,
+        )
+        self.robot, self.file = Operations(self.loop), RequestsFile(state.requests)
         self.show()
 
     def show(self, *containers: Container) -> None:
@@ -43,15 +50,18 @@ class Stepped:
 
     def step(self, read: bool = True) -> None:
         """One pass; with `read`, the loop has heard of changes of the file."""
-        self.loop._files = self.loop._asked = read
+        if read:
+            self.loop.wakes.files_changed()
+        else:
+            self.loop.wakes.take_files(), self.loop.wakes.take_requests()
         self.loop.one_pass()
 
     def put(self, *services: str, **more) -> None:
-        self.file.change(lambda asked: asked.put(Request("look", "developer", services, **more)))
+        self.file.change(lambda document: document.put(Request("look", "developer", services, **more)))
 
     def asked(self) -> tuple[Request, ...]:
         self.file.read()
-        return self.file.asked.requests
+        return self.file.document.requests
 
 
 @pytest.fixture
@@ -90,13 +100,13 @@ def test_what_was_renewed_while_the_pass_decided_is_not_dropped(stepped):
     stepped.put("camera", ttl=0.2)
     stepped.step()
     run_out(stepped, 0.25)
-    change = stepped.loop.ledger.file.change
+    change = stepped.loop.leases.file.change
 
     def renewed_first(edit):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
         return change(edit)
 
-    stepped.loop.ledger.file.change = renewed_first
+    stepped.loop.leases.file.change = renewed_first
     stepped.step(read=False)
     assert len(stepped.asked()) == 1
 
@@ -109,7 +119,7 @@ def test_what_was_released_cannot_be_renewed_though_the_loop_has_not_heard_of_it
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
     stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("camera",), ttl=60.0)).result(5)
     stepped.robot.renew(DEVELOPER, ("developer", "look"))
-    stepped.file.change(lambda asked: asked.without({("developer", "look")}))
+    stepped.file.change(lambda document: document.without({("developer", "look")}))
     with pytest.raises(Missing):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
 
@@ -118,17 +128,18 @@ def test_what_is_being_dropped_cannot_be_renewed(stepped):
     stepped.put("camera", ttl=0.2)
     stepped.step()
     run_out(stepped, 0.25)
-    change = stepped.loop.ledger.file.change
+    change = stepped.loop.leases.file.change
 
     def renewed_amid(edit):
-        def both(asked):
-            found = edit(asked)
+        def both(document):
+            found = edit(document)
             with pytest.raises(Missing):
                 stepped.robot.renew(DEVELOPER, ("developer", "look"))
             return found
+
         return change(both)
 
-    stepped.loop.ledger.file.change = renewed_amid
+    stepped.loop.leases.file.change = renewed_amid
     stepped.step(read=False)
     assert stepped.asked() == ()
     with pytest.raises(Missing):
@@ -153,17 +164,17 @@ def test_a_request_that_is_replaced_while_it_is_bound_keeps_its_new_services(ste
     run = Container("m" * 64, "mission", "mission", "running", "2026-01-01T00:00:00Z")
     stepped.step()
     stepped.show(run)
-    stepped.file.change(lambda asked: asked.put(Request("go", "mission", ("camera",))))
-    change = stepped.loop.ledger.file.change
+    stepped.file.change(lambda document: document.put(Request("go", "mission", ("camera",))))
+    change = stepped.loop.leases.file.change
 
     def replaced_first(edit):
-        stepped.loop.ledger.file.change = change
-        stepped.file.change(lambda asked: asked.put(Request("go", "mission", ("lidar",))))
+        stepped.loop.leases.file.change = change
+        stepped.file.change(lambda document: document.put(Request("go", "mission", ("lidar",))))
         return change(edit)
 
-    stepped.loop.ledger.file.change = replaced_first
+    stepped.loop.leases.file.change = replaced_first
     stepped.step()
-    found, = stepped.asked()
+    (found,) = stepped.asked()
     assert (found.services, found.incarnation) == (("lidar",), run.incarnation)
 
 
@@ -226,19 +237,29 @@ def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
     assert not stepped.loop.decision.situation.suspended
 
 
-@pytest.mark.parametrize("text", [
-    "requests: [{id: x, services: 5}]", "requests: [{id: x, services: true}]", "requests: [{id: x, services: {a: b}}]",
-    "restarts: {camera: 0001-01-01T00:00:00+14:00}", "holds: {camera: {until: 9999-12-31T23:59:59-14:00}}",
-    "restarts: {camera: year 0}", "requests: [{id: [x], services: [camera]}]", "suspended: {until: {}}",
-    "requests: [{id: x, services: [camera], ttl: 1e300s}]", "holds: 5", "restarts: [camera]",
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "requests: [{id: x, services: 5}]",
+        "requests: [{id: x, services: true}]",
+        "requests: [{id: x, services: {a: b}}]",
+        "restarts: {camera: 0001-01-01T00:00:00+14:00}",
+        "holds: {camera: {until: 9999-12-31T23:59:59-14:00}}",
+        "restarts: {camera: year 0}",
+        "requests: [{id: [x], services: [camera]}]",
+        "suspended: {until: {}}",
+        "requests: [{id: x, services: [camera], ttl: 1e300s}]",
+        "holds: 5",
+        "restarts: [camera]",
+    ],
+)
 def test_whatever_is_wrong_in_the_file_is_told_with_its_place_and_ends_nothing(stepped, text):
     stepped.put("camera")
     stepped.step()
     stepped.file.path.write_text(text + "\n")
     stepped.step()
-    assert stepped.loop.ledger.file.diagnostics
-    assert "requests.yaml:1" in str(stepped.loop.ledger.file.diagnostics[0])
+    assert stepped.loop.leases.file.diagnostics
+    assert "requests.yaml:1" in str(stepped.loop.leases.file.diagnostics[0])
     assert "camera" in stepped.loop.decision.situation.wanted
 
 
@@ -249,23 +270,66 @@ def test_a_hold_of_a_thousand_years_is_slept_through(stepped):
     stepped.loop._sleep(stepped.loop.decision)
 
 
-TEXTS = st.one_of(st.text(max_size=12), st.sampled_from([
-    "12e4567", "0o17", "1_000", "0x1F", "1:30", "yes", "NO", "null", "~", "2026-01-31", ".5", "-", "a: b", "#x", "'",
-    "=", "!x", "&a", "*a", "1e3", "\n", " x ", "<<", "\x85", "\u2028", "\ufeff"]))
+TEXTS = st.one_of(
+    st.text(max_size=12),
+    st.sampled_from(
+        [
+            "12e4567",
+            "0o17",
+            "1_000",
+            "0x1F",
+            "1:30",
+            "yes",
+            "NO",
+            "null",
+            "~",
+            "2026-01-31",
+            ".5",
+            "-",
+            "a: b",
+            "#x",
+            "'",
+            "=",
+            "!x",
+            "&a",
+            "*a",
+            "1e3",
+            "\n",
+            " x ",
+            "<<",
+            "\x85",
+            "\u2028",
+            "\ufeff",
+        ]
+    ),
+)
 
 
-@given(st.lists(st.builds(
-    Request, id=TEXTS.filter(bool), requester=TEXTS.filter(bool), services=st.lists(
-        TEXTS.filter(bool), min_size=1, max_size=3).map(tuple), reason=TEXTS,
-    incarnation=st.none() | TEXTS.filter(bool), priority=st.none() | st.integers(0, 100),
-    ttl=st.none() | st.floats(0.001, 1e8), renewed=TEXTS),
-    max_size=3, unique_by=lambda r: r.key), st.dictionaries(TEXTS.filter(bool), st.builds(
-        Hold, st.floats(0, 2e11), TEXTS), max_size=2))
+@given(
+    st.lists(
+        st.builds(
+            Request,
+            id=TEXTS.filter(bool),
+            requester=TEXTS.filter(bool),
+            services=st.lists(TEXTS.filter(bool), min_size=1, max_size=3).map(tuple),
+            reason=TEXTS,
+            incarnation=st.none() | TEXTS.filter(bool),
+            priority=st.none() | st.integers(0, 100),
+            ttl=st.none() | st.floats(0.001, 1e8),
+            renewed=TEXTS,
+        ),
+        max_size=3,
+        unique_by=lambda r: r.key,
+    ),
+    st.dictionaries(TEXTS.filter(bool), st.builds(Hold, st.floats(0, 2e11), TEXTS), max_size=2),
+)
 def test_what_is_written_is_read_again(requests, holds):
-    asked = Asked(tuple(requests), {}, holds, None)
-    again, diagnostics = parse(render(asked), "requests.yaml")
+    document = RequestsDocument(tuple(requests), {}, holds, None)
+    again, diagnostics = parse(render(document), "requests.yaml")
     assert diagnostics == []
     assert [replace(r, where=Where("")) for r in again.requests] == [
-        replace(r, ttl=r.ttl and pytest.approx(r.ttl)) for r in requests]
+        replace(r, ttl=r.ttl and pytest.approx(r.ttl)) for r in requests
+    ]
     assert {n: (pytest.approx(h.until, abs=1e-3), h.reason) for n, h in again.holds.items()} == {
-        n: (h.until, h.reason) for n, h in holds.items()}
+        n: (h.until, h.reason) for n, h in holds.items()
+    }

@@ -10,7 +10,7 @@ from rorg.core.losses import losses, ready_runs
 
 
 class Watched(VirtualRobot):
-    """Looks at every decision, as the reporter does."""
+    """Looks at every decision, as the recorder does."""
 
     def __init__(self, folder) -> None:
         super().__init__(folder)
@@ -33,8 +33,15 @@ def robot(tmp_path):
 
 
 def test_what_pressure_sheds_is_lost_and_so_is_what_needs_it(robot):
-    robot.declare({"base": service(0.5, "1Gi", 90), "n0": service(0.3, "1Mi", 20),
-                   "top": {**service(0.3, "1Mi", 20), "needs": ["n0"]}, "n1": service(0.9, "1Mi", 30)}, policies=POLICY)
+    robot.declare(
+        {
+            "base": service(0.5, "1Gi", 90),
+            "n0": service(0.3, "1Mi", 20),
+            "top": {**service(0.3, "1Mi", 20), "needs": ["n0"]},
+            "n1": service(0.9, "1Mi", 30),
+        },
+        policies=POLICY,
+    )
     robot.request("base", "top", "n1")
     robot.wait(lambda: len(robot.active()) == 4)
     robot.sim.extra = (0.4, 0)

@@ -15,11 +15,32 @@ from rorg.core.normal import normal, normal_fields
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.load import load_or_raise
 
-JSON = st.recursive(st.none() | st.booleans() | st.integers(-5, 5) | st.floats(allow_nan=False) | st.sampled_from(
-    ["", "rw", "a:/b", "/a:/b:ro,rw", "80:80/tcp", "8080-8089:80", "/dev/null:/dev/x:mr", "on-failure:0", "CAP_KILL",
-     "a:1", "label:disable", "2", "/run:size=1m,mode=700"]) | st.text(":/=-.,az09", max_size=9),
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-5, 5)
+    | st.floats(allow_nan=False)
+    | st.sampled_from(
+        [
+            "",
+            "rw",
+            "a:/b",
+            "/a:/b:ro,rw",
+            "80:80/tcp",
+            "8080-8089:80",
+            "/dev/null:/dev/x:mr",
+            "on-failure:0",
+            "CAP_KILL",
+            "a:1",
+            "label:disable",
+            "2",
+            "/run:size=1m,mode=700",
+        ]
+    )
+    | st.text(":/=-.,az09", max_size=9),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["type", "target", "a"]), inner),
-    max_leaves=8)
+    max_leaves=8,
+)
 OPTIONS = st.sampled_from([*ContainerOptions.model_fields, "command", "environment.A", "image"])
 
 
@@ -40,10 +61,37 @@ def test_a_normal_form_is_its_own_normal_form(option, value):
     assert normal(option, json.loads(json.dumps(once))) == once
 
 
-SETS = st.sampled_from(["cap_add", "cap_drop", "volumes", "security_opt", "devices", "group_add", "ports", "expose",
-                        "tmpfs", "device_cgroup_rules", "links"])
-ITEMS = st.lists(st.sampled_from(["KILL", "CAP_KILL", "a1:/b", "a1:/b:rw", "/c:/d:ro", "/dev/a", "/dev/a:/dev/a:mrw",
-                                  "80", "8080:80/udp", "/run:size=1m"]))
+SETS = st.sampled_from(
+    [
+        "cap_add",
+        "cap_drop",
+        "volumes",
+        "security_opt",
+        "devices",
+        "group_add",
+        "ports",
+        "expose",
+        "tmpfs",
+        "device_cgroup_rules",
+        "links",
+    ]
+)
+ITEMS = st.lists(
+    st.sampled_from(
+        [
+            "KILL",
+            "CAP_KILL",
+            "a1:/b",
+            "a1:/b:rw",
+            "/c:/d:ro",
+            "/dev/a",
+            "/dev/a:/dev/a:mrw",
+            "80",
+            "8080:80/udp",
+            "/run:size=1m",
+        ]
+    )
+)
 
 
 @given(st.randoms(), SETS, ITEMS)
@@ -69,18 +117,43 @@ def test_what_is_accepted_has_a_normal_form_that_tells_it_apart(tmp_path):
 
 def test_the_digest_of_a_declaration_is_what_it_was(tmp_path):
     """A new version of rorg recreates nothing by itself. These digests were made by the first version."""
-    spec = {"image": "arm:1", "command": "run --fast", "profile": "ros1", "container": {
-        "cap_add": ["SYS_NICE"], "volumes": ["maps:/maps:ro"], "ports": [], "environment": {"A": 5}, "cpus": 0.5,
-        "ulimits": {"nofile": 1024}, "logging": {"driver": "local"}, "tmpfs": "/run", "mem_limit": "64Mi",
-        "healthcheck": {"test": "ls /", "interval": "2s"}, "extra_hosts": {"base": "10.0.0.1"}, "restart": "no"},
-        "driver": {"devices": ["/dev/null:/dev/arm"], "groups": ["dialout", 44], "realtime": True}}
+    spec = {
+        "image": "arm:1",
+        "command": "run --fast",
+        "profile": "ros1",
+        "container": {
+            "cap_add": ["SYS_NICE"],
+            "volumes": ["maps:/maps:ro"],
+            "ports": [],
+            "environment": {"A": 5},
+            "cpus": 0.5,
+            "ulimits": {"nofile": 1024},
+            "logging": {"driver": "local"},
+            "tmpfs": "/run",
+            "mem_limit": "64Mi",
+            "healthcheck": {"test": "ls /", "interval": "2s"},
+            "extra_hosts": {"base": "10.0.0.1"},
+            "restart": "no",
+        },
+        "driver": {"devices": ["/dev/null:/dev/arm"], "groups": ["dialout", 44], "realtime": True},
+    }
     write_tree(tmp_path, {"arm": spec, "roscore": {"image": "ros", "command": ["x"]}})
     assert desire(load_or_raise(tmp_path)).digests == DIGESTS
 
 
-BY_ITSELF = {"cap_add: []", "isolation: default", "mem_limit: 0", "network_mode: bridge", "network_mode: default",
-             "oom_kill_disable: false", "pids_limit: -1", "pids_limit: 0", "privileged: false", "restart: no",
-             "shm_size: 0"}
+BY_ITSELF = {
+    "cap_add: []",
+    "isolation: default",
+    "mem_limit: 0",
+    "network_mode: bridge",
+    "network_mode: default",
+    "oom_kill_disable: false",
+    "pids_limit: -1",
+    "pids_limit: 0",
+    "privileged: false",
+    "restart: no",
+    "shm_size: 0",
+}
 """What makes the container that is made where nothing is declared."""
 ONE_MEANING = {
     frozenset(["cap_add: [SYS_NICE]", "cap_add: [sys_nice]"]),
@@ -91,16 +164,41 @@ ONE_MEANING = {
 """Of these the table expects different words of the engine, and they mean one thing."""
 DIGESTS = {"arm": "v1:7b01eb921e5a5202c6e03ff15adb0f45", "roscore": "v1:d97189f392c13a2d78ce3ec3be6aaaae"}
 
-FIRST = {"cap_add": ["SYS_NICE", "NET_ADMIN"], "cap_drop": ["MKNOD"], "group_add": ["44", "20"],
-         "security_opt": ["no-new-privileges", "label=disable"], "volumes": ["maps:/maps:ro", "/tmp:/host"],
-         "devices": ["/dev/null", "/dev/zero:/dev/nil:r"], "tmpfs": ["/run", "/scratch:size=1m,mode=700"],
-         "restart": "on-failure", "stop_signal": "SIGINT", "ulimits": {"nofile": 1024}, "pids_limit": 100}
-SECOND = {"cap_add": ["cap_net_admin", "SYS_NICE", "SYS_NICE"], "cap_drop": ["CAP_MKNOD"], "privileged": False,
-          "security_opt": ["label:disable", "no-new-privileges:true"], "volumes": ["/tmp:/host/:rw", "maps:/maps:ro"],
-          "devices": ["/dev/zero:/dev/nil:r", "/dev/null:/dev/null:rwm"], "group_add": ["20", "44"], "tty": False,
-          "tmpfs": ["/scratch:mode=700,size=1m", "/run"], "read_only": False, "stdin_open": False, "dns": [],
-          "restart": "on-failure:0", "stop_signal": "2", "ulimits": {"nofile": {"soft": 1024, "hard": 1024}},
-          "pids_limit": 100, "oom_kill_disable": False, "sysctls": {}, "links": [], "cpu_shares": 0}
+FIRST = {
+    "cap_add": ["SYS_NICE", "NET_ADMIN"],
+    "cap_drop": ["MKNOD"],
+    "group_add": ["44", "20"],
+    "security_opt": ["no-new-privileges", "label=disable"],
+    "volumes": ["maps:/maps:ro", "/tmp:/host"],
+    "devices": ["/dev/null", "/dev/zero:/dev/nil:r"],
+    "tmpfs": ["/run", "/scratch:size=1m,mode=700"],
+    "restart": "on-failure",
+    "stop_signal": "SIGINT",
+    "ulimits": {"nofile": 1024},
+    "pids_limit": 100,
+}
+SECOND = {
+    "cap_add": ["cap_net_admin", "SYS_NICE", "SYS_NICE"],
+    "cap_drop": ["CAP_MKNOD"],
+    "privileged": False,
+    "security_opt": ["label:disable", "no-new-privileges:true"],
+    "volumes": ["/tmp:/host/:rw", "maps:/maps:ro"],
+    "devices": ["/dev/zero:/dev/nil:r", "/dev/null:/dev/null:rwm"],
+    "group_add": ["20", "44"],
+    "tty": False,
+    "tmpfs": ["/scratch:mode=700,size=1m", "/run"],
+    "read_only": False,
+    "stdin_open": False,
+    "dns": [],
+    "restart": "on-failure:0",
+    "stop_signal": "2",
+    "ulimits": {"nofile": {"soft": 1024, "hard": 1024}},
+    "pids_limit": 100,
+    "oom_kill_disable": False,
+    "sysctls": {},
+    "links": [],
+    "cpu_shares": 0,
+}
 
 
 def test_another_spelling_restarts_nothing(docker_robot):
@@ -111,8 +209,9 @@ def test_another_spelling_restarts_nothing(docker_robot):
     robot.declare({"arm": {"always_on": True, "container": SECOND}, "base": {"always_on": True}})
     robot.settle()
     assert {c.service: c.incarnation for c in robot.containers()} == before
-    robot.declare({"arm": {"always_on": True, "container": {**SECOND, "cap_add": ["SYS_NICE"]}},
-                   "base": {"always_on": True}})
+    robot.declare(
+        {"arm": {"always_on": True, "container": {**SECOND, "cap_add": ["SYS_NICE"]}}, "base": {"always_on": True}}
+    )
     robot.wait(lambda: robot.active() == {"arm", "base"} and robot.container("arm").incarnation != before["arm"])
     robot.settle()
     assert robot.container("base").incarnation == before["base"]

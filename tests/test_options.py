@@ -49,16 +49,28 @@ class Shell:
     def __init__(self, folder: Path, host: str = "") -> None:
         self.tree = folder / "tree"
         (self.tree / "services").mkdir(parents=True)
-        self.env = {**os.environ, "RORG_STATE_DIR": str(folder / "state"), "RORG_ENGINE": "docker", "DOCKER_HOST": host,
-                    "TERM": "dumb"}
+        self.env = {
+            **os.environ,
+            "RORG_STATE_DIR": str(folder / "state"),
+            "RORG_ENGINE": "docker",
+            "DOCKER_HOST": host,
+            "TERM": "dumb",
+        }
 
     def service(self, name: str, text: str, profile: str = "profile: plain") -> None:
         head = HEAD.replace("NAME", name).replace("PROFILE", profile)
         (self.tree / f"services/{name}.yaml").write_text(f"{head}{TEXT}{text}}}\n", encoding="utf-8")
 
     def __call__(self, *args: str, code: int = 0, cwd: Path | None = None) -> subprocess.CompletedProcess:
-        done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=240,
-                              env=self.env, stdin=subprocess.DEVNULL, cwd=cwd)
+        done = subprocess.run(
+            [sys.executable, "-m", "rorg", *args],
+            capture_output=True,
+            text=True,
+            timeout=240,
+            env=self.env,
+            stdin=subprocess.DEVNULL,
+            cwd=cwd,
+        )
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
 

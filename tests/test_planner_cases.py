@@ -16,7 +16,7 @@ import yaml
 from rorg.core.decide import Inputs, decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
-from rorg.core.memory import Finding, InFlight, Memory, Progress
+from rorg.core.memory import InFlight, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
@@ -28,8 +28,27 @@ from rorg.model.live import LIVE
 from rorg.model.units import parse_time
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
-KEYS = {"about", "services", "groups", "requests", "observed", "complete", "memory", "in_flight", "now", "removals",
-        "restarts", "plan", "contents", "dropped", "policy", "holds", "suspended", "interlocks", "pressure"}
+KEYS = {
+    "about",
+    "services",
+    "groups",
+    "requests",
+    "observed",
+    "complete",
+    "memory",
+    "in_flight",
+    "now",
+    "removals",
+    "restarts",
+    "plan",
+    "contents",
+    "dropped",
+    "policy",
+    "holds",
+    "suspended",
+    "interlocks",
+    "pressure",
+}
 STARTED = "2026-01-01T00:00:00Z"
 
 
@@ -73,24 +92,37 @@ def container_of(entry: dict, catalog) -> Container:
     spec = created_from(declared, entry.get("spec", "declared"))
     live = {k: v for k, v in spec.items() if k in LIVE - {"container_name"}}
     started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
-    return Container(id=name, name=name, service=service, state=entry["state"], started_at=started,
-                     exit_code=entry.get("exit_code"), digest=entry.get("digest", digest(spec)),
-                     declared=canonical(declared_fields(spec)), live={**live, **entry.get("live", {})},
-                     oom_killed=entry.get("oom_killed", False), previous=entry.get("previous", ""),
-                     created_at=entry.get("created_at", ""))
+    return Container(
+        id=name,
+        name=name,
+        service=service,
+        state=entry["state"],
+        started_at=started,
+        exit_code=entry.get("exit_code"),
+        digest=entry.get("digest", digest(spec)),
+        declared=canonical(declared_fields(spec)),
+        live={**live, **entry.get("live", {})},
+        oom_killed=entry.get("oom_killed", False),
+        previous=entry.get("previous", ""),
+        created_at=entry.get("created_at", ""),
+    )
 
 
 def memory_of(case: dict, containers: list[Container], editions: Mapping[str, str]) -> Memory:
-    progress = {c.service: Progress(running_since=0.0, ready=True, incarnation=c.incarnation)
-                for c in containers if c.state == "running"}
+    progress = {
+        c.service: Progress(running_since=0.0, ready=True, incarnation=c.incarnation)
+        for c in containers
+        if c.state == "running"
+    }
     for name, known in case.get("memory", {}).items():
         if "update" in known:
             said, edition = known["update"], editions[name]  # an error is that of what the manifest says now
             failed = edition if "error" in said else ""
             known = {**known, "update": Update(edition=edition, failed=failed, **said)}
         progress[name] = replace(progress.get(name, Progress()), **known)
-    flights = {name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in
-               case.get("in_flight", {}).items()}
+    flights = {
+        name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()
+    }
     pressure = dict(case.get("pressure", {}))
     shed = tuple(Shed(name, 0.0, 0, why) for name, why in pressure.pop("shed", {}).items())
     return Memory(progress, flights, pressure=Pressure(**pressure, shed=shed))
@@ -101,23 +133,43 @@ def test_plan(path, tmp_path):
     case = read_case(path)
     catalog = catalog_of(case, tmp_path)
     containers = [container_of(entry, catalog) for entry in case.get("observed", [])]
-    requests = tuple(Request(r["id"], r.get("requester", "developer"), tuple(r["services"]),
-                             incarnation=r.get("incarnation"), priority=r.get("priority"), ttl=r.get("ttl"))
-                     for r in case.get("requests", []))
+    requests = tuple(
+        Request(
+            r["id"],
+            r.get("requester", "developer"),
+            tuple(r["services"]),
+            incarnation=r.get("incarnation"),
+            priority=r.get("priority"),
+            ttl=r.get("ttl"),
+        )
+        for r in case.get("requests", [])
+    )
     now = float(case["now"])
     wall = parse_time("2026-02-01T00:00:00Z") + now
     holds = {n: Hold(wall + h["for"], h.get("reason", "")) for n, h in case.get("holds", {}).items()}
     suspended = Hold(wall + case["suspended"]["for"], case["suspended"]["reason"]) if "suspended" in case else None
-    findings = {(n, "interlock"): Finding("", said == "allows", now, said)
-                for n, said in case.get("interlocks", {}).items()}
+    results = {
+        (n, "interlock"): ProbeResult("", said == "allows", now, said) for n, said in case.get("interlocks", {}).items()
+    }
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
     desired = desire(catalog, contents=case.get("contents"))
-    decision = decide(Inputs(
-        desired=desired, requests=requests, restarts=case.get("restarts", {}),
-        observed=Observed(tuple(containers), complete=case.get("complete", True)), findings=findings,
-        memory=memory_of(case, containers, desired.editions), now=now, owner="robot", holds=holds,
-        removals=case.get("removals", True),
-        suspended=suspended, wall=wall, load=quiet))
+    decision = decide(
+        Inputs(
+            desired=desired,
+            requests=requests,
+            restarts=case.get("restarts", {}),
+            observed=Observed(tuple(containers), complete=case.get("complete", True)),
+            results=results,
+            memory=memory_of(case, containers, desired.editions),
+            now=now,
+            owner="robot",
+            holds=holds,
+            removals=case.get("removals", True),
+            suspended=suspended,
+            wall=wall,
+            load=quiet,
+        )
+    )
     assert decision.plan.text() == case["plan"]
     assert decision.violations == ()
     assert [f"{r.id}: {why}" for r, why in decision.settled.dropped] == case.get("dropped", [])

@@ -26,8 +26,14 @@ def events(robot) -> list[tuple[float, str]]:
 
 
 def test_the_lowest_priority_gives_way_and_comes_back(robot):
-    robot.declare({"drive": service(0.5, "1Gi", 90, protected=True), "map": service(0.6, "1Gi", 70),
-                   "log": service(0.5, "1Gi", 20)}, policies=POLICY)
+    robot.declare(
+        {
+            "drive": service(0.5, "1Gi", 90, protected=True),
+            "map": service(0.6, "1Gi", 70),
+            "log": service(0.5, "1Gi", 20),
+        },
+        policies=POLICY,
+    )
     robot.request("drive", "map", "log")
     robot.wait(lambda: robot.active() == {"drive", "map", "log"})
     robot.sim.extra = (0.9, 0)
@@ -38,13 +44,26 @@ def test_the_lowest_priority_gives_way_and_comes_back(robot):
     robot.sim.extra = (0.0, 0)
     robot.wait(lambda: robot.active() == {"drive", "map", "log"})
     robot.wait(lambda: robot.sim.memory.pressure.level == 0)
-    assert not any("drive" in text or "map" in text for at, text in events(robot) if at > began and "cpu" not in text
-                   and "update" not in text and "leaves the CPU" not in text and "pressure is over" not in text)
+    assert not any(
+        "drive" in text or "map" in text
+        for at, text in events(robot)
+        if at > began
+        and "cpu" not in text
+        and "update" not in text
+        and "leaves the CPU" not in text
+        and "pressure is over" not in text
+    )
 
 
 def test_shares_are_lowered_first_and_put_back(robot):
-    robot.declare({"drive": service(0.5, "1Gi", 90, protected=True), "map": service(0.6, "1Gi", 70),
-                   "log": service(0.5, "1Gi", 20, container={"cpu_shares": 512})}, policies=POLICY)
+    robot.declare(
+        {
+            "drive": service(0.5, "1Gi", 90, protected=True),
+            "map": service(0.6, "1Gi", 70),
+            "log": service(0.5, "1Gi", 20, container={"cpu_shares": 512}),
+        },
+        policies=POLICY,
+    )
     robot.request("drive", "map", "log")
     robot.wait(lambda: len(robot.active()) == 3)
     robot.sim.extra = (0.6, 0)
@@ -57,8 +76,9 @@ def test_shares_are_lowered_first_and_put_back(robot):
 
 
 def test_what_lingers_is_ceased_at_once(robot):
-    robot.declare({"map": service(0.6, "1Gi", 70), "log": service(0.6, "1Gi", 20, idle={"linger": "10m"})},
-                  policies=POLICY)
+    robot.declare(
+        {"map": service(0.6, "1Gi", 70), "log": service(0.6, "1Gi", 20, idle={"linger": "10m"})}, policies=POLICY
+    )
     robot.request("map", id="map")
     robot.request("log", id="log")
     robot.wait(lambda: len(robot.active()) == 2)
@@ -69,8 +89,9 @@ def test_what_lingers_is_ceased_at_once(robot):
 
 
 def test_paused_services_are_stopped_for_their_memory(robot):
-    robot.declare({"map": service(0.6, "1Gi", 70), "log": service(0.6, "2Gi", 20, idle={"action": "pause"})},
-                  policies=POLICY)
+    robot.declare(
+        {"map": service(0.6, "1Gi", 70), "log": service(0.6, "2Gi", 20, idle={"action": "pause"})}, policies=POLICY
+    )
     robot.request("map", id="map")
     robot.request("log", id="log")
     robot.wait(lambda: len(robot.active()) == 2)
@@ -95,8 +116,10 @@ def test_nothing_of_low_priority_begins_under_pressure(robot):
 
 
 def test_protected_services_and_what_they_need_are_never_touched(robot):
-    robot.declare({"roscore": service(0.1, "1Gi", 1), "drive": service(0.5, "1Gi", 1, protected=True,
-                                                                       needs=["roscore"])}, policies=POLICY)
+    robot.declare(
+        {"roscore": service(0.1, "1Gi", 1), "drive": service(0.5, "1Gi", 1, protected=True, needs=["roscore"])},
+        policies=POLICY,
+    )
     robot.request("drive")
     robot.wait(lambda: len(robot.active()) == 2)
     robot.sim.extra = (4.0, 8 * GIB)
@@ -106,8 +129,14 @@ def test_protected_services_and_what_they_need_are_never_touched(robot):
 
 
 def test_a_service_is_not_shed_when_a_protected_one_would_go_with_it(robot):
-    robot.declare({"drive": service(0.5, "1Gi", 50, protected=True), "tour": service(0.6, "1Gi", 10, needs=["drive"]),
-                   "log": service(0.6, "1Gi", 40)}, policies=POLICY)
+    robot.declare(
+        {
+            "drive": service(0.5, "1Gi", 50, protected=True),
+            "tour": service(0.6, "1Gi", 10, needs=["drive"]),
+            "log": service(0.6, "1Gi", 40),
+        },
+        policies=POLICY,
+    )
     robot.request("tour", "log")
     robot.wait(lambda: len(robot.active()) == 3)
     robot.sim.extra = (1.0, 0)
@@ -119,8 +148,10 @@ def test_a_service_is_not_shed_when_a_protected_one_would_go_with_it(robot):
 
 
 def test_what_a_request_of_higher_priority_asked_for_outlives_others(robot):
-    robot.declare({"mission": service(0.1, "1Gi", 90), "camera": service(0.6, "1Gi", 10),
-                   "radio": service(0.6, "1Gi", 40)}, policies=POLICY)
+    robot.declare(
+        {"mission": service(0.1, "1Gi", 90), "camera": service(0.6, "1Gi", 10), "radio": service(0.6, "1Gi", 40)},
+        policies=POLICY,
+    )
     robot.request("mission", "radio")
     robot.wait(lambda: "mission" in robot.active())
     robot.request("camera", id="look", by="mission")
@@ -143,7 +174,11 @@ def test_a_service_that_is_too_much_each_time_comes_back_less_and_less_often(rob
     assert len(starts) < 12, "bounded"
 
 
-BURN = ["python3", "-S", "-c", """
+BURN = [
+    "python3",
+    "-S",
+    "-c",
+    """
 import os, signal, time
 for number in (2, 15): signal.signal(number, lambda *_: os._exit(0))
 hoard = bytearray(int(os.environ['HOARD']) << 20)
@@ -153,12 +188,17 @@ while True:
     end = time.monotonic() + 0.05 * share
     while time.monotonic() < end: pass
     time.sleep(0.05 * (1 - share))
-"""]
+""",
+]
 
 
 def burner(cpu: float, hoard: int, priority: int, **more) -> dict:
-    return {"command": BURN, "priority": priority, "container": {
-        "environment": {"BURN": str(cpu), "HOARD": str(hoard)}}, **more}
+    return {
+        "command": BURN,
+        "priority": priority,
+        "container": {"environment": {"BURN": str(cpu), "HOARD": str(hoard)}},
+        **more,
+    }
 
 
 @pytest.mark.parametrize("short", ["cpu", "memory"])
@@ -172,11 +212,17 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, tmp_pa
     budget = {"cpu": 1.2} if short == "cpu" else {"memory": (base >> 20) + 700 << 20, "cpu": 64}
     load = (0.8, 0) if short == "cpu" else (0.01, 500)
     try:
-        robot.declare({
-            "drive": burner(0.3, 50, 90, protected=True), "map": burner(0.1, 50, 70),
-            "aa": burner(*load, 20), "bb": burner(*load, 30, idle={"action": "pause"}),
-        }, policies={"policy": {"budget": budget, "pressure": {"calm": "2s", "memory_some": 100, "low": 0.95,
-                                                                  "admit": 0}}})
+        robot.declare(
+            {
+                "drive": burner(0.3, 50, 90, protected=True),
+                "map": burner(0.1, 50, 70),
+                "aa": burner(*load, 20),
+                "bb": burner(*load, 30, idle={"action": "pause"}),
+            },
+            policies={
+                "policy": {"budget": budget, "pressure": {"calm": "2s", "memory_some": 100, "low": 0.95, "admit": 0}}
+            },
+        )
         robot.request("drive", "map", id="work")
         robot.wait(lambda: robot.active() == {"drive", "map"})
         robot.settle()

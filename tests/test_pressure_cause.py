@@ -34,8 +34,15 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     burner = None
     try:
-        robot.declare({"base": {"priority": 90}, "idle": {"priority": 10}}, policies={"policy": {
-            "budget": {"cpu": 0.4}, "pressure": {"step": "200ms", "calm": "1s", "memory_some": 100, "admit": 0}}})
+        robot.declare(
+            {"base": {"priority": 90}, "idle": {"priority": 10}},
+            policies={
+                "policy": {
+                    "budget": {"cpu": 0.4},
+                    "pressure": {"step": "200ms", "calm": "1s", "memory_some": 100, "admit": 0},
+                }
+            },
+        )
         robot.request("base", "idle")
         robot.wait(lambda: robot.active() == {"base", "idle"})
         before = robot.engine.api().inspect_container("idle")
@@ -46,7 +53,10 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
         assert robot.status()["pressure"]["measures"] == [] and robot.status()["pressure"]["shed"] == {}
         after = robot.engine.api().inspect_container("idle")
         assert (after["Id"], after["State"]["StartedAt"], after["State"]["Running"]) == (
-            before["Id"], before["State"]["StartedAt"], True)
+            before["Id"],
+            before["State"]["StartedAt"],
+            True,
+        )
         assert not after["HostConfig"]["CpuShares"]
         assert any("nothing that rorg runs would help" in line for line in robot.lines)
     finally:
@@ -61,8 +71,10 @@ def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, tmp_p
     burn = {"command": BURN, "container": {"environment": {"BURN": "0.9", "HOARD": "1"}}}
     try:
         limits = {"step": "200ms", "calm": "60s", "memory_some": 100}
-        robot.declare({"base": {"priority": 90}, "idle": {"priority": 10}, "burner": {"priority": 20, **burn}},
-                      policies={"policy": {"budget": {"cpu": 0.4}, "pressure": limits}})
+        robot.declare(
+            {"base": {"priority": 90}, "idle": {"priority": 10}, "burner": {"priority": 20, **burn}},
+            policies={"policy": {"budget": {"cpu": 0.4}, "pressure": limits}},
+        )
         robot.request("base", "idle")
         robot.wait(lambda: robot.active() == {"base", "idle"})
         before = robot.container("idle").incarnation
@@ -76,8 +88,15 @@ def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, tmp_p
 
 
 def test_what_is_short_decides_which_measure_helps(robot):
-    robot.declare({"base": service(0.5, "1Gi", 90), "old": service(0.0, "1536Mi", 30, idle={"action": "pause"}),
-                   "log": service(0.7, "1Mi", 20), "map": service(0.0, "1Gi", 10)}, policies=POLICY)
+    robot.declare(
+        {
+            "base": service(0.5, "1Gi", 90),
+            "old": service(0.0, "1536Mi", 30, idle={"action": "pause"}),
+            "log": service(0.7, "1Mi", 20),
+            "map": service(0.0, "1Gi", 10),
+        },
+        policies=POLICY,
+    )
     robot.request("base", "log", "map")
     robot.request("old", id="old")
     robot.wait(lambda: len(robot.active()) == 4)
@@ -92,8 +111,10 @@ def test_what_is_short_decides_which_measure_helps(robot):
 
 
 def test_memory_is_not_won_by_lowering_shares(robot):
-    robot.declare({"base": service(0.5, "1Gi", 90), "log": service(0.5, "1Mi", 20), "map": service(0.1, "1Gi", 30)},
-                  policies=POLICY)
+    robot.declare(
+        {"base": service(0.5, "1Gi", 90), "log": service(0.5, "1Mi", 20), "map": service(0.1, "1Gi", 30)},
+        policies=POLICY,
+    )
     robot.request("base", "log", "map")
     robot.wait(lambda: len(robot.active()) == 3)
     robot.sim.extra = (0.0, 3 * GIB)
@@ -104,8 +125,10 @@ def test_memory_is_not_won_by_lowering_shares(robot):
 
 
 def test_a_load_that_nobody_of_ours_makes_less_changes_nothing(robot):
-    robot.declare({"base": service(0.01, "1Mi", 90), "log": service(0.01, "1Mi", 20)}, policies={"policy": {
-        **POLICY["policy"], "pressure": {**POLICY["policy"]["pressure"], "admit": 0}}})
+    robot.declare(
+        {"base": service(0.01, "1Mi", 90), "log": service(0.01, "1Mi", 20)},
+        policies={"policy": {**POLICY["policy"], "pressure": {**POLICY["policy"]["pressure"], "admit": 0}}},
+    )
     robot.request("base", "log")
     robot.wait(lambda: len(robot.active()) == 2)
     robot.sim.extra = (4.0, 8 * GIB)

@@ -15,15 +15,19 @@ from conftest import free_port, wait_for
 
 from rorg.core.decide import Target
 from rorg.core.observed import Container
-from rorg.engines.probe import Asker
-from rorg.engines.process import ProcessEngine
+from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
-from rorg.host import ros
-from rorg.host.probe import Prober
 from rorg.model.catalog import Probe
+from rorg.probes import ros_master
+from rorg.probes.prober import Prober
+from rorg.probes.runner import ProbeRunner
 
-SERVER = ["python3", "-S", "-c", """
+SERVER = [
+    "python3",
+    "-S",
+    "-c",
+    """
 import os, signal, sys, time
 state = {'ready': False, 'alive': True}
 def on(number, frame):
@@ -44,14 +48,20 @@ while True:
     if state['alive']:
         open(os.environ['ALIVE_FILE'], 'w').close()
     signal.sigtimedwait([34], 0.05)
-"""]
+""",
+]
 
 
 def server(tmp_path, robot, **more) -> dict:
     """A program that becomes ready at SIGUSR1 and hangs at SIGUSR2."""
     folder = "/tmp" if robot.kind == "docker" else str(tmp_path)
-    return {"command": SERVER, "container": {"environment": {
-        "READY_FILE": f"{folder}/ready", "ALIVE_FILE": f"{folder}/alive", "PORT": str(free_port())}}, **more}
+    return {
+        "command": SERVER,
+        "container": {
+            "environment": {"READY_FILE": f"{folder}/ready", "ALIVE_FILE": f"{folder}/alive", "PORT": str(free_port())}
+        },
+        **more,
+    }
 
 
 def tell(robot, service: str, name: str) -> None:
@@ -68,22 +78,30 @@ def health(robot, service: str) -> str:
 def test_a_dependant_waits_until_what_it_needs_is_ready(real_robot, tmp_path, form):
     spec = server(tmp_path, real_robot)
     environment = spec["container"]["environment"]
-    probe = {"log": {"log": "serving on port [0-9]+"}, "file": {"file": environment["READY_FILE"]},
-             "tcp": {"tcp": int(environment["PORT"])},
-             "exec": {"exec": ["python3", "-S", "-c", f"open('{environment['READY_FILE']}')"],
-                      "interval": "200ms"}}[form]
+    probe = {
+        "log": {"log": "serving on port [0-9]+"},
+        "file": {"file": environment["READY_FILE"]},
+        "tcp": {"tcp": int(environment["PORT"])},
+        "exec": {"exec": ["python3", "-S", "-c", f"open('{environment['READY_FILE']}')"], "interval": "200ms"},
+    }[form]
     real_robot.declare({"server": {**spec, "ready": probe}, "client": {"needs": ["server"]}})
     real_robot.request("client")
-    real_robot.wait(lambda: "server" in real_robot.active() and "server is not ready" in real_robot.waits("client")
-                    and "of 30 s" in real_robot.waits("client"))
+    real_robot.wait(
+        lambda: (
+            "server" in real_robot.active()
+            and "server is not ready" in real_robot.waits("client")
+            and "of 30 s" in real_robot.waits("client")
+        )
+    )
     assert "client" not in real_robot.active()
     tell(real_robot, "server", "SIGUSR1")
     real_robot.wait(lambda: "client" in real_robot.active())
 
 
 def test_a_log_line_of_the_run_before_does_not_count(real_robot, tmp_path):
-    real_robot.declare({"server": {**server(tmp_path, real_robot), "ready": {"log": "serving"}},
-                        "client": {"needs": ["server"]}})
+    real_robot.declare(
+        {"server": {**server(tmp_path, real_robot), "ready": {"log": "serving"}}, "client": {"needs": ["server"]}}
+    )
     real_robot.request("server")
     real_robot.wait(lambda: "server" in real_robot.active())
     tell(real_robot, "server", "SIGUSR1")
@@ -100,8 +118,12 @@ def test_a_log_line_of_the_run_before_does_not_count(real_robot, tmp_path):
 def test_the_engines_own_health_check_counts(docker_robot, tmp_path):
     spec = server(tmp_path, docker_robot, ready={"engine": "healthy"})
     ready = spec["container"]["environment"]["READY_FILE"]
-    spec["container"]["healthcheck"] = {"test": ["CMD", "python3", "-S", "-c", f"open('{ready}')"], "interval": "1s",
-                                        "timeout": "5s", "retries": 1}
+    spec["container"]["healthcheck"] = {
+        "test": ["CMD", "python3", "-S", "-c", f"open('{ready}')"],
+        "interval": "1s",
+        "timeout": "5s",
+        "retries": 1,
+    }
     docker_robot.declare({"server": spec, "client": {"needs": ["server"]}})
     docker_robot.request("client")
     docker_robot.wait(lambda: "the engine says" in docker_robot.waits("client"))
@@ -151,7 +173,7 @@ class DeafEngine:
 def test_an_engine_that_cannot_be_asked_is_no_failure_of_the_service(form):
     container = Container("c" * 64, "arm", "arm", "running", "2026-01-01T00:00:00Z")
     probe = Probe(*form, interval=0.01, failures=3)
-    asked, ask = [], Asker(DeafEngine(), lambda service: container)
+    asked, ask = [], ProbeRunner(DeafEngine(), lambda service: container)
     prober = Prober(time.monotonic, lambda: None, lambda key, target: (asked.append(key), ask(key, target))[1])
     prober.start()
     prober.watch({("arm", "live"): Target(probe, container.incarnation, 0.01)})
@@ -181,10 +203,13 @@ def test_a_hang_that_passes_while_the_stop_must_wait_is_forgotten(tmp_path):
 
 def test_a_log_line_that_is_read_in_halves_matches(tmp_path):
     engine = ProcessEngine("test", tmp_path)
-    container = engine.create("x", {"image": "x"}, {"rorg.io/owner": "test", "rorg.io/service": "x",
-                                                    "rorg.io/spec": "", "rorg.io/declared": ""})
+    container = engine.create(
+        "x",
+        {"image": "x"},
+        {"rorg.io/owner": "test", "rorg.io/service": "x", "rorg.io/spec": "", "rorg.io/declared": ""},
+    )
     log, run = tmp_path / container / "log", Container(container, "x", "x", "running", "now")
-    ask = Asker(engine, lambda service: run)
+    ask = ProbeRunner(engine, lambda service: run)
     target = Target(Probe("log", "serving on port [0-9]+"), run.incarnation, 1.0)
     log.write_bytes(b"begins\nnow serv")
     assert ask(("x", "ready"), target) != ""
@@ -219,8 +244,12 @@ def test_an_interlock_asked_every_few_seconds_still_allows(tmp_path):
     allow = tmp_path / "allow"
     allow.touch()
     try:
-        robot.declare({"base": {"ready": {"delay": "1700ms"}},
-                       "arm": {"needs": ["base"], "interlock": {"file": str(allow), "interval": "3s"}}})
+        robot.declare(
+            {
+                "base": {"ready": {"delay": "1700ms"}},
+                "arm": {"needs": ["base"], "interlock": {"file": str(allow), "interval": "3s"}},
+            }
+        )
         robot.request("arm")
         robot.wait(lambda: "arm" in robot.active(), 10)
     finally:
@@ -252,8 +281,9 @@ def test_a_service_that_lost_its_readiness_is_still_asked_whether_it_lives(tmp_p
     before = robot.container("server").incarnation
     targets = robot.sim.decision.to_probe
     assert {role for _, role in targets} == {"ready", "live"}
-    robot.sim.memory = replace(robot.sim.memory, progress={
-        "server": replace(robot.sim.memory.of("server"), ready=False)})
+    robot.sim.memory = replace(
+        robot.sim.memory, progress={"server": replace(robot.sim.memory.of("server"), ready=False)}
+    )
     robot.sim.hung = {before}
     robot.wait(lambda: robot.container("server").incarnation != before, 5)
 
@@ -261,8 +291,9 @@ def test_a_service_that_lost_its_readiness_is_still_asked_whether_it_lives(tmp_p
 def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
     port = free_port()
     listener = socket.create_server(("127.0.0.1", port))
-    real_robot.declare({"server": {"always_on": True, "ready": {"tcp": port, "failures": 2}},
-                        "client": {"needs": ["server"]}})
+    real_robot.declare(
+        {"server": {"always_on": True, "ready": {"tcp": port, "failures": 2}}, "client": {"needs": ["server"]}}
+    )
     real_robot.wait(lambda: "server" in real_robot.active())
     real_robot.wait(lambda: health(real_robot, "server") == "Healthy")
     listener.close()
@@ -275,8 +306,9 @@ def test_a_ready_service_can_lose_its_readiness(real_robot, tmp_path):
 
 def test_a_resumed_service_is_probed_again(real_robot, tmp_path):
     port = free_port()
-    real_robot.declare({"server": {"ready": {"tcp": port}, "idle": {"action": "pause"}},
-                        "client": {"needs": ["server"]}})
+    real_robot.declare(
+        {"server": {"ready": {"tcp": port}, "idle": {"action": "pause"}}, "client": {"needs": ["server"]}}
+    )
     with socket.create_server(("127.0.0.1", port)):
         real_robot.request("client")
         real_robot.wait(lambda: "client" in real_robot.active())
@@ -310,9 +342,12 @@ def test_nothing_touches_a_driver_against_its_interlock(real_robot, tmp_path):
 
 def test_killed_for_memory_is_told_apart_from_a_crash(docker_robot):
     eat = ["python3", "-S", "-c", "import signal\nsignal.sigtimedwait([34], 0.2)\nx = b'x' * (1 << 28)\nsignal.pause()"]
-    docker_robot.declare({"eater": {"always_on": True, "command": eat,
-                                    "container": {"mem_limit": "32Mi", "memswap_limit": "32Mi"}},
-                          "crasher": {"always_on": True, "command": ["python3", "-S", "-c", "raise SystemExit(3)"]}})
+    docker_robot.declare(
+        {
+            "eater": {"always_on": True, "command": eat, "container": {"mem_limit": "32Mi", "memswap_limit": "32Mi"}},
+            "crasher": {"always_on": True, "command": ["python3", "-S", "-c", "raise SystemExit(3)"]},
+        }
+    )
     docker_robot.wait(lambda: any("out of memory" in line for line in docker_robot.log()))
     docker_robot.wait(lambda: _stalled(docker_robot, "eater") == "CrashLoop")
     docker_robot.wait(lambda: "out of memory" in _message(docker_robot, "eater"))
@@ -347,12 +382,12 @@ def test_what_answers_no_xml_is_no_ros_master():
     with HTTPServer(("127.0.0.1", 0), Page) as page:
         threading.Thread(target=page.serve_forever, daemon=True).start()
         with pytest.raises(OSError, match="ExpatError"):
-            ros.purge(f"http://127.0.0.1:{page.server_port}", ["127.0.0.1"])
+            ros_master.purge(f"http://127.0.0.1:{page.server_port}", ["127.0.0.1"])
         page.shutdown()
 
 
 def test_an_http_probe_wants_2xx_or_3xx(monkeypatch):
-    from rorg.host.probe import ask_host
+    from rorg.probes.ask import ask_host
 
     with HTTPServer(("127.0.0.1", 0), Page) as page:
         threading.Thread(target=page.serve_forever, daemon=True).start()
@@ -366,9 +401,10 @@ def test_an_http_probe_wants_2xx_or_3xx(monkeypatch):
 
 
 def test_a_server_that_does_not_speak_http_has_answered():
-    from rorg.host.probe import ask_host
+    from rorg.probes.ask import ask_host
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
+
         def answer() -> None:
             connection, _ = listener.accept()
             connection.recv(1000)
@@ -383,7 +419,7 @@ def test_300_probed_services_do_not_load_the_machine():
     """One probe each a second for three seconds, over a listener that always answers."""
     woken = []
     with socket.create_server(("127.0.0.1", 0), backlog=500) as listener:
-        from rorg.host.probe import ask_host
+        from rorg.probes.ask import ask_host
 
         def accept() -> None:
             while True:
@@ -395,8 +431,9 @@ def test_300_probed_services_do_not_load_the_machine():
         threading.Thread(target=accept, daemon=True).start()
         probe = Probe("tcp", f"127.0.0.1:{listener.getsockname()[1]}", interval=1.0, failures=3)
         asked = []
-        prober = Prober(time.monotonic, lambda: woken.append(1), lambda key, target: (
-            asked.append(key), ask_host(target.probe))[1])
+        prober = Prober(
+            time.monotonic, lambda: woken.append(1), lambda key, target: (asked.append(key), ask_host(target.probe))[1]
+        )
         prober.start()
         prober.watch({(f"s{n}", "live"): Target(probe, "run", 1.0) for n in range(300)})
         began, used = time.monotonic(), os.times()

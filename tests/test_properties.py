@@ -17,11 +17,11 @@ from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
 from robots import write_tree
 
-from rorg.core.arbitrate import PROTECTED, over_budget
+from rorg.core.admission import PROTECTED, over_budget
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
-from rorg.daemon.snapshot import recall, snapshot
+from rorg.daemon.snapshot import restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Hold, Request
@@ -50,20 +50,27 @@ def services(draw):
             used = [r for n in {*below(found, [*needs, need])} for r in found[n]["exclusive"]] + exclusive
             needs += [need] if len(used) == len(set(used)) else []
         others = [n for n in NAMES[:index] if n not in below(found, needs)]
-        idle = {"action": draw(st.sampled_from(["pause", "stop", "remove"])),
-                "linger": draw(st.sampled_from(["0s", "1s", "5s"])),
-                "min_active": draw(st.sampled_from(["0s", "2s"]))}
+        idle = {
+            "action": draw(st.sampled_from(["pause", "stop", "remove"])),
+            "linger": draw(st.sampled_from(["0s", "1s", "5s"])),
+            "min_active": draw(st.sampled_from(["0s", "2s"])),
+        }
         if idle["action"] != "remove" and draw(st.integers(0, 2)) == 0:
-            idle["escalate"] = {"after": "3s", "action": draw(st.sampled_from(["stop", "remove"]))
-                                if idle["action"] == "pause" else "remove"}
+            idle["escalate"] = {
+                "after": "3s",
+                "action": draw(st.sampled_from(["stop", "remove"])) if idle["action"] == "pause" else "remove",
+            }
         found[name] = {
             "needs": [{"service": n, "restart": True} if draw(st.booleans()) else n for n in needs],
-            "always_on": draw(st.integers(0, 5)) == 0, "idle": idle,
+            "always_on": draw(st.integers(0, 5)) == 0,
+            "idle": idle,
             "ready": draw(st.sampled_from([{"delay": "300ms"}, {"tcp": 1234}])),
             "live": draw(st.sampled_from([None, {"tcp": 1234}])),
             "interlock": draw(st.sampled_from([None, None, None, {"file": "/allow"}])),
-            "priority": draw(st.sampled_from([20, 50, 80])), "protected": draw(st.integers(0, 4)) == 0,
-            "exclusive": exclusive, "conflicts": draw(st.sampled_from([[], [], [], others[:1]])),
+            "priority": draw(st.sampled_from([20, 50, 80])),
+            "protected": draw(st.integers(0, 4)) == 0,
+            "exclusive": exclusive,
+            "conflicts": draw(st.sampled_from([[], [], [], others[:1]])),
             "resources": {"cpu": draw(st.sampled_from([0.1, 0.5])), "memory": draw(st.sampled_from(["1Mi", "1Gi"]))},
         }
         found[name] = {k: v for k, v in found[name].items() if v is not None}
@@ -76,33 +83,95 @@ def below(specs: dict, names: list[str]) -> set[str]:
     return {*names, *below(specs, more)} if more else {*names}
 
 
-POLICIES = st.sampled_from([
-    {}, {"budget": {"cpu": 1.2, "over": "queue"}},
-    {"budget": {"cpu": 2.0, "memory": "4Gi"}, "pressure": {"step": "2s", "calm": "4s", "admit": 30}},
-    {"budget": {"cpu": 1.5, "over": "queue"}, "pressure": {"step": "1s", "calm": "2s"}, "resources": {"gpu": 2}},
-])
-VERBS = ("request", "request", "lease", "urgent", "release", "kill", "pause", "hang", "slow", "freeze", "thaw",
-         "request_as", "replace", "always_on", "needs", "hold", "suspend", "load", "unload", "lock", "unlock",
-         "restart", "restart_later", "outage", "refuse", "removing", "refused", "dies", "revert", "reborn")
-EVENTS = st.lists(st.tuples(st.sampled_from(VERBS), st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)),
-                  max_size=16)
+POLICIES = st.sampled_from(
+    [
+        {},
+        {"budget": {"cpu": 1.2, "over": "queue"}},
+        {"budget": {"cpu": 2.0, "memory": "4Gi"}, "pressure": {"step": "2s", "calm": "4s", "admit": 30}},
+        {"budget": {"cpu": 1.5, "over": "queue"}, "pressure": {"step": "1s", "calm": "2s"}, "resources": {"gpu": 2}},
+    ]
+)
+VERBS = (
+    "request",
+    "request",
+    "lease",
+    "urgent",
+    "release",
+    "kill",
+    "pause",
+    "hang",
+    "slow",
+    "freeze",
+    "thaw",
+    "request_as",
+    "replace",
+    "always_on",
+    "needs",
+    "hold",
+    "suspend",
+    "load",
+    "unload",
+    "lock",
+    "unlock",
+    "restart",
+    "restart_later",
+    "outage",
+    "refuse",
+    "removing",
+    "refused",
+    "dies",
+    "revert",
+    "reborn",
+)
+EVENTS = st.lists(
+    st.tuples(st.sampled_from(VERBS), st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)), max_size=16
+)
 
 
-@settings(max_examples=EXAMPLES, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate),
-          suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
 @given(services(), POLICIES, EVENTS)
 def test_every_robot_comes_to_rest_as_asked(specs, policy, events):
     live_through(specs, policy, events)
 
 
-CHANGES = st.lists(st.tuples(
-    st.sampled_from(["request", "request", "release", "replace", "refused", "refused", "dies", "dies", "revert",
-                     "reborn", "kill", "restart", "lock"]),
-    st.sampled_from(NAMES[:2]), st.sampled_from([0.0, 0.02, 0.1, 0.2, 0.6, 3.0])), min_size=5, max_size=16)
+CHANGES = st.lists(
+    st.tuples(
+        st.sampled_from(
+            [
+                "request",
+                "request",
+                "release",
+                "replace",
+                "refused",
+                "refused",
+                "dies",
+                "dies",
+                "revert",
+                "reborn",
+                "kill",
+                "restart",
+                "lock",
+            ]
+        ),
+        st.sampled_from(NAMES[:2]),
+        st.sampled_from([0.0, 0.02, 0.1, 0.2, 0.6, 3.0]),
+    ),
+    min_size=5,
+    max_size=16,
+)
 
 
-@settings(max_examples=EXAMPLES // 2, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate),
-          suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@settings(
+    max_examples=EXAMPLES // 2,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
 @given(services(), CHANGES)
 def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
@@ -197,15 +266,18 @@ def nobody_waits_in_vain(robot: SimRobot) -> None:
     situation, catalog = robot.decision.situation, robot.desired.catalog
     services, budget = catalog.services, catalog.policy.budget
     out = {*robot.decision.holds, *(s.service for s in robot.memory.pressure.shed)}
-    for name in situation.gave_way:
+    for name in situation.preempted:
         more = {n for n in closure(services, [name]) if not services[n].meta}
         names = {*situation.wanted, *more}
         in_the_way = more & out or overbooked(catalog, names) or conflicting(services, names)
         # A request is queued whole: what it asks for besides may be too much.
         asked = [closure(services, r.services) for r in robot.decision.settled.requests]
-        too_much = budget and budget.over == "queue" and any(
-            over_budget(catalog, {*situation.wanted, *request}) for request in asked if name in request)
-        assert in_the_way or too_much, f"{name} waits for nothing: {situation.gave_way[name]}"
+        too_much = (
+            budget
+            and budget.over == "queue"
+            and any(over_budget(catalog, {*situation.wanted, *request}) for request in asked if name in request)
+        )
+        assert in_the_way or too_much, f"{name} waits for nothing: {situation.preempted[name]}"
 
 
 class Watch:
@@ -219,8 +291,11 @@ class Watch:
     def invariants(self) -> bool:
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
-        told = {a.service for a in robot.decision.plan.actions} | {
-            w.service for w in robot.decision.plan.waitings} | {*robot.memory.in_flight}
+        told = (
+            {a.service for a in robot.decision.plan.actions}
+            | {w.service for w in robot.decision.plan.waitings}
+            | {*robot.memory.in_flight}
+        )
         states = robot.states()
         if situation.observed.complete:
             for name in situation.wanted:
@@ -276,9 +351,16 @@ class Watch:
             needed = {n for w in situation.wanted for n in services[w].needs}
             shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
             spared = {*askers, *needed, *shields, *closure(services, [shed])}
-            others = [n for n, rank in situation.ranks.items() if rank < PROTECTED and not services[n].meta
-                      and n in self.robot.active() and n not in spared and not services[n].interlock]
-            assert all(situation.ranks[n] >= services[shed].priority for n in others), (shed, others)
+            others = [
+                n
+                for n, rank in situation.priorities.items()
+                if rank < PROTECTED
+                and not services[n].meta
+                and n in self.robot.active()
+                and n not in spared
+                and not services[n].interlock
+            ]
+            assert all(situation.priorities[n] >= services[shed].priority for n in others), (shed, others)
 
 
 def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
@@ -286,12 +368,11 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
     if verb in ("replace", "always_on", "needs", "refused", "dies", "revert"):
         rewrite(robot, verb, name, world)
     elif verb == "reborn":
-        robot.reborn(recall(json.loads(json.dumps(snapshot(robot.decision, {})))))
+        robot.reborn(restore(json.loads(json.dumps(snapshot(robot.decision, {})))))
     elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):
         spoil(robot, verb, name, world)
     elif verb in ("kill", "pause", "freeze", "thaw", "request_as", "removing"):
-        current = next((c for c in robot.engine.list() if c.service == name and (
-            c.alive or verb == "removing")), None)
+        current = next((c for c in robot.engine.list() if c.service == name and (c.alive or verb == "removing")), None)
         if current:
             meddle(robot, verb, current)
     else:
@@ -300,21 +381,27 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
 
 def ask(robot: SimRobot, verb: str, name: str) -> None:
     """A person writes into the requests file."""
-    asked = robot.asked
+    asked = robot.document
     if verb in ("request", "lease", "urgent"):
-        request = Request(name, "developer", (name,), ttl=5.0 if verb == "lease" else None, renewed=str(robot.now),
-                          priority=90 if verb == "urgent" else None)
+        request = Request(
+            name,
+            "developer",
+            (name,),
+            ttl=5.0 if verb == "lease" else None,
+            renewed=str(robot.now),
+            priority=90 if verb == "urgent" else None,
+        )
         if not problems(robot.desired.catalog, asked.requests, request):
-            robot.asked = asked.put(request)
+            robot.document = asked.put(request)
     elif verb == "release":
-        robot.asked = asked.without({("developer", name)})
+        robot.document = asked.without({("developer", name)})
     elif verb == "hold":
-        robot.asked = replace(asked, holds={name: Hold(robot.wall + 4.0)})
+        robot.document = replace(asked, holds={name: Hold(robot.wall + 4.0)})
     elif verb == "suspend":
-        robot.asked = replace(asked, suspended=Hold(robot.wall + 4.0))
+        robot.document = replace(asked, suspended=Hold(robot.wall + 4.0))
     else:
         at = stamp(robot.wall + {"restart": 0.0, "restart_later": 5.0}[verb])
-        robot.asked = replace(asked, restarts={**asked.restarts, name: at})
+        robot.document = replace(asked, restarts={**asked.restarts, name: at})
 
 
 def rewrite(robot: SimRobot, verb: str, name: str, world: World) -> None:
@@ -330,7 +417,7 @@ def rewrite(robot: SimRobot, verb: str, name: str, world: World) -> None:
     elif verb == "revert":
         world.change(robot, name, container={})
     else:
-        first = [{"service": n, "restart": True} for n in NAMES[:NAMES.index(name)][:1]]
+        first = [{"service": n, "restart": True} for n in NAMES[: NAMES.index(name)][:1]]
         world.change(robot, name, needs=[] if spec["needs"] else first)
 
 
@@ -354,8 +441,8 @@ def meddle(robot: SimRobot, verb: str, current: Container) -> None:
     if verb == "request_as":
         other = NAMES[(NAMES.index(current.service) + 3) % len(NAMES)]
         request = Request("r", current.service, (other,), incarnation=current.incarnation)
-        if not problems(robot.desired.catalog, robot.asked.requests, request):
-            robot.asked = robot.asked.put(request)
+        if not problems(robot.desired.catalog, robot.document.requests, request):
+            robot.document = robot.document.put(request)
     elif verb == "kill":
         robot.engine.kill(current.id)
     elif verb == "freeze":

@@ -17,9 +17,13 @@ from rorg_process import RorgProcess
 from test_deployment import certificate
 
 SERVICES = {
-    "camera": {}, "lidar": {"idle": {"action": "pause"}}, "arm": {"needs": ["lidar"]},
-    "slow": {"ready": {"delay": "2s"}}, "never": {"ready": {"file": "/nowhere/at/all", "timeout": "600s"}},
-    "low": {"exclusive": ["gpu"], "priority": 10}, "high": {"exclusive": ["gpu"], "priority": 90},
+    "camera": {},
+    "lidar": {"idle": {"action": "pause"}},
+    "arm": {"needs": ["lidar"]},
+    "slow": {"ready": {"delay": "2s"}},
+    "never": {"ready": {"file": "/nowhere/at/all", "timeout": "600s"}},
+    "low": {"exclusive": ["gpu"], "priority": 10},
+    "high": {"exclusive": ["gpu"], "priority": 90},
     "behaviour": {"may_request": ["camera", "lidar", "arm"], "may_restart": ["camera"], "may_manage": ["lab-*"]},
 }
 
@@ -180,8 +184,16 @@ def told(status: str, body: bytes = b"{}", *headers: str) -> bytes:
 def test_what_may_not_be_done_twice_is_only_repeated_when_it_did_not_arrive(tmp_path):
     path = str(tmp_path / "rorg.sock")
     later = told("503 Not Now", b'{"code": "busy", "title": "cannot", "cause": "it ends"}', "Retry-After: 1")
-    peer = Peer(path, b"", told("200 OK", b"[]"), later, told("200 OK", b'{"services": ["arm"]}', "rorg-generation: 7"),
-                told("200 OK", b"[]"), b"", later)
+    peer = Peer(
+        path,
+        b"",
+        told("200 OK", b"[]"),
+        later,
+        told("200 OK", b'{"services": ["arm"]}', "rorg-generation: 7"),
+        told("200 OK", b"[]"),
+        b"",
+        later,
+    )
     client = Client(path, patience=5)
     assert client.services() == [], "a read whose connection ended is repeated"
     assert client.restart("arm") == ["arm"], "so is a restart that was told to come later"
@@ -339,11 +351,18 @@ def test_a_service_manages_what_its_manifest_lets_it(robot, behaviour):
         assert [m["name"] for m in behaviour.manifests()] == ["lab-probe"]
         assert "priority" in behaviour.manifest("Service", "lab-probe")
     for name, more in (
-            ("other", {}), ("lab-x", {"driver": {}}), ("lab-x", {"container": {"privileged": True}}),
-            ("lab-x", {"container": {"volumes": ["/:/host"]}}), ("lab-x", {"needs": ["slow"]}),
-            ("lab-x", {"conflicts": ["camera"]}), ("lab-x", {"priority": 51}), ("lab-x", {"may_manage": ["*"]}),
-            ("lab-x", {"may_restart": ["lidar"]}), ("lab-x", {"mounts": ["../services:/x"]}),
-            ("lab-x", {"always_on": True})):
+        ("other", {}),
+        ("lab-x", {"driver": {}}),
+        ("lab-x", {"container": {"privileged": True}}),
+        ("lab-x", {"container": {"volumes": ["/:/host"]}}),
+        ("lab-x", {"needs": ["slow"]}),
+        ("lab-x", {"conflicts": ["camera"]}),
+        ("lab-x", {"priority": 51}),
+        ("lab-x", {"may_manage": ["*"]}),
+        ("lab-x", {"may_restart": ["lidar"]}),
+        ("lab-x", {"mounts": ["../services:/x"]}),
+        ("lab-x", {"always_on": True}),
+    ):
         with pytest.raises(Forbidden):
             behaviour.put_manifest("Service", name, manifest(name, {**spec, **more}), None)
     with pytest.raises(Forbidden):
@@ -369,9 +388,17 @@ def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
     for name, authority in (("authority", ""), ("robot", "authority"), ("ada", "authority"), ("stranger", "")):
         certificate(tmp_path, name, authority)
     port = free_port()
-    robot = RorgProcess(tmp_path, {"camera": {}}, "--listen", f"127.0.0.1:{port}", *(
-        word for kind, file in (("cert", "robot.pem"), ("key", "robot.key"), ("ca", "authority.pem"))
-        for word in (f"--tls-{kind}", str(tmp_path / file)))).start()
+    robot = RorgProcess(
+        tmp_path,
+        {"camera": {}},
+        "--listen",
+        f"127.0.0.1:{port}",
+        *(
+            word
+            for kind, file in (("cert", "robot.pem"), ("key", "robot.key"), ("ca", "authority.pem"))
+            for word in (f"--tls-{kind}", str(tmp_path / file))
+        ),
+    ).start()
     files = {"ca": str(tmp_path / "authority.pem"), "cert": str(tmp_path / "ada.pem"), "key": str(tmp_path / "ada.key")}
     address = f"https://127.0.0.1:{port}"
 
@@ -390,16 +417,29 @@ def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
             assert held.client.service("camera")["health"] == "Healthy"
         assert asyncio.run(main()) == "Healthy"
         with pytest.raises(Unreachable):
-            Client(address, patience=0.0, ca=files["ca"], cert=str(tmp_path / "stranger.pem"),
-                   key=str(tmp_path / "stranger.key")).services()
+            Client(
+                address,
+                patience=0.0,
+                ca=files["ca"],
+                cert=str(tmp_path / "stranger.pem"),
+                key=str(tmp_path / "stranger.key"),
+            ).services()
         names = {f"RORG_{kind.upper()}": file for kind, file in files.items()}
         for words, code, said in (
-                (["request", "camera", "--id", "cli", "--wait"], 0, "request 'cli'"),
-                (["get", "services", "camera"], 0, "Healthy"), (["restart", "camera", "--wait"], 0, "camera"),
-                (["release", "cli"], 0, "released"),
-                (["diff", str(robot.tree)], 5, "RORG_ADDRESS")):
-            done = subprocess.run([sys.executable, "-m", "rorg", *words], capture_output=True, text=True, timeout=60,
-                                  cwd=robot.tree.parent, env={**os.environ, "RORG_ADDRESS": address, **names})
+            (["request", "camera", "--id", "cli", "--wait"], 0, "request 'cli'"),
+            (["get", "services", "camera"], 0, "Healthy"),
+            (["restart", "camera", "--wait"], 0, "camera"),
+            (["release", "cli"], 0, "released"),
+            (["diff", str(robot.tree)], 5, "RORG_ADDRESS"),
+        ):
+            done = subprocess.run(
+                [sys.executable, "-m", "rorg", *words],
+                capture_output=True,
+                text=True,
+                timeout=60,
+                cwd=robot.tree.parent,
+                env={**os.environ, "RORG_ADDRESS": address, **names},
+            )
             assert done.returncode == code and said in done.stdout + done.stderr, (words, done.stdout, done.stderr)
     finally:
         robot.close()
@@ -435,23 +475,35 @@ assert not client.requests()
 
 def pythons() -> list[str]:
     """The oldest and the newest at hand."""
-    folders = sorted((ROOT.home() / ".pyenv/versions").glob("3.*"), key=lambda p: [
-        int(n) for n in p.name.split(".") if n.isdigit()])
+    folders = sorted(
+        (ROOT.home() / ".pyenv/versions").glob("3.*"), key=lambda p: [int(n) for n in p.name.split(".") if n.isdigit()]
+    )
     found = [str(f / "bin/python") for f in folders if [int(n) for n in f.name.split(".")[:2]] >= [3, 8]]
     return [found[0], found[-1]] if found else [sys.executable]
 
 
 @pytest.mark.parametrize("python", pythons())
 def test_it_works_on_old_and_new_pythons(robot, python):
-    done = subprocess.run([python, "-W", "error", "-c", EVERYWHERE, robot.socket()], timeout=90, capture_output=True,
-                          text=True, env={**os.environ, "PYTHONPATH": str(ROOT / "clients/python")})
+    done = subprocess.run(
+        [python, "-W", "error", "-c", EVERYWHERE, robot.socket()],
+        timeout=90,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "clients/python")},
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_it_is_imported_in_no_time():
     code = "import time; b = time.perf_counter(); import rorg_client; print(time.perf_counter() - b)"
-    wait_for(lambda: float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
-                                          check=True).stdout) < 0.04, 30, "an import in 40 ms, if the machine lets it")
+    wait_for(
+        lambda: (
+            float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+            < 0.04
+        ),
+        30,
+        "an import in 40 ms, if the machine lets it",
+    )
 
 
 MISSPELT = """
@@ -468,10 +520,23 @@ rorg.client().wait("camera", timout=2)
 def test_mypy_takes_the_examples_and_no_misspelt_keyword(tmp_path):
     wrong = tmp_path / "misspelt.py"
     wrong.write_text(MISSPELT)
-    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"),
-                           "--no-error-summary", str(ROOT / "clients/python/rorg_client"),
-                           *map(str, sorted((ROOT / "clients/python/examples").glob("*.py"))), str(wrong)],
-                          capture_output=True, text=True, cwd=tmp_path)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "mypy",
+            "--strict",
+            "--cache-dir",
+            str(tmp_path / "cache"),
+            "--no-error-summary",
+            str(ROOT / "clients/python/rorg_client"),
+            *map(str, sorted((ROOT / "clients/python/examples").glob("*.py"))),
+            str(wrong),
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     errors = [line for line in done.stdout.splitlines() if ": error:" in line]
     assert [int(line.split(":")[1]) for line in errors] == [4, 5, 6, 7, 8], done.stdout + done.stderr
     assert all(line.startswith("misspelt.py:") for line in errors)
@@ -480,11 +545,19 @@ def test_mypy_takes_the_examples_and_no_misspelt_keyword(tmp_path):
 def test_types_are_those_of_the_api():
     from rorg_client import types
 
-    from rorg.daemon.openapi import document
+    from rorg.api.openapi import document
 
     schemas = document()["components"]["schemas"]
-    same = {"ServiceView": "ServiceView", "ConditionView": "Condition", "RequestView": "RequestView", "Why": "Why",
-            "Usage": "Usage", "ServiceUsage": "ServiceUsage", "ManifestView": "ManifestView", "GroupView": "GroupView"}
+    same = {
+        "ServiceView": "ServiceView",
+        "ConditionView": "Condition",
+        "RequestView": "RequestView",
+        "Why": "Why",
+        "Usage": "Usage",
+        "ServiceUsage": "ServiceUsage",
+        "ManifestView": "ManifestView",
+        "GroupView": "GroupView",
+    }
     for schema, name in same.items():
         known = set(getattr(types, name).__annotations__) | {"generation"}
         assert set(schemas[schema]["properties"]) | {"generation"} == known, f"{name} is not {schema}"

@@ -13,9 +13,17 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from conftest import wait_for
 
-SLOW = {"command": ["python3", "-c", "import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), "
-                    "exit()))\nprint('up', flush=True)\nwhile True: signal.pause()"], "ready": {"log": "up"},
-        "container": {"stop_signal": "SIGINT", "stop_grace_period": "10s"}, "idle": {"action": "stop", "linger": 0}}
+SLOW = {
+    "command": [
+        "python3",
+        "-c",
+        "import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), "
+        "exit()))\nprint('up', flush=True)\nwhile True: signal.pause()",
+    ],
+    "ready": {"log": "up"},
+    "container": {"stop_signal": "SIGINT", "stop_grace_period": "10s"},
+    "idle": {"action": "stop", "linger": 0},
+}
 PAUSED = {"idle": {"action": "pause", "linger": 0}}
 STOPPED = {"idle": {"action": "stop", "linger": 0}, "container": {"stop_grace_period": "1s"}}
 
@@ -34,8 +42,12 @@ class Raw(http.client.HTTPConnection):
 
     def ask(self, method: str, path: str, body: dict | None = None, **headers: str) -> tuple[int, dict, dict]:
         """(status, headers, body)."""
-        self.request(method, path, json.dumps(body) if body is not None else None,
-                     {**headers, **({"content-type": "application/json"} if body is not None else {})})
+        self.request(
+            method,
+            path,
+            json.dumps(body) if body is not None else None,
+            {**headers, **({"content-type": "application/json"} if body is not None else {})},
+        )
         answer = self.getresponse()
         text = answer.read()
         return answer.status, {k.lower(): v for k, v in answer.getheaders()}, json.loads(text) if text else {}
@@ -43,7 +55,7 @@ class Raw(http.client.HTTPConnection):
 
 @pytest.fixture
 def robot(real_robot):
-    real_robot.with_door = True
+    real_robot.with_server = True
     real_robot.declare({"always": {"always_on": True}})
     real_robot.settle()
     return real_robot
@@ -116,7 +128,8 @@ def test_after_a_restart_or_a_change_only_the_new_run_is_ready(robot):
     text = (robot.tree / "services/cam.yaml").read_text()
     base = next(m["digest"] for m in api.ask("GET", "/v1/manifests")[2] if m["name"] == "cam")
     changed = text.replace("metadata:", "metadata:\n  description: changed", 1).replace(
-        "stop_grace_period: 1s", "stop_grace_period: 1s\n    environment: {NEW: '1'}")
+        "stop_grace_period: 1s", "stop_grace_period: 1s\n    environment: {NEW: '1'}"
+    )
     assert changed != text
     status, headers, told = api.ask("PUT", "/v1/manifests/Service/cam", {"text": changed, "base": base})
     assert status == 200, told
@@ -171,16 +184,19 @@ def test_who_waits_while_rorg_is_stopped_is_told_to_come_again(robot):
     declare(robot, {"cam": STOPPED})
     robot.hold = raw(robot).ask("PUT", "/v1/holds/cam", {"duration": "1h"})
     answers: list[tuple[int, dict, dict]] = []
-    waiting = [threading.Thread(target=lambda: answers.append(
-        raw(robot).ask("GET", "/v1/wait?services=cam&timeout=30"))) for _ in range(5)]
+    waiting = [
+        threading.Thread(target=lambda: answers.append(raw(robot).ask("GET", "/v1/wait?services=cam&timeout=30")))
+        for _ in range(5)
+    ]
     raw(robot).ask("DELETE", "/v1/holds/cam")
     for thread in waiting:
         thread.start()
     wait_for(lambda: len(robot.loop.questions) == 5)
-    robot.door.end()
+    robot.server.end()
     for thread in waiting:
         thread.join(10)
     assert [(status, headers.get("retry-after"), told["code"]) for status, headers, told in answers] == [
-        (503, "1", "busy")] * 5
+        (503, "1", "busy")
+    ] * 5
     assert raw(robot).ask("PUT", "/v1/requests/late", {"services": ["cam"]})[0] == 503
-    robot.door.robot.ending = False
+    robot.server.operations.ending = False

@@ -10,8 +10,13 @@ import pytest
 
 from rorg.host.cgroups import has_swap
 
-HOARD = ["python3", "-S", "-c", "import os, signal\nsignal.signal(2, lambda *_: os._exit(0))\n"
-         "x = bytearray(os.urandom(64 << 20))\nwhile True: signal.pause()"]
+HOARD = [
+    "python3",
+    "-S",
+    "-c",
+    "import os, signal\nsignal.signal(2, lambda *_: os._exit(0))\n"
+    "x = bytearray(os.urandom(64 << 20))\nwhile True: signal.pause()",
+]
 
 
 @pytest.fixture
@@ -24,8 +29,11 @@ def swap(tmp_path):
     with path.open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, 256 << 20)
     path.chmod(0o600)
-    if os.geteuid() != 0 or subprocess.run(["mkswap", path], capture_output=True).returncode or subprocess.run(
-            ["swapon", path], capture_output=True).returncode:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(["mkswap", path], capture_output=True).returncode
+        or subprocess.run(["swapon", path], capture_output=True).returncode
+    ):
         pytest.skip("no swap space can be made here")
     yield
     subprocess.run(["swapoff", path], check=True)

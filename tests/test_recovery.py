@@ -89,8 +89,20 @@ def test_two_rorgs_never_own_one_robot(daemon):
     daemon.start()
     wait_for(daemon.settled, 60)
     other = subprocess.run(
-        [sys.executable, "-m", "rorg", "run", str(daemon.robot.tree), "--state-dir", str(daemon.robot.state.path),
-         "--engine", daemon.robot.kind], capture_output=True, text=True)
+        [
+            sys.executable,
+            "-m",
+            "rorg",
+            "run",
+            str(daemon.robot.tree),
+            "--state-dir",
+            str(daemon.robot.state.path),
+            "--engine",
+            daemon.robot.kind,
+        ],
+        capture_output=True,
+        text=True,
+    )
     assert other.returncode == 5
     assert f"pid {daemon.process.pid}" in other.stderr
 
@@ -138,13 +150,14 @@ def test_a_process_that_got_a_reused_pid_is_never_touched(tmp_path):
     """A record that names the pid of somebody else's process, as after a reboot or a wrap of the numbers."""
     import json
 
-    from rorg.engines.process import ProcessEngine
+    from rorg.engines.process.engine import ProcessEngine
 
     stranger = subprocess.Popen(["sleep", "60"], start_new_session=True)
     try:
         engine = ProcessEngine("me", tmp_path / "process")
-        container = engine.create("camera", {"image": "x", "command": ["sleep", "60"]},
-                                  {"rorg.io/owner": "me", "rorg.io/service": "camera"})
+        container = engine.create(
+            "camera", {"image": "x", "command": ["sleep", "60"]}, {"rorg.io/owner": "me", "rorg.io/service": "camera"}
+        )
         engine.start(container)
         path = tmp_path / "process" / container / "record.json"
         record = json.loads(path.read_text())
@@ -165,12 +178,14 @@ def test_a_process_that_got_a_reused_pid_is_never_touched(tmp_path):
 def test_requests_written_at_once_are_all_kept(tmp_path):
     """Many processes change the file at the same time."""
     state = StateDir(tmp_path).prepare()
-    code = ("import sys; from pathlib import Path; from rorg.store.requests_file import RequestsFile; "
-            "from rorg.model.catalog import Request\n"
-            "for i in range(10): RequestsFile(Path(sys.argv[1])).change("
-            "lambda a: a.put(Request(f'{sys.argv[2]}-{i}', 'developer', ('x',))))")
+    code = (
+        "import sys; from pathlib import Path; from rorg.store.requests_file import RequestsFile; "
+        "from rorg.model.catalog import Request\n"
+        "for i in range(10): RequestsFile(Path(sys.argv[1])).change("
+        "lambda a: a.put(Request(f'{sys.argv[2]}-{i}', 'developer', ('x',))))"
+    )
     running = [subprocess.Popen([sys.executable, "-c", code, str(state.requests), f"p{n}"]) for n in range(8)]
     assert [p.wait() for p in running] == [0] * 8
     file = RequestsFile(state.requests)
     file.read()
-    assert len(file.asked.requests) == 80 and not file.diagnostics
+    assert len(file.document.requests) == 80 and not file.diagnostics

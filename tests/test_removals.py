@@ -13,9 +13,14 @@ TREE = {"core": {}, "panel": {"needs": ["core"]}, "guide": {}}
 
 
 def rorg(robot: RealRobot, *args: str) -> tuple[int, str]:
-    done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, timeout=60,
-                          stdin=subprocess.DEVNULL, env={
-                              **os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"})
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *args],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"},
+    )
     return done.returncode, done.stdout + done.stderr
 
 
@@ -32,7 +37,7 @@ def run_of(robot: RealRobot, name: str) -> tuple[str, str, bool]:
 @pytest.fixture
 def robot(dockerd, tmp_path):
     """A panel that a request names, and the core that only it needs, on Docker."""
-    found = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
+    found = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     found.declare(TREE)
     found.request("panel", id="tour")
     found.wait(lambda: found.active() == {"core", "panel"} and found.quiet())
@@ -50,8 +55,13 @@ def test_a_typing_error_in_the_name_of_a_running_service_stops_nothing(robot):
     robot.wait(lambda: withheld(robot) == {"panel"} and "panle" in robot.states())
     assert "request 'tour' of developer names it" in robot.waits("panel")
     assert any("panel.yaml" in line and "'panle'" in line for line in robot.lines), "a file and a name differ"
-    for words in (("diff", str(robot.tree)), ("get",), ("get", "services", "panel"), ("why", "panel"),
-                  ("describe", "panel")):
+    for words in (
+        ("diff", str(robot.tree)),
+        ("get",),
+        ("get", "services", "panel"),
+        ("why", "panel"),
+        ("describe", "panel"),
+    ):
         code, said = rorg(robot, *words)
         assert "withheld" in said, (words, said)
     code, said = rorg(robot, "apply", str(robot.tree))
@@ -112,11 +122,21 @@ def virtual(tmp_path):
     return VirtualRobot(tmp_path)
 
 
-@pytest.mark.parametrize(("services", "more", "request_", "left", "kept"), [
-    ({"core": {}, "nav": {"needs": ["core"], "always_on": True}}, {}, (), {"nav": {"always_on": True}}, "core"),
-    ({"core": {}, "nav": {}}, {"groups": {"all": {"services": ["core", "nav"]}}}, ("nav",), {"nav": {}}, "core"),
-    ({"core": {}, "nav": {}}, {"groups": {"all": {"services": ["core"]}}}, ("all",), {"nav": {}, "core": {}}, "all"),
-], ids=["need", "group", "a group's name"])
+@pytest.mark.parametrize(
+    ("services", "more", "request_", "left", "kept"),
+    [
+        ({"core": {}, "nav": {"needs": ["core"], "always_on": True}}, {}, (), {"nav": {"always_on": True}}, "core"),
+        ({"core": {}, "nav": {}}, {"groups": {"all": {"services": ["core", "nav"]}}}, ("nav",), {"nav": {}}, "core"),
+        (
+            {"core": {}, "nav": {}},
+            {"groups": {"all": {"services": ["core"]}}},
+            ("all",),
+            {"nav": {}, "core": {}},
+            "all",
+        ),
+    ],
+    ids=["need", "group", "a group's name"],
+)
 def test_whatever_named_it(virtual, services, more, request_, left, kept):
     virtual.declare(services, **more)
     if request_:
@@ -131,9 +151,12 @@ def test_whatever_named_it(virtual, services, more, request_, left, kept):
     virtual.wait(lambda: virtual.now() >= began + 30.0)
     assert {c.id for c in virtual.containers()} == before
     assert virtual.active() == active or kept not in virtual.sim.decision.situation.wanted, "unless nobody wants it"
-    virtual.change(lambda asked: asked.__class__(**{
-        **{f: getattr(asked, f) for f in ("requests", "restarts", "holds", "suspended")}, "removals": (kept,)}))
-    virtual.wait(lambda: not virtual.sim.decision.situation.withheld and not virtual.sim.asked.removals)
+    virtual.change(
+        lambda asked: asked.__class__(
+            **{**{f: getattr(asked, f) for f in ("requests", "restarts", "holds", "suspended")}, "removals": (kept,)}
+        )
+    )
+    virtual.wait(lambda: not virtual.sim.decision.situation.withheld and not virtual.sim.document.removals)
     virtual.wait(lambda: "core" not in virtual.active())
 
 

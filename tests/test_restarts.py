@@ -11,7 +11,8 @@ from test_giving_way import later
 from rorg.core.memory import Memory
 from rorg.model.units import stamp
 from rorg.sim.engine import iso
-from rorg.store.requests_file import Asked, parse, render
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_parser import parse, render
 
 RESTART = {"needs": [{"service": "tf", "restart": True}]}
 
@@ -22,7 +23,7 @@ def robot(tmp_path):
 
 
 def ask(robot, name: str, ahead: float = 0.0) -> None:
-    robot.change(lambda asked: replace(asked, restarts={**asked.restarts, name: stamp(robot.wall() + ahead)}))
+    robot.change(lambda document: replace(document, restarts={**document.restarts, name: stamp(robot.wall() + ahead)}))
 
 
 def starts(robot, name: str) -> int:
@@ -37,7 +38,7 @@ def test_a_restart_is_done_once_and_then_forgotten(robot):
     robot.wait(lambda: starts(robot, "arm") == 2)
     later(robot, 10)
     assert starts(robot, "arm") == 2
-    assert robot.sim.asked.restarts == {}
+    assert robot.sim.document.restarts == {}
 
 
 def test_a_restart_dated_ahead_waits_for_its_time_and_is_done_once(robot):
@@ -60,7 +61,7 @@ def test_a_clock_that_is_set_restarts_nothing_twice_and_forgets_no_restart(robot
     robot.wait(lambda: starts(robot, "arm") == 2)
     later(robot, 30)
     assert starts(robot, "arm") == 2
-    assert robot.sim.asked.restarts == {}
+    assert robot.sim.document.restarts == {}
 
 
 def test_an_engine_whose_clock_is_behind_restarts_once(robot):
@@ -118,7 +119,7 @@ def test_a_job_that_is_done_runs_again_when_its_restart_is_asked_for(robot):
     ask(robot, "job")
     later(robot, 10)
     assert starts(robot, "job") == 2
-    assert robot.sim.asked.restarts == {}
+    assert robot.sim.document.restarts == {}
 
 
 def test_a_crash_loop_keeps_its_pauses_whatever_else_fails(robot):
@@ -169,16 +170,16 @@ def test_requests_of_a_service_turned_into_a_meta_service_end_with_its_container
 
 @pytest.mark.parametrize("value", ["soon", "2026-13-01", "{}", "[1]"])
 def test_a_restart_at_no_time_is_an_error(value):
-    asked, diagnostics = parse(f"restarts: {{arm: {value}}}\n", "requests.yaml")
-    assert asked is None
+    document, diagnostics = parse(f"restarts: {{arm: {value}}}\n", "requests.yaml")
+    assert document is None
     assert "is not a time" in str(diagnostics[0])
 
 
 def test_times_are_read_in_any_zone_and_written_in_one():
-    asked, _ = parse("restarts: {arm: 2026-01-31T13:00:00+01:00, leg: '2026-01-31T12:00:00Z'}\n", "requests.yaml")
-    assert set(asked.restarts.values()) == {"2026-01-31T12:00:00.000000Z"}
-    again, _ = parse(render(asked), "requests.yaml")
-    assert again == replace(Asked(), restarts=asked.restarts)
+    document, _ = parse("restarts: {arm: 2026-01-31T13:00:00+01:00, leg: '2026-01-31T12:00:00Z'}\n", "requests.yaml")
+    assert set(document.restarts.values()) == {"2026-01-31T12:00:00.000000Z"}
+    again, _ = parse(render(document), "requests.yaml")
+    assert again == replace(RequestsDocument(), restarts=document.restarts)
 
 
 @pytest.mark.parametrize("order", ["need first", "need later", "need new"])

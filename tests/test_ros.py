@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import free_port, wait_for
 
-from rorg.host import ros
+from rorg.probes import ros_master
 
 NODES = Path(__file__).parent / "ros_nodes"
 pytestmark = pytest.mark.docker
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.docker
 def graph(master: str) -> set[str]:
     """Names of the nodes that publish something."""
     try:
-        return {n for _, names in ros.call(master, "getSystemState", "/test")[0] for n in names}
+        return {n for _, names in ros_master.call(master, "getSystemState", "/test")[0] for n in names}
     except OSError:
         return set()
 
@@ -30,13 +30,24 @@ def master() -> str:
 def services(image: str, master: str, *nodes: str) -> dict[str, dict]:
     """roscore and some talkers."""
     environment = {"ROS_MASTER_URI": master}
-    found = {"roscore": {
-        "image": image, "command": f"roscore -p {master.rpartition(':')[2]}", "always_on": True,
-        "ready": {"ros_node": "/rosout"}, "container": {"environment": environment}}}
+    found = {
+        "roscore": {
+            "image": image,
+            "command": f"roscore -p {master.rpartition(':')[2]}",
+            "always_on": True,
+            "ready": {"ros_node": "/rosout"},
+            "container": {"environment": environment},
+        }
+    }
     for name in nodes:
-        found[name] = {"image": image, "profile": "ros1", "command": f"python3 /nodes/talker.py {name}",
-                       "ready": {"ros_node": f"/{name}"}, "idle": {"action": "pause"},
-                       "container": {"environment": environment, "volumes": [f"{NODES}:/nodes:ro"]}}
+        found[name] = {
+            "image": image,
+            "profile": "ros1",
+            "command": f"python3 /nodes/talker.py {name}",
+            "ready": {"ros_node": f"/{name}"},
+            "idle": {"action": "pause"},
+            "container": {"environment": environment, "volumes": [f"{NODES}:/nodes:ro"]},
+        }
     return found
 
 
@@ -50,12 +61,12 @@ def test_a_node_is_ready_when_it_is_in_the_graph_and_answers(docker_robot, ros_i
     docker_robot.request("behaviour")
     docker_robot.wait(lambda: "behaviour" in docker_robot.active(), 60)
     assert "/talker" in graph(master)
-    assert ros.probe("ros_node", "/nobody", master) == "/nobody is not registered"
-    assert ros.probe("ros_topic", "/talker/chatter", master) == ""
-    assert ros.probe("ros_topic", "/talker/silence", master) == "nobody publishes /talker/silence"
-    assert ros.probe("ros_service", "/talker/get_loggers", master) == ""
-    assert ros.probe("ros_service", "/talker/nothing", master) == "/talker/nothing is not registered"
-    assert "does not answer" in ros.probe("ros_node", "/talker", f"http://localhost:{free_port()}")
+    assert ros_master.probe("ros_node", "/nobody", master) == "/nobody is not registered"
+    assert ros_master.probe("ros_topic", "/talker/chatter", master) == ""
+    assert ros_master.probe("ros_topic", "/talker/silence", master) == "nobody publishes /talker/silence"
+    assert ros_master.probe("ros_service", "/talker/get_loggers", master) == ""
+    assert ros_master.probe("ros_service", "/talker/nothing", master) == "/talker/nothing is not registered"
+    assert "does not answer" in ros_master.probe("ros_node", "/talker", f"http://localhost:{free_port()}")
 
 
 def test_all_dependants_of_a_killed_master_are_back_in_the_graph_by_themselves(docker_robot, ros_image, master):
@@ -83,7 +94,7 @@ def test_a_killed_node_is_purged_and_a_paused_one_never(docker_robot, ros_image,
     docker_robot.wait(lambda: any("stale registration of the ROS node /victim" in line for line in docker_robot.log()))
     wait_for(lambda: "/victim" not in graph(master))
     assert "/sleeper" in graph(master)
-    assert ros.purge(master, {"localhost"}) == [], "and it is not purged later"
+    assert ros_master.purge(master, {"localhost"}) == [], "and it is not purged later"
     docker_robot.request("sleeper", id="sleeper")
     docker_robot.wait(lambda: healthy(docker_robot, "sleeper"))
 
@@ -94,5 +105,5 @@ def test_asking_the_graph_costs_milliseconds(docker_robot, ros_image, master):
     docker_robot.wait(lambda: healthy(docker_robot, "talker"), 60)
     began = time.perf_counter()
     for _ in range(50):
-        assert ros.probe("ros_node", "/talker", master) == ""
+        assert ros_master.probe("ros_node", "/talker", master) == ""
     assert (time.perf_counter() - began) / 50 < 0.05

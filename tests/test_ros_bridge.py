@@ -13,19 +13,43 @@ PACKAGE = ROOT / "clients/ros1/rorg_ros"
 
 def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, package, tmp_path):
     master = f"http://localhost:{free_port()}"
-    robot = RealRobot(tmp_path, "docker", dockerd.host, with_door=True)
+    robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     tree = services(ros_image, master, "camera", "arm")
-    ros = {"image": ros_image, "profile": "ros1", "container": {
-        "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
-        "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro",
-                    f"{ROOT / 'clients/python/rorg_client'}:/program/rorg_client:ro", f"{NODES}:/nodes:ro",
-                    f"{tmp_path}:/told"]}}
-    tree["rorg_ros"] = {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
-                        "may_act_for": ["behaviour", "cpp"]}
-    tree["behaviour"] = {**ros, "command": "python3 /nodes/behaviour.py /told/told", "needs": ["rorg_ros"],
-                         "restart": "never", "may_request": ["camera"], "may_restart": ["camera"]}
-    tree["cpp"] = {**ros, "command": "/bridge/caller /camera", "needs": ["rorg_ros"], "restart": "never",
-                   "may_request": ["camera"]}
+    ros = {
+        "image": ros_image,
+        "profile": "ros1",
+        "container": {
+            "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
+            "volumes": [
+                f"{package}:/bridge:ro",
+                f"{ROOT / 'rorg'}:/program/rorg:ro",
+                f"{ROOT / 'clients/python/rorg_client'}:/program/rorg_client:ro",
+                f"{NODES}:/nodes:ro",
+                f"{tmp_path}:/told",
+            ],
+        },
+    }
+    tree["rorg_ros"] = {
+        **ros,
+        "command": "/bridge/lib/rorg_ros/rorg_node.py",
+        "ready": {"ros_node": "/rorg"},
+        "may_act_for": ["behaviour", "cpp"],
+    }
+    tree["behaviour"] = {
+        **ros,
+        "command": "python3 /nodes/behaviour.py /told/told",
+        "needs": ["rorg_ros"],
+        "restart": "never",
+        "may_request": ["camera"],
+        "may_restart": ["camera"],
+    }
+    tree["cpp"] = {
+        **ros,
+        "command": "/bridge/caller /camera",
+        "needs": ["rorg_ros"],
+        "restart": "never",
+        "may_request": ["camera"],
+    }
     try:
         robot.declare(tree)
         robot.request("behaviour", id="run")
@@ -40,8 +64,12 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         robot.kill("behaviour")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
         robot.request("cpp", id="run")
-        robot.wait(lambda: ("cpp", "ros1:caller:cpp", ("camera",)) in [
-            (r.requester, r.id, r.services) for r in robot.requests()], 60)
+        robot.wait(
+            lambda: (
+                ("cpp", "ros1:caller:cpp", ("camera",)) in [(r.requester, r.id, r.services) for r in robot.requests()]
+            ),
+            60,
+        )
         robot.kill("cpp")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
     finally:

@@ -22,8 +22,12 @@ sys.path.insert(0, str(ROOT / "clients/ros1/rorg_ros/src"))
 from rorg_ros.bridge import Bridge, Graph, holder_of, request_id, tag
 
 PAUSE = {"idle": {"action": "pause"}}
-LISTEN = ["python3", "-S", "-c", "import socket,sys\nwith socket.create_server(('127.0.0.1', int(sys.argv[1]))) as s:\n"
-          "    while True: s.accept()"]
+LISTEN = [
+    "python3",
+    "-S",
+    "-c",
+    "import socket,sys\nwith socket.create_server(('127.0.0.1', int(sys.argv[1]))) as s:\n    while True: s.accept()",
+]
 
 CYCLES = int(os.environ.get("RORG_TEST_ROS_CYCLES", "30"))
 """Requests and releases through ROS, back to back."""
@@ -53,11 +57,20 @@ def port() -> int:
 @pytest.fixture
 def robot(tmp_path, port) -> Iterator[RealRobot]:
     """A bridge's service, and `tour`, which runs a node at `port`."""
-    found = RealRobot(tmp_path, "process", None, with_door=True)
-    found.declare({"camera": PAUSE, "lamp": PAUSE, "rorg_ros": {
-        "always_on": True, "may_request": ["lamp"], "may_act_for": ["*", "developer"]},
-        "tour": {"command": [*LISTEN, str(port)], "may_request": ["camera"], "may_manage": ["lab-*"],
-                 "always_on": True}})
+    found = RealRobot(tmp_path, "process", None, with_server=True)
+    found.declare(
+        {
+            "camera": PAUSE,
+            "lamp": PAUSE,
+            "rorg_ros": {"always_on": True, "may_request": ["lamp"], "may_act_for": ["*", "developer"]},
+            "tour": {
+                "command": [*LISTEN, str(port)],
+                "may_request": ["camera"],
+                "may_manage": ["lab-*"],
+                "always_on": True,
+            },
+        }
+    )
     found.wait(lambda: {"tour", "rorg_ros"} <= found.active())
     wait_for(lambda: answers(port))
     yield found
@@ -169,8 +182,14 @@ def test_who_came_back_keeps_what_it_asked_for_since(robot):
 
 def test_manifests_are_changed_with_the_rights_of_the_requester(robot, port):
     bridge = Bridge(robot.client("rorg_ros"), People(tour=port), others="developer")
-    text = yaml.safe_dump({"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "lab-radio"},
-                           "spec": {"image": "rorg-base", "command": ["sleep", "600"]}})
+    text = yaml.safe_dump(
+        {
+            "apiVersion": "rorg/v1",
+            "kind": "Service",
+            "metadata": {"name": "lab-radio"},
+            "spec": {"image": "rorg-base", "command": ["sleep", "600"]},
+        }
+    )
     other = text.replace("lab-radio", "radio")
     assert "tour may manage lab-*" in bridge.put_manifest("/tour", "", "radio", other, "", "")[1]
     assert bridge.put_manifest("", "", "radio", other, "", "")[0], "of others: a developer"
@@ -186,11 +205,16 @@ def test_manifests_are_changed_with_the_rights_of_the_requester(robot, port):
 
 
 def test_a_bridge_acts_only_for_whom_its_manifest_names(tmp_path):
-    robot = RealRobot(tmp_path, "process", None, with_door=True)
-    robot.declare({"lamp": {}, "tour": {"may_request": ["lamp"], "always_on": True},
-                   "guide": {"may_request": ["lamp"], "always_on": True},
-                   "bridge": {"may_act_for": ["tour"], "always_on": True},
-                   "bridges": {"may_act_for": ["*"], "always_on": True}})
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    robot.declare(
+        {
+            "lamp": {},
+            "tour": {"may_request": ["lamp"], "always_on": True},
+            "guide": {"may_request": ["lamp"], "always_on": True},
+            "bridge": {"may_act_for": ["tour"], "always_on": True},
+            "bridges": {"may_act_for": ["*"], "always_on": True},
+        }
+    )
     try:
         robot.wait(lambda: {"tour", "guide", "bridge", "bridges"} <= robot.active())
         one, all_but = robot.client("bridge"), robot.client("bridges")
@@ -206,8 +230,20 @@ def test_a_bridge_acts_only_for_whom_its_manifest_names(tmp_path):
 
 def test_no_two_callers_share_a_request():
     assert request_id("ros1", "/tour/guide", "look") == "ros1:tour.guide:look"
-    names = [("/a" * 100, "b"), ("/a" * 100, "c"), ("/a/b", "c"), ("/a", "b.c"), ("/a.b", "c"), ("/a", "b:c"),
-             ("/", ""), ("/a", ""), ("/a", "é"), ("/a", "e" * 100), ("/a", "e" * 101), ("/" + "x" * 41, "e" * 100)]
+    names = [
+        ("/a" * 100, "b"),
+        ("/a" * 100, "c"),
+        ("/a/b", "c"),
+        ("/a", "b.c"),
+        ("/a.b", "c"),
+        ("/a", "b:c"),
+        ("/", ""),
+        ("/a", ""),
+        ("/a", "é"),
+        ("/a", "e" * 100),
+        ("/a", "e" * 101),
+        ("/" + "x" * 41, "e" * 100),
+    ]
     made = [request_id("ros1", *name) for name in names]
     assert len(set(made)) == len(names) and max(map(len, made)) <= 64
     assert [m.split(":")[1] for m in made] == [tag(name) for name, _ in names]
@@ -228,13 +264,26 @@ class Hand:
         self.api = docker.APIClient(host, version="auto")
         self.master = f"http://localhost:{free_port()}"
         self.folder = folder
-        self.ros = {"environment": {"ROS_MASTER_URI": self.master, "ROS_HOSTNAME": "localhost", "ROS_PACKAGE_PATH":
-                                    "/bridge/share", "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
-                    "volumes": [f"{package}:/bridge:ro", f"{ROOT}/clients/python/rorg_client:/program/rorg_client:ro",
-                                f"{NODES}:/nodes:ro", f"{self.folder}:/told"]}
+        self.ros = {
+            "environment": {
+                "ROS_MASTER_URI": self.master,
+                "ROS_HOSTNAME": "localhost",
+                "ROS_PACKAGE_PATH": "/bridge/share",
+                "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program",
+            },
+            "volumes": [
+                f"{package}:/bridge:ro",
+                f"{ROOT}/clients/python/rorg_client:/program/rorg_client:ro",
+                f"{NODES}:/nodes:ro",
+                f"{self.folder}:/told",
+            ],
+        }
         self.id = self.api.create_container(
-            image, ["sleep", "600"], environment=self.ros["environment"], host_config=self.api.create_host_config(
-                network_mode="host", binds=self.ros["volumes"], init=True))["Id"]
+            image,
+            ["sleep", "600"],
+            environment=self.ros["environment"],
+            host_config=self.api.create_host_config(network_mode="host", binds=self.ros["volumes"], init=True),
+        )["Id"]
         self.api.start(self.id)
 
     def run(self, *command: str, detach: bool = False) -> str:
@@ -256,8 +305,20 @@ class Rorg:
     def start(self) -> None:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "rorg", "run", str(self.robot.tree), "--state-dir", str(self.robot.state.path),
-                 "--engine", "docker"], stdout=log, stderr=log)
+                [
+                    sys.executable,
+                    "-m",
+                    "rorg",
+                    "run",
+                    str(self.robot.tree),
+                    "--state-dir",
+                    str(self.robot.state.path),
+                    "--engine",
+                    "docker",
+                ],
+                stdout=log,
+                stderr=log,
+            )
 
     def end(self, kill: bool = False) -> None:
         (self.process.kill if kill else self.process.terminate)()
@@ -270,13 +331,32 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
     tree = services(ros_image, hand.master)
     ros = {"image": ros_image, "profile": "ros1", "container": hand.ros}
     tree |= {
-        "camera": PAUSE, "lamp": PAUSE, "slow": {"ready": {"delay": "4s"}},
-        "rorg_ros": {**ros, "command": "/bridge/lib/rorg_ros/rorg_node.py", "ready": {"ros_node": "/rorg"},
-                     "always_on": True, "may_request": ["lamp"], "may_act_for": ["*"]},
-        "tour": {**ros, "command": f"python3 /nodes/cycles.py /told/cycles camera {CYCLES}", "needs": ["rorg_ros"],
-                 "may_request": ["camera"], "restart": "never"},
-        "waiter": {**ros, "command": "python3 /nodes/ask.py /told/waiter waiter lamp slow", "needs": ["rorg_ros"],
-                   "may_request": ["slow"], "restart": "never"}}
+        "camera": PAUSE,
+        "lamp": PAUSE,
+        "slow": {"ready": {"delay": "4s"}},
+        "rorg_ros": {
+            **ros,
+            "command": "/bridge/lib/rorg_ros/rorg_node.py",
+            "ready": {"ros_node": "/rorg"},
+            "always_on": True,
+            "may_request": ["lamp"],
+            "may_act_for": ["*"],
+        },
+        "tour": {
+            **ros,
+            "command": f"python3 /nodes/cycles.py /told/cycles camera {CYCLES}",
+            "needs": ["rorg_ros"],
+            "may_request": ["camera"],
+            "restart": "never",
+        },
+        "waiter": {
+            **ros,
+            "command": "python3 /nodes/ask.py /told/waiter waiter lamp slow",
+            "needs": ["rorg_ros"],
+            "may_request": ["slow"],
+            "restart": "never",
+        },
+    }
     write_tree(robot.tree, tree)
     rorg = Rorg(robot)
     try:
@@ -325,6 +405,7 @@ def _by_hand(robot: RealRobot, hand: Hand) -> None:
 
 def _kill_bridge(robot: RealRobot) -> None:
     """Nothing that its callers use is touched until the next one serves them."""
+
     def runs() -> list:
         return [(c.service, c.incarnation, c.state) for c in robot.containers() if c.service in ("camera", "lamp")]
 

@@ -28,8 +28,12 @@ def test_a_request_starts_what_is_needed_first_and_its_release_ceases_it(robot):
     robot.release()
     robot.wait(lambda: not robot.active())
     robot.settle()
-    assert robot.states() == {"roscore": "exited", "localization": "exited", "navigation": "paused",
-                              "camera": "created"}
+    assert robot.states() == {
+        "roscore": "exited",
+        "localization": "exited",
+        "navigation": "paused",
+        "camera": "created",
+    }
     robot.request("navigation")
     robot.wait(lambda: "navigation" in robot.active())
     robot.settle()
@@ -131,8 +135,11 @@ def test_a_change_replaces_exactly_one_container(robot):
     robot.settle()
     before = {c.service: c.id for c in robot.containers()}
     robot.declare({"aa": {"always_on": True, "container": {"environment": {"SPEED": "2"}}}, "bb": {"always_on": True}})
-    robot.wait(lambda: robot.active() == {"aa", "bb"} and robot.container("aa").id != before["aa"]
-               and len(robot.containers()) == 2)
+    robot.wait(
+        lambda: (
+            robot.active() == {"aa", "bb"} and robot.container("aa").id != before["aa"] and len(robot.containers()) == 2
+        )
+    )
     robot.settle()
     assert robot.container("bb").id == before["bb"]
     assert robot.container("aa").name == "aa"
@@ -173,8 +180,10 @@ def test_an_undeclared_service_is_stopped_and_removed(robot):
 
 
 def test_what_only_requests_itself_in_a_ring_is_ceased(robot):
-    robot.declare({"aa": {}, "bb": {}}, requests={"one": {"requester": "aa", "services": ["bb"]},
-                                                "two": {"requester": "bb", "services": ["aa"]}})
+    robot.declare(
+        {"aa": {}, "bb": {}},
+        requests={"one": {"requester": "aa", "services": ["bb"]}, "two": {"requester": "bb", "services": ["aa"]}},
+    )
     robot.settle()
     robot.request("aa")
     robot.wait(lambda: robot.active() == {"aa", "bb"})

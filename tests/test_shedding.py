@@ -16,8 +16,9 @@ def robot(tmp_path):
 @pytest.fixture
 def crowd(robot):
     """One that matters, and five of 0.3 cores each, of 2.0 in all."""
-    robot.declare({"base": service(0.5, "1Gi", 90), **{f"n{i}": service(0.3, "1Mi", 20 + i) for i in range(5)}},
-                  policies=POLICY)
+    robot.declare(
+        {"base": service(0.5, "1Gi", 90), **{f"n{i}": service(0.3, "1Mi", 20 + i) for i in range(5)}}, policies=POLICY
+    )
     robot.request("base", *(f"n{i}" for i in range(5)))
     robot.wait(lambda: len(robot.active()) == 6)
     later(robot, 5)
@@ -53,8 +54,14 @@ def test_nothing_is_shed_while_nothing_may_be_changed(crowd):
 
 
 def test_a_service_that_must_not_be_touched_is_not_chosen(robot):
-    robot.declare({"base": service(0.5, "1Gi", 90), "arm": service(0.6, "1Mi", 10, interlock={"file": "/allow"}),
-                   **{f"n{i}": service(0.4, "1Mi", 20 + i) for i in range(2)}}, policies=POLICY)
+    robot.declare(
+        {
+            "base": service(0.5, "1Gi", 90),
+            "arm": service(0.6, "1Mi", 10, interlock={"file": "/allow"}),
+            **{f"n{i}": service(0.4, "1Mi", 20 + i) for i in range(2)},
+        },
+        policies=POLICY,
+    )
     robot.request("base", "arm", "n0", "n1")
     robot.wait(lambda: len(robot.active()) == 4)
     robot.sim.locked = {"arm"}
@@ -65,15 +72,18 @@ def test_a_service_that_must_not_be_touched_is_not_chosen(robot):
 
 
 def test_an_interlock_that_allows_is_asked_before(robot):
-    robot.declare({"base": service(1.5, "1Gi", 90), "arm": service(0.6, "1Mi", 10, interlock={"file": "/allow"})},
-                  policies=POLICY)
+    robot.declare(
+        {"base": service(1.5, "1Gi", 90), "arm": service(0.6, "1Mi", 10, interlock={"file": "/allow"})}, policies=POLICY
+    )
     robot.request("base", "arm")
     robot.wait(lambda: robot.active() == {"base"})
 
 
 def test_what_is_not_asked_for_any_more_is_not_shed_any_more(robot):
-    robot.declare({"base": service(0.9, "1Gi", 90), "log": service(1.5, "1Gi", 20), "other": service(0.1, "1Mi", 50)},
-                  policies=POLICY)
+    robot.declare(
+        {"base": service(0.9, "1Gi", 90), "log": service(1.5, "1Gi", 20), "other": service(0.1, "1Mi", 50)},
+        policies=POLICY,
+    )
     robot.request("base", id="base")
     robot.request("log", id="log")
     robot.wait(lambda: shed(robot) == ["log"])
@@ -85,8 +95,10 @@ def test_what_is_not_asked_for_any_more_is_not_shed_any_more(robot):
 
 
 def test_what_does_not_fit_stays_away_and_keeps_nobody_else_away(robot):
-    robot.declare({"base": service(0.9, "1Gi", 90), "log": service(1.5, "1Gi", 20), "other": service(0.1, "1Mi", 10)},
-                  policies=POLICY)
+    robot.declare(
+        {"base": service(0.9, "1Gi", 90), "log": service(1.5, "1Gi", 20), "other": service(0.1, "1Mi", 10)},
+        policies=POLICY,
+    )
     robot.request("base", id="base")
     robot.request("log", id="log")
     robot.wait(lambda: shed(robot) == ["log"])
@@ -101,8 +113,14 @@ def test_what_does_not_fit_stays_away_and_keeps_nobody_else_away(robot):
 
 
 def test_what_a_protected_service_needs_comes_back_at_once(robot):
-    robot.declare({"base": service(0.6, "1Gi", 90), "camera": service(0.6, "1Gi", 20),
-                   "arm": service(0.1, "1Mi", 50, protected=True, needs=["camera"])}, policies=POLICY)
+    robot.declare(
+        {
+            "base": service(0.6, "1Gi", 90),
+            "camera": service(0.6, "1Gi", 20),
+            "arm": service(0.1, "1Mi", 50, protected=True, needs=["camera"]),
+        },
+        policies=POLICY,
+    )
     robot.request("base", id="base")
     robot.request("camera", id="camera")
     robot.wait(lambda: robot.active() == {"base", "camera"})
@@ -113,8 +131,10 @@ def test_what_a_protected_service_needs_comes_back_at_once(robot):
 
 
 def test_a_request_that_matters_more_brings_it_back_in_place_of_others(robot):
-    robot.declare({"base": service(0.6, "1Gi", 90), "camera": service(0.6, "1Gi", 20),
-                   "log": service(0.3, "1Gi", 80)}, policies=POLICY)
+    robot.declare(
+        {"base": service(0.6, "1Gi", 90), "camera": service(0.6, "1Gi", 20), "log": service(0.3, "1Gi", 80)},
+        policies=POLICY,
+    )
     robot.request("base", "camera", "log", id="all")
     robot.wait(lambda: len(robot.active()) == 3)
     robot.sim.extra = (0.8, 0)
@@ -129,8 +149,10 @@ def test_a_request_that_matters_more_brings_it_back_in_place_of_others(robot):
 
 
 def test_who_asked_for_it_does_not_go_in_its_place(robot):
-    robot.declare({"mission": service(0.6, "1Gi", 30), "camera": service(0.6, "1Gi", 20),
-                   "base": service(0.6, "1Gi", 90)}, policies=POLICY)
+    robot.declare(
+        {"mission": service(0.6, "1Gi", 30), "camera": service(0.6, "1Gi", 20), "base": service(0.6, "1Gi", 90)},
+        policies=POLICY,
+    )
     robot.request("mission", "base")
     robot.wait(lambda: len(robot.active()) == 2)
     robot.request("camera", id="look", by="mission", priority=95)

@@ -10,8 +10,10 @@ from robots import Daemon, write_tree
 
 from rorg.client import Client
 
-SLOW_END = ("import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), exit()))\n"
-            "print('up', flush=True)\nwhile True: signal.pause()")
+SLOW_END = (
+    "import signal, time\nsignal.signal(signal.SIGINT, lambda *_: (time.sleep(2), exit()))\n"
+    "print('up', flush=True)\nwhile True: signal.pause()"
+)
 
 
 @pytest.fixture
@@ -30,8 +32,17 @@ def begin(daemon: Daemon, services: dict) -> Client:
 
 def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
     mark = tmp_path / "ready" if daemon.robot.kind == "process" else "/ready"
-    client = begin(daemon, {"cam": {"ready": {"interval": "50ms", "exec": [
-        "python3", "-c", f"import os, sys; sys.exit(not os.path.exists('{mark}'))"]}}})
+    client = begin(
+        daemon,
+        {
+            "cam": {
+                "ready": {
+                    "interval": "50ms",
+                    "exec": ["python3", "-c", f"import os, sys; sys.exit(not os.path.exists('{mark}'))"],
+                }
+            }
+        },
+    )
     held: list[str] = []
     errors: list[BaseException] = []
 
@@ -58,9 +69,17 @@ def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
 
 
 def test_what_an_rorg_was_ending_when_it_was_killed_is_not_ready_for_the_next(daemon):
-    client = begin(daemon, {"slow": {
-        "command": ["python3", "-c", SLOW_END], "container": {"stop_signal": "SIGINT", "stop_grace_period": "4s"},
-        "idle": {"action": "stop", "linger": 0}, "ready": {"log": "up"}}})
+    client = begin(
+        daemon,
+        {
+            "slow": {
+                "command": ["python3", "-c", SLOW_END],
+                "container": {"stop_signal": "SIGINT", "stop_grace_period": "4s"},
+                "idle": {"action": "stop", "linger": 0},
+                "ready": {"log": "up"},
+            }
+        },
+    )
     client.request("slow", id="a", wait=30, ttl=None)
     first = daemon.robot.container("slow").incarnation
     client.release("a")

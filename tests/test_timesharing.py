@@ -79,8 +79,12 @@ def test_a_held_service_is_ceased_though_requested_and_its_dependants_wait_with_
     active(robot, "roscore", "localization", "navigation")
     robot.hold("localization", 4.0, "calibration")
     robot.wait(lambda: not {"localization", "navigation"} & robot.active())
-    robot.wait(lambda: robot.waits("navigation").startswith("localization held until")
-               and "calibration" in robot.waits("navigation"))
+    robot.wait(
+        lambda: (
+            robot.waits("navigation").startswith("localization held until")
+            and "calibration" in robot.waits("navigation")
+        )
+    )
     active(robot, "roscore", "localization", "navigation")
 
 
@@ -95,8 +99,9 @@ def test_while_suspended_nothing_changes_and_drift_is_shown(robot):
 
 
 def test_an_exclusive_resource_goes_to_the_higher_priority_and_the_loser_waits(robot):
-    robot.declare({"train": {"exclusive": ["gpu"], "priority": 10},
-                   "detect": {"exclusive": {"gpu": 1}, "priority": 80}})
+    robot.declare(
+        {"train": {"exclusive": ["gpu"], "priority": 10}, "detect": {"exclusive": {"gpu": 1}, "priority": 80}}
+    )
     robot.settle()
     robot.request("train", id="train")
     active(robot, "train")
@@ -120,8 +125,9 @@ def test_a_paused_holder_lets_go_of_an_exclusive_resource(robot):
 
 
 def test_two_fit_where_the_policy_says_that_there_are_two(robot):
-    robot.declare({n: {"exclusive": ["gpu"]} for n in ("aa", "bb", "cc")},
-                  policies={"policy": {"resources": {"gpu": 2}}})
+    robot.declare(
+        {n: {"exclusive": ["gpu"]} for n in ("aa", "bb", "cc")}, policies={"policy": {"resources": {"gpu": 2}}}
+    )
     robot.settle()
     robot.request("aa", "bb", "cc")
     active(robot, "aa", "bb")
@@ -141,17 +147,26 @@ def test_a_request_that_does_not_fit_is_queued_and_served_when_there_is_room(rob
 
 
 def test_the_restart_of_a_need_restarts_who_asked_for_that_and_nobody_else(robot):
-    robot.declare({"roscore": {}, "driver": {"needs": [{"service": "roscore", "restart": True}]},
-                   "planner": {"needs": [{"service": "roscore", "restart": True}, "driver"]},
-                   "logger": {"needs": ["roscore"]}})
+    robot.declare(
+        {
+            "roscore": {},
+            "driver": {"needs": [{"service": "roscore", "restart": True}]},
+            "planner": {"needs": [{"service": "roscore", "restart": True}, "driver"]},
+            "logger": {"needs": ["roscore"]},
+        }
+    )
     robot.settle()
     robot.request("planner", "logger")
     active(robot, "roscore", "driver", "planner", "logger")
     robot.settle()
     before = {c.service: c.incarnation for c in robot.containers()}
     robot.kill("roscore")
-    robot.wait(lambda: len(robot.active()) == 4 and all(
-        robot.container(n).incarnation != before[n] for n in ("roscore", "driver", "planner")))
+    robot.wait(
+        lambda: (
+            len(robot.active()) == 4
+            and all(robot.container(n).incarnation != before[n] for n in ("roscore", "driver", "planner"))
+        )
+    )
     robot.settle()
     assert robot.container("logger").incarnation == before["logger"]
     started = {n: robot.container(n).started_at for n in before}
@@ -159,8 +174,12 @@ def test_the_restart_of_a_need_restarts_who_asked_for_that_and_nobody_else(robot
 
 
 def test_a_paused_service_whose_need_was_restarted_is_not_resumed_but_started_anew(robot):
-    robot.declare({"roscore": {"always_on": True}, "driver": {
-        "needs": [{"service": "roscore", "restart": True}], "idle": {"action": "pause"}}})
+    robot.declare(
+        {
+            "roscore": {"always_on": True},
+            "driver": {"needs": [{"service": "roscore", "restart": True}], "idle": {"action": "pause"}},
+        }
+    )
     robot.request("driver")
     active(robot, "roscore", "driver")
     robot.release()

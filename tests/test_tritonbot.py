@@ -16,8 +16,8 @@ from conftest import ROOT, free_port, wait_for
 from robots import RealRobot
 from test_ros import NODES
 
-from rorg.engines.docker_build import DockerBuilder
-from rorg.host.build import build
+from rorg.images.build import build
+from rorg.images.docker import DockerBuilder
 from rorg.manifest.load import load_or_raise
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
@@ -32,11 +32,12 @@ def expected(action: dict) -> set[str]:
 @pytest.fixture(scope="module")
 def images(dockerd):
     """The 45 stand-in images, built once."""
-    from rorg.engines.docker import DockerEngine
+    from rorg.engines.docker.engine import DockerEngine
 
     catalog = load_or_raise(ROOT / "manifests")
-    results = build(catalog, sorted(catalog.images), DockerBuilder(DockerEngine("test", dockerd.host)),
-                    lambda line: None)
+    results = build(
+        catalog, sorted(catalog.images), DockerBuilder(DockerEngine("test", dockerd.host)), lambda line: None
+    )
     assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
 
 
@@ -52,8 +53,17 @@ def triton(dockerd, images, tmp_path):
 
 
 def rorg(robot: RealRobot, *args: str, code: int = 0) -> str:
-    done = subprocess.run([sys.executable, "-m", "rorg", *args], capture_output=True, text=True, env={
-        **os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": robot.kind, "DOCKER_HOST": robot.host})
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *args],
+        capture_output=True,
+        text=True,
+        env={
+            **os.environ,
+            "RORG_STATE_DIR": str(robot.state.path),
+            "RORG_ENGINE": robot.kind,
+            "DOCKER_HOST": robot.host,
+        },
+    )
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout
 
@@ -99,9 +109,15 @@ def test_damage_in_the_middle_of_a_tour_is_repaired(triton):
     api.pause(before["leg_tracker"].id)
     api.remove_container(before["back_laser"].id, force=True)
     api.rename(before["laser_repub"].id, "somewhere-else")
-    triton.wait(lambda: triton.active() == expected(tour) and len(triton.containers()) == 41
-                and triton.container("laser_repub").name == "laser_repub"
-                and triton.container("navigation").incarnation != before["navigation"].incarnation, 60)
+    triton.wait(
+        lambda: (
+            triton.active() == expected(tour)
+            and len(triton.containers()) == 41
+            and triton.container("laser_repub").name == "laser_repub"
+            and triton.container("navigation").incarnation != before["navigation"].incarnation
+        ),
+        60,
+    )
     triton.settle()
     after = {c.service: c for c in triton.containers()}
     touched = {n for n, c in after.items() if c.incarnation != before[n].incarnation}
@@ -117,8 +133,21 @@ def test_kill_9_at_20_random_moments_of_the_cycle(triton):
     log = (triton.state.path.parent / "run.log").open("ab")
 
     def start() -> subprocess.Popen:
-        return subprocess.Popen([sys.executable, "-m", "rorg", "run", str(triton.tree), "--state-dir",
-                                 str(triton.state.path), "--engine", "docker"], stdout=log, stderr=log)
+        return subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "rorg",
+                "run",
+                str(triton.tree),
+                "--state-dir",
+                str(triton.state.path),
+                "--engine",
+                "docker",
+            ],
+            stdout=log,
+            stderr=log,
+        )
 
     process = start()
     try:
@@ -150,15 +179,27 @@ def test_a_behaviour_program_plays_the_cycle_through_the_api(triton, request, la
     actions = [a for a in CYCLE["actions"] if a["who"] == "behavioral"]
     words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
     if language == "python":
-        command, mounts = ["python3", "/program/tour.py"], [f"{ROOT / 'tests/tour.py'}:/program/tour.py:ro",
-                                                            f"{ROOT / 'rorg'}:/program/rorg:ro",
-                                                            f"{CLIENT}:/program/rorg_client:ro"]
+        command, mounts = (
+            ["python3", "/program/tour.py"],
+            [
+                f"{ROOT / 'tests/tour.py'}:/program/tour.py:ro",
+                f"{ROOT / 'rorg'}:/program/rorg:ro",
+                f"{CLIENT}:/program/rorg_client:ro",
+            ],
+        )
     else:
         programs = request.getfixturevalue("cpp_programs")
         command, mounts = ["/program/tour"], [f"{programs}/tour:/program/tour:ro"]
-    edit(triton, "behavioral", image="rorg-base", command=[*command, str(steps), *words], restart="never",
-         profile="common", may_request=sorted({s for a in actions for s in a["requests"]}),
-         container={"volumes": [*mounts, f"{steps}:{steps}"]})
+    edit(
+        triton,
+        "behavioral",
+        image="rorg-base",
+        command=[*command, str(steps), *words],
+        restart="never",
+        profile="common",
+        may_request=sorted({s for a in actions for s in a["requests"]}),
+        container={"volumes": [*mounts, f"{steps}:{steps}"]},
+    )
     play(triton, steps, actions)
 
 
@@ -166,7 +207,7 @@ def play(triton: RealRobot, steps, actions: list[dict], also: tuple[str, ...] = 
     """Steps a behaviour program through its actions, then kills it while it holds the last. `also` is what runs
     besides."""
     always = {*CYCLE["always_on"], *also}
-    triton.with_door = True
+    triton.with_server = True
     triton.start()
     triton.wait(lambda: triton.loop.tree.loaded and triton.active() == set(CYCLE["always_on"]), 60)
     ask(triton, CYCLE["actions"][0])
@@ -194,20 +235,52 @@ def test_a_behaviour_program_plays_the_cycle_through_ros(triton, ros_image, pack
     master = f"http://localhost:{free_port()}"
     actions = [a for a in CYCLE["actions"] if a["who"] == "behavioral"]
     words = [f"{a['name']}={','.join(a['requests'])}" for a in actions]
-    edit(triton, "roscore", image=ros_image, command=f"roscore -p {master.rpartition(':')[2]}", profile="common",
-         ready={"ros_node": "/rosout"}, container={"environment": {"ROS_MASTER_URI": master}})
-    ros = {"environment": {"ROS_MASTER_URI": master, "ROS_HOSTNAME": "localhost",
-                           "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
-           "volumes": [f"{package}:/bridge:ro", f"{ROOT / 'rorg'}:/program/rorg:ro", f"{NODES}:/nodes:ro",
-                       f"{CLIENT}:/program/rorg_client:ro", f"{steps}:{steps}"]}
-    bridge = {"image": ros_image, "command": "/bridge/lib/rorg_ros/rorg_node.py", "profile": "common",
-              "needs": ["roscore"], "ready": {"ros_node": "/rorg"}, "container": ros,
-              "may_act_for": ["*"]}
-    (triton.tree / "services/rorg_ros.yaml").write_text(yaml.safe_dump(
-        {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge}))
-    edit(triton, "behavioral", image=ros_image, command=["python3", "/nodes/cycle.py", str(steps), *words],
-         restart="never", profile="common", needs=["rorg_ros"], container=ros,
-         may_request=sorted({s for a in actions for s in a["requests"]}))
+    edit(
+        triton,
+        "roscore",
+        image=ros_image,
+        command=f"roscore -p {master.rpartition(':')[2]}",
+        profile="common",
+        ready={"ros_node": "/rosout"},
+        container={"environment": {"ROS_MASTER_URI": master}},
+    )
+    ros = {
+        "environment": {
+            "ROS_MASTER_URI": master,
+            "ROS_HOSTNAME": "localhost",
+            "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program",
+        },
+        "volumes": [
+            f"{package}:/bridge:ro",
+            f"{ROOT / 'rorg'}:/program/rorg:ro",
+            f"{NODES}:/nodes:ro",
+            f"{CLIENT}:/program/rorg_client:ro",
+            f"{steps}:{steps}",
+        ],
+    }
+    bridge = {
+        "image": ros_image,
+        "command": "/bridge/lib/rorg_ros/rorg_node.py",
+        "profile": "common",
+        "needs": ["roscore"],
+        "ready": {"ros_node": "/rorg"},
+        "container": ros,
+        "may_act_for": ["*"],
+    }
+    (triton.tree / "services/rorg_ros.yaml").write_text(
+        yaml.safe_dump({"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "rorg_ros"}, "spec": bridge})
+    )
+    edit(
+        triton,
+        "behavioral",
+        image=ros_image,
+        command=["python3", "/nodes/cycle.py", str(steps), *words],
+        restart="never",
+        profile="common",
+        needs=["rorg_ros"],
+        container=ros,
+        may_request=sorted({s for a in actions for s in a["requests"]}),
+    )
     play(triton, steps, actions, ("rorg_ros",))
 
 

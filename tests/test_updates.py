@@ -14,7 +14,7 @@ from robots import WORK, RealRobot, VirtualRobot, write_tree
 from test_recovery import Daemon
 
 from rorg.cli.main import app
-from rorg.daemon.snapshot import recall, snapshot
+from rorg.daemon.snapshot import restore, snapshot
 from rorg.errors import NotReady
 
 
@@ -45,8 +45,11 @@ BAD = {
     "user": {"container": {"user": "nosuch"}},
     "device": {"container": {"devices": ["/dev/nosuch:/dev/nosuch"]}},
     "crash": {"command": ["python3", "-S", "-c", "raise SystemExit(3)"]},
-    "never ready": {"command": WORK, "ready": {"exec": "false", "timeout": "1s"},
-                    "container": {"environment": {"NEW": "1"}}},
+    "never ready": {
+        "command": WORK,
+        "ready": {"exec": "false", "timeout": "1s"},
+        "container": {"environment": {"NEW": "1"}},
+    },
     "image": {"image": "nosuch-image"},
 }
 
@@ -61,8 +64,14 @@ def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
     robot.declare({n: {"always_on": True, **BAD[kind]} for kind, n in names.items()})
     started = [n for kind, n in names.items() if kind != "image"]
     robot.wait(lambda: all(failed(robot, n) for n in started), 60)
-    robot.wait(lambda: not robot.status()["in_flight"] and not robot.status()["plan"]["actions"]
-               and {c.id for c in robot.containers()} == {*before.values()}, 60)
+    robot.wait(
+        lambda: (
+            not robot.status()["in_flight"]
+            and not robot.status()["plan"]["actions"]
+            and {c.id for c in robot.containers()} == {*before.values()}
+        ),
+        60,
+    )
     for name, container in before.items():
         data = look(robot, container)
         assert data["State"]["Running"] and data["Name"] == f"/{name}"
@@ -85,7 +94,8 @@ def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
     robot.declare({**good, "user": {"always_on": True, "container": {"user": "0"}}})
     robot.wait(lambda: held["user"][0] not in {c.id for c in robot.containers()})
     assert {n: identity(robot, n) for n in names.values() if n != "user"} == {
-        n: run for n, run in held.items() if n != "user"}
+        n: run for n, run in held.items() if n != "user"
+    }
     assert len(robot.containers()) == len(names)
 
 
@@ -95,8 +105,12 @@ def test_processes_have_the_same_way_back(tmp_path):
         robot.declare({"arm": {"always_on": True}, "cam": {"always_on": True}})
         robot.wait(lambda: robot.active() == {"arm", "cam"})
         before = {n: identity(robot, n)[0] for n in ("arm", "cam")}
-        robot.declare({"arm": {"always_on": True, "command": "rosluanch x"},
-                       "cam": {"always_on": True, "command": "sh -c 'exit 3'"}})
+        robot.declare(
+            {
+                "arm": {"always_on": True, "command": "rosluanch x"},
+                "cam": {"always_on": True, "command": "sh -c 'exit 3'"},
+            }
+        )
         robot.wait(lambda: failed(robot, "arm") and failed(robot, "cam"))
         robot.wait(lambda: {c.id for c in robot.containers()} == {*before.values()})
         robot.wait(lambda: robot.active() == {"arm", "cam"})
@@ -130,8 +144,12 @@ def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):
     virtual.settle()
     virtual.sim.ready_after["gps"] = 1e9
     run = virtual.container("nav").incarnation
-    virtual.declare({"nav": {"always_on": True, "needs": ["gps"], "container": {"environment": {"N": "1"}}},
-                     "gps": {"ready": {"tcp": 1}}})
+    virtual.declare(
+        {
+            "nav": {"always_on": True, "needs": ["gps"], "container": {"environment": {"N": "1"}}},
+            "gps": {"ready": {"tcp": 1}},
+        }
+    )
     later(virtual, 60)
     assert running(virtual, "nav").incarnation == run
     assert "gps is not ready" in virtual.waits("nav")
@@ -184,7 +202,7 @@ def test_a_kill_of_rorg_at_any_moment_of_a_swap(virtual, bad):
         virtual.sim.at(end, lambda: None)
         virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
         # Nothing that it published but the state of before: the worst that a kill can leave.
-        virtual.sim.reborn(recall(None))
+        virtual.sim.reborn(restore(None))
         virtual.wait(lambda: running(virtual, "nav") and len(virtual.containers()) == 1, 120)
         later(virtual, 10)
         assert [c.name for c in virtual.containers()] == ["nav"]
@@ -207,13 +225,24 @@ def test_kill_9_of_rorg_during_updates_on_docker(docker_robot):
             time.sleep(0.2 + chance.random() * 0.5)
             daemon.kill()
             daemon.start()
-            wait_for(lambda bad=bad: bool(failed(robot, "arm")) == bad and daemon.status() and running(robot, "arm")
-                     and len(robot.containers()) == 1, 60)
+            wait_for(
+                lambda bad=bad: (
+                    bool(failed(robot, "arm")) == bad
+                    and daemon.status()
+                    and running(robot, "arm")
+                    and len(robot.containers()) == 1
+                ),
+                60,
+            )
             found = look(robot, robot.container("arm").id)
             assert (found["Id"] == before) == bad and found["Name"] == "/arm"
             if bad:
-                write_tree(robot.tree, {"arm": {"always_on": True, "container": {"environment": {"N": str(n - 1)}}}}
-                           if n else {"arm": {"always_on": True}})
+                write_tree(
+                    robot.tree,
+                    {"arm": {"always_on": True, "container": {"environment": {"N": str(n - 1)}}}}
+                    if n
+                    else {"arm": {"always_on": True}},
+                )
     finally:
         daemon.kill()
 
@@ -225,7 +254,7 @@ def test_what_failed_is_remembered_by_the_next_rorg(virtual):
     virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = "start"
     later(virtual, 10)
     calls = len(virtual.sim.engine.calls)
-    virtual.sim.reborn(recall(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+    virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
     later(virtual, 200)
     assert len(virtual.sim.engine.calls) == calls
     assert "its change failed" in virtual.waits("nav")
@@ -275,8 +304,11 @@ def test_a_mended_manifest_is_tried_at_once(docker_robot):
 def diff(robot) -> str:
     from typer.testing import CliRunner
 
-    return CliRunner().invoke(app, ["diff", str(robot.tree), "--state-dir", str(robot.state.path), "--engine",
-                                    robot.kind]).output
+    return (
+        CliRunner()
+        .invoke(app, ["diff", str(robot.tree), "--state-dir", str(robot.state.path), "--engine", robot.kind])
+        .output
+    )
 
 
 def test_attempts_may_go_on_for_days():
@@ -307,20 +339,24 @@ def image_with_volume(dockerd):
     import docker
 
     api = docker.APIClient(dockerd.host, version="auto")
-    text = f'FROM {BASE_IMAGE}\nVOLUME /data\n'
+    text = f"FROM {BASE_IMAGE}\nVOLUME /data\n"
     list(api.build(fileobj=io.BytesIO(text.encode()), tag="with-volume", decode=True, rm=True))
     return "with-volume"
 
 
 def put(robot, service: str, path: str, text: str) -> None:
-    code, said = robot.engine.exec(robot.container(service).id, ["python3", "-S", "-c",
-                                                                f"open({path!r}, 'w').write({text!r})"], 30)
+    code, said = robot.engine.exec(
+        robot.container(service).id, ["python3", "-S", "-c", f"open({path!r}, 'w').write({text!r})"], 30
+    )
     assert code == 0, said
 
 
 def get(robot, service: str, path: str) -> str:
-    return robot.engine.exec(robot.container(service).id, ["python3", "-S", "-c",
-                                                          f"print(open({path!r}).read())"], 30)[1].decode().strip()
+    return (
+        robot.engine.exec(robot.container(service).id, ["python3", "-S", "-c", f"print(open({path!r}).read())"], 30)[1]
+        .decode()
+        .strip()
+    )
 
 
 def test_unnamed_volumes_go_with_the_service_not_with_a_container(docker_robot, image_with_volume):
@@ -332,8 +368,12 @@ def test_unnamed_volumes_go_with_the_service_not_with_a_container(docker_robot, 
     put(robot, "map", "/more/map", "there")
     for n in range(2):
         before = robot.container("map").id
-        robot.declare({"map": {**spec, "container": {**spec["container"], "environment": {"N": str(n)}}},
-                       "other": {"always_on": True}})
+        robot.declare(
+            {
+                "map": {**spec, "container": {**spec["container"], "environment": {"N": str(n)}}},
+                "other": {"always_on": True},
+            }
+        )
         robot.wait(lambda before=before: before not in {c.id for c in robot.containers()})
         assert (get(robot, "map", "/data/map"), get(robot, "map", "/more/map")) == ("here", "there")
     assert len(volumes(robot) - at_first) == 2
@@ -379,19 +419,28 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
     (folder / "deep/a.yaml").write_text("speed: 1\n")
     seen = robot.tree.parent / "hups"
     seen.mkdir()
-    counts = ("import signal, sys, pathlib\nout = pathlib.Path('/seen')\nout = out if out.exists() else "
-              f"pathlib.Path({str(seen)!r})\n"
-              "def hup(*_): (out / 'n').write_text(str(int((out / 'n').read_text() or 0) + 1))\n"
-              "(out / 'n').write_text('0')\nsignal.signal(signal.SIGHUP, hup)\n"
-              "for s in (2, 15): signal.signal(s, lambda *_: sys.exit(0))\n(out / 'up').write_text('')\n"
-              "while True: signal.pause()")
+    counts = (
+        "import signal, sys, pathlib\nout = pathlib.Path('/seen')\nout = out if out.exists() else "
+        f"pathlib.Path({str(seen)!r})\n"
+        "def hup(*_): (out / 'n').write_text(str(int((out / 'n').read_text() or 0) + 1))\n"
+        "(out / 'n').write_text('0')\nsignal.signal(signal.SIGHUP, hup)\n"
+        "for s in (2, 15): signal.signal(s, lambda *_: sys.exit(0))\n(out / 'up').write_text('')\n"
+        "while True: signal.pause()"
+    )
     spec = {"always_on": True, "mounts": ["./config:/config"]}
     tree = {
-        "again": spec, "quiet": {**spec, "on_change": "none"}, "other": {"always_on": True},
+        "again": spec,
+        "quiet": {**spec, "on_change": "none"},
+        "other": {"always_on": True},
         "file": {"always_on": True, "container": {"volumes": ["./config/deep/a.yaml:/a.yaml:ro"]}},
         "writes": {"always_on": True, "container": {"volumes": ["./config:/config"]}},
-        "told": {**spec, "on_change": "signal HUP", "command": ["python3", "-S", "-c", counts],
-                 "container": {"volumes": [f"{seen}:/seen"]}}}
+        "told": {
+            **spec,
+            "on_change": "signal HUP",
+            "command": ["python3", "-S", "-c", counts],
+            "container": {"volumes": [f"{seen}:/seen"]},
+        },
+    }
     robot.declare(tree)
     robot.wait(lambda: robot.active() == {*tree} and (seen / "up").exists())
     robot.wait(robot.quiet)
@@ -404,7 +453,8 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
         robot.wait(lambda: (seen / "n").read_text() == str(hups))
         robot.wait(robot.quiet)
         assert {n: identity(robot, n) for n in tree if n not in restarted} == {
-            n: run for n, run in runs.items() if n not in restarted}
+            n: run for n, run in runs.items() if n not in restarted
+        }
         assert all(identity(robot, n)[0] == runs[n][0] for n in tree)
         runs.update({n: identity(robot, n) for n in tree})
 
@@ -412,7 +462,7 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
     expect(1)
     os.utime(folder / "deep/a.yaml")  # nothing of it changed
     (folder / ".a.yaml.swp").write_text("an editor's own")
-    robot.loop.files_changed()
+    robot.loop.wakes.files_changed()
     robot.settle()
     assert {n: identity(robot, n) for n in tree} == runs
     robot.stop()
@@ -457,7 +507,7 @@ def test_a_container_of_an_older_rorg_is_taken_as_it_is(virtual):
     virtual.settle()
     run = virtual.container("nav").incarnation
     catalog = virtual.sim.desired.catalog
-    virtual.sim.reborn(recall({"runs": {"nav": {"run": "", "needs": {}, "stopped": ""}}}))
+    virtual.sim.reborn(restore({"runs": {"nav": {"run": "", "needs": {}, "stopped": ""}}}))
     virtual.sim.desired = desire(catalog, contents={"nav": {"services/nav": "1"}})
     later(virtual, 5)
     assert virtual.container("nav").incarnation == run

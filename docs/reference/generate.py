@@ -14,9 +14,9 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 import rorg.errors
+from rorg.api.openapi import document as openapi
+from rorg.api.permissions import OPERATIONS
 from rorg.cli.main import app
-from rorg.daemon.openapi import document as openapi
-from rorg.daemon.rights import OPERATIONS
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.models import SPECS
 
@@ -63,8 +63,10 @@ def table(model: type[BaseModel]) -> str:
         if field.default not in (None, PydanticUndefined) and not field.is_required():
             default = f"{field.default}"
         mark = (field.json_schema_extra or {}).get("x-rorg-change", "")
-        lines.append(f"| `{field.alias or name}` | {type_of(field.annotation)} | {default} | {mark} | "
-                     f"{field.description or ''} |")
+        lines.append(
+            f"| `{field.alias or name}` | {type_of(field.annotation)} | {default} | {mark} | "
+            f"{field.description or ''} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -102,8 +104,11 @@ def cli() -> str:
         about = inspect.cleandoc(command.help or "")
         text += f"\n## rorg {name}\n\n{about}\n\n```\n" + f"rorg {name} [OPTIONS] {usage}".rstrip() + "\n```\n\n"
         for parameter in [*arguments, *options]:
-            names = ", ".join(f"`{o}`" for o in (*parameter.opts, *parameter.secondary_opts)) if (
-                parameter in options) else f"`{parameter.name.upper()}`"
+            names = (
+                ", ".join(f"`{o}`" for o in (*parameter.opts, *parameter.secondary_opts))
+                if (parameter in options)
+                else f"`{parameter.name.upper()}`"
+            )
             text += f"- {names}: {getattr(parameter, 'help', '') or ''}\n"
     return text
 
@@ -125,12 +130,15 @@ def api() -> str:
     for path, methods in document["paths"].items():
         for method, route in methods.items():
             text += f"## {method.upper()} {path}\n\n{route.get('description', route['summary'])}\n\n"
-            rows = [(p["name"], p["in"], p["schema"].get("description", p.get("description", "")))
-                    for p in route.get("parameters", [])]
+            rows = [
+                (p["name"], p["in"], p["schema"].get("description", p.get("description", "")))
+                for p in route.get("parameters", [])
+            ]
             body = route.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
             model = document["components"]["schemas"].get(body.get("$ref", "").rpartition("/")[2], {})
-            rows += [(name, "body", field.get("description", ""))
-                     for name, field in model.get("properties", {}).items()]
+            rows += [
+                (name, "body", field.get("description", "")) for name, field in model.get("properties", {}).items()
+            ]
             if rows:
                 text += "| field | in | meaning |\n|---|---|---|\n"
                 text += "".join(f"| {name} | {where} | {meaning} |\n" for name, where, meaning in rows) + "\n"
@@ -140,8 +148,12 @@ def api() -> str:
 
 def main() -> None:
     stale = []
-    for name, text in (("manifests.md", manifests()), ("cli.md", cli()), ("exit-codes.md", exit_codes()),
-                       ("api.md", api())):
+    for name, text in (
+        ("manifests.md", manifests()),
+        ("cli.md", cli()),
+        ("exit-codes.md", exit_codes()),
+        ("api.md", api()),
+    ):
         path = HERE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             stale.append(name)

@@ -19,8 +19,14 @@ SETTLED = 0.5
 """Seconds that everything must be well on end before apply says so."""
 
 
-def command(directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None,
-            yes: Yes = False, wait: Wait = False, timeout: Timeout = 300.0) -> None:
+def command(
+    directory: Directory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 300.0,
+) -> None:
     """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory."""
     from rorg.cli.context import Context
     from rorg.cli.output import note
@@ -39,7 +45,9 @@ def command(directory: Directory = None, state_dir: StateDirectory = None, engin
         _consent(yes)
     if owner is None:
         if withheld:
-            context.change(lambda asked: replace(asked, removals=tuple(dict.fromkeys((*asked.removals, *withheld)))))
+            context.change(
+                lambda document: replace(document, removals=tuple(dict.fromkeys((*document.removals, *withheld))))
+            )
         _alone(context, wait, timeout)
     else:
         _through(context, owner, catalog.fingerprint, withheld, wait, timeout)
@@ -94,8 +102,11 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
     for name, why in late.items():
         note(f"{name} is not ready: {why}")
     if timed_out.is_set() or failed or (late and wait):
-        raise NotReady("finish", f"{len(late)} service(s) are not ready" + (
-            f" after {timeout:g} s" if timed_out.is_set() else ""), "`rorg describe SERVICE`")
+        raise NotReady(
+            "finish",
+            f"{len(late)} service(s) are not ready" + (f" after {timeout:g} s" if timed_out.is_set() else ""),
+            "`rorg describe SERVICE`",
+        )
 
 
 def _good_or_bad(decision: Decision, view: dict[str, Any]) -> bool | None:
@@ -117,13 +128,15 @@ def _late(view: dict[str, Any]) -> dict[str, str]:
     """Wanted services that are not ready, with the reason."""
     from rorg.cli.context import condition
 
-    ready = {n: condition(s, "Ready") for n, s in view["services"].items()
-             if s["health"] in ("Progressing", "Degraded")}
+    ready = {
+        n: condition(s, "Ready") for n, s in view["services"].items() if s["health"] in ("Progressing", "Degraded")
+    }
     return {name: found["message"] or found["reason"] for name, found in ready.items()}
 
 
-def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: list[str], wait: bool, timeout: float
-             ) -> None:
+def _through(
+    context: Context, owner: dict[str, Any], fingerprint: str, shown: list[str], wait: bool, timeout: float
+) -> None:
     """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
     from pathlib import Path
 
@@ -134,8 +147,12 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: l
     live = context.live()
     followed = (live or {}).get("tree", {}).get("root")
     if owner.get("what") != "rorg run" or (followed and Path(followed) != context.root.resolve()):
-        raise Refused(f"apply {context.root}", f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
-                      + (f" and follows {followed}" if followed else ""), "to change that tree, or to stop it first")
+        raise Refused(
+            f"apply {context.root}",
+            f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
+            + (f" and follows {followed}" if followed else ""),
+            "to change that tree, or to stop it first",
+        )
 
     def done(view: dict[str, Any]) -> str:
         if view["tree"]["errors"]:
@@ -151,8 +168,11 @@ def _through(context: Context, owner: dict[str, Any], fingerprint: str, shown: l
         busy = view["plan"]["actions"] or view["in_flight"]
         failed = hopeless(view, view["services"]) if wait or not busy else {}
         if failed:
-            raise NotReady("wait for the running rorg", "; ".join(f"{n}: {why}" for n, why in failed.items()),
-                           "`rorg describe SERVICE`")
+            raise NotReady(
+                "wait for the running rorg",
+                "; ".join(f"{n}: {why}" for n, why in failed.items()),
+                "`rorg describe SERVICE`",
+            )
         if busy:
             return view["plan"]["summary"]
         tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]

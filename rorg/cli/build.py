@@ -12,13 +12,14 @@ from rorg.cli.options import Directory, EngineName, StateDirectory
 def command(
     directory: Directory = None,
     only: Annotated[list[str], typer.Option("--image", help="Only this image and what it stands on.")] = [],  # noqa: B006
-    state_dir: StateDirectory = None, engine: EngineName = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
 ) -> None:
     """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails."""
     from rorg.cli.context import Context
     from rorg.cli.output import missing, note
     from rorg.errors import NotReady
-    from rorg.host.build import build
+    from rorg.images.build import build
 
     context = Context(state_dir, engine, directory, local=True)
     catalog = context.catalog()
@@ -29,17 +30,20 @@ def command(
     results = build(catalog, only or sorted({*catalog.images, *used}), make_builder(context, catalog), note)
     failed = [r.image for r in results if r.outcome in ("failed", "skipped")]
     if failed:
-        raise NotReady("build all images", f"{len(failed)} of {len(results)} failed or were skipped: "
-                       f"{', '.join(failed)}", "`rorg build --image NAME` after mending the first one")
+        raise NotReady(
+            "build all images",
+            f"{len(failed)} of {len(results)} failed or were skipped: {', '.join(failed)}",
+            "`rorg build --image NAME` after mending the first one",
+        )
     note(f"{len(results)} images are there")
 
 
 def make_builder(context: Any, catalog: Any) -> Any:
     """The builder of the context's engine."""
-    from rorg.host.build import ProcessBuilder
+    from rorg.images.build import ProcessBuilder
 
     if context.engine_name == "process":
         return ProcessBuilder(catalog, context.state.prepare().path)
-    from rorg.engines.docker_build import DockerBuilder
+    from rorg.images.docker import DockerBuilder
 
     return DockerBuilder(context.engine())

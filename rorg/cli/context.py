@@ -22,14 +22,15 @@ if TYPE_CHECKING:
     from rorg.core.decide import Decision
     from rorg.engines.protocol import Engine
     from rorg.model.catalog import Catalog
-    from rorg.store.requests_file import Asked
+    from rorg.store.requests_document import RequestsDocument
 
 
 class Context:
     """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
 
-    def __init__(self, state_dir: Path | None, engine: str | None, directory: Path | None = None,
-                 local: bool = False) -> None:
+    def __init__(
+        self, state_dir: Path | None, engine: str | None, directory: Path | None = None, local: bool = False
+    ) -> None:
         given = state_dir or os.environ.get("RORG_STATE_DIR")
         self.remote = "" if state_dir else os.environ.get("RORG_ADDRESS", "")
         """Where rorg is, when it is not that of a state directory."""
@@ -91,18 +92,21 @@ class Context:
     def _here(self, what: str) -> None:
         """Raises Refused when the robot is not on this machine, as far as is known."""
         if self.remote:
-            raise Refused(what, f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs",
-                          "it there, or to unset RORG_ADDRESS")
+            raise Refused(
+                what,
+                f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs",
+                "it there, or to unset RORG_ADDRESS",
+            )
 
     def engine(self) -> Engine:
         self._here("use its engine")
         if self._engine is None:
-            from rorg.daemon.wiring import make_engine
+            from rorg.engines.make import make_engine
 
             self._engine = make_engine(self.engine_name, self.state)
         return self._engine
 
-    def asked(self) -> Asked:
+    def document(self) -> RequestsDocument:
         """The requests file. Raises Invalid when it is broken."""
         from rorg.store.requests_file import RequestsFile
 
@@ -110,7 +114,7 @@ class Context:
         file.read()
         if file.diagnostics:
             raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "to mend it")
-        return file.asked
+        return file.document
 
     def client(self) -> Client | None:
         """A client of the rorg that runs on this state directory, or at RORG_ADDRESS; None when none serves."""
@@ -126,7 +130,7 @@ class Context:
             raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
         return found
 
-    def change(self, edit: Callable[[Asked], Asked]) -> None:
+    def change(self, edit: Callable[[RequestsDocument], RequestsDocument]) -> None:
         """Changes what is asked of the robot, durably, and says so when nobody is there to do it."""
         from rorg.store.requests_file import RequestsFile
 
@@ -155,8 +159,11 @@ class Context:
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
         errors = view.get("tree", {}).get("errors") or []
-        found = [f"manifests refused: {len(errors)} error(s), the last good ones are in force; try `rorg validate`"
-                 ] if errors else []
+        found = (
+            [f"manifests refused: {len(errors)} error(s), the last good ones are in force; try `rorg validate`"]
+            if errors
+            else []
+        )
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         for text in found:

@@ -7,8 +7,9 @@ import typer
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 
 
-def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
-            output: Output = "table") -> None:
+def command(
+    service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
+) -> None:
     """Everything about one service: what is declared, and by which profile or manifest (`sources`), how it is, who
     wants it, what happened to it last."""
     import json
@@ -31,14 +32,25 @@ def command(service: ServiceName, state_dir: StateDirectory = None, engine: Engi
         declared, status = catalog.services[name], view["services"].get(name, {})
         spec = {k: v for k, v in (declared.spec or {}).items() if k != "environment"}
         spec["environment"] = sorted((declared.spec or {}).get("environment", {}))
-        found.append({
-            "name": name, "description": declared.description, "manifest": str(declared.where),
-            "needs": list(declared.needs), "conflicts": list(declared.conflicts), "always_on": declared.always_on,
-            "idle": {"action": declared.idle.action, "linger": declared.idle.linger}, "restart": declared.restart,
-            "priority": declared.priority, "driver": declared.driver,
-            "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
-            "status": status, "container": spec, "sources": dict(declared.origins), "events": _events(context, name),
-        })
+        found.append(
+            {
+                "name": name,
+                "description": declared.description,
+                "manifest": str(declared.where),
+                "needs": list(declared.needs),
+                "conflicts": list(declared.conflicts),
+                "always_on": declared.always_on,
+                "idle": {"action": declared.idle.action, "linger": declared.idle.linger},
+                "restart": declared.restart,
+                "priority": declared.priority,
+                "driver": declared.driver,
+                "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
+                "status": status,
+                "container": spec,
+                "sources": dict(declared.origins),
+                "events": _events(context, name),
+            }
+        )
     if output != "table":
         dump(found[0] if len(found) == 1 else found, output)
         return

@@ -7,8 +7,9 @@ import typer
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory
 
 
-def command(directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None,
-            output: Output = "table") -> None:
+def command(
+    directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
+) -> None:
     """Show what would be done, and why, without doing it. Exits 1 when there is anything."""
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, dump

@@ -12,7 +12,8 @@ from rorg.cli.options import Output, StateDirectory
 def command(
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
     tail: Annotated[int, typer.Option("--tail", min=0, help="Begin with the last so many.")] = 20,
-    output: Output = "table", state_dir: StateDirectory = None,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
 ) -> None:
     """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure."""
     import json

@@ -8,15 +8,26 @@ import typer
 
 from rorg.cli.options import EngineName, Output, StateDirectory
 
-KINDS = {"services": "services", "service": "services", "svc": "services", "groups": "groups", "group": "groups",
-         "images": "images", "image": "images", "requests": "requests", "request": "requests"}
+KINDS = {
+    "services": "services",
+    "service": "services",
+    "svc": "services",
+    "groups": "groups",
+    "group": "groups",
+    "images": "images",
+    "image": "images",
+    "requests": "requests",
+    "request": "requests",
+}
 
 
 def command(
     kind: Annotated[str, typer.Argument(help="services, groups, images or requests.")] = "services",
     name: Annotated[str, typer.Argument(help="Only this one.")] = "",
     directory: Annotated[Any, typer.Option("--manifests", help="Directory of manifests.", parser=str)] = None,
-    state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table",
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+    output: Output = "table",
     watch: Annotated[bool, typer.Option("-w", "--watch", help="Go on showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, requests."""
@@ -48,9 +59,21 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
     services = {n: s for n, s in view["services"].items() if n in wanted}
     if name and not services:
         raise missing("service", name, view["services"])
-    rows = [{"name": n, "state": s["state"], "sync": s["sync"], "health": s["health"], "why": s["why"] or "-",
-             "crashes": s["crashes"], "rank": s["rank"], "container": s["container"][:12],
-             "message": condition(s, "Ready")["message"]} for n, s in services.items() if s["state"] != "meta" or name]
+    rows = [
+        {
+            "name": n,
+            "state": s["state"],
+            "sync": s["sync"],
+            "health": s["health"],
+            "why": s["why"] or "-",
+            "crashes": s["crashes"],
+            "priority": s["effective_priority"],
+            "container": s["container"][:12],
+            "message": condition(s, "Ready")["message"],
+        }
+        for n, s in services.items()
+        if s["state"] != "meta" or name
+    ]
     return rows, list(services.values())
 
 
@@ -64,8 +87,11 @@ def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
 
 def _images(context: Any, name: str) -> tuple[list[dict], Any]:
     images = context.catalog().images
-    rows = [{"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
-            for i in images.values() if name in ("", i.name)]
+    rows = [
+        {"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
+        for i in images.values()
+        if name in ("", i.name)
+    ]
     _there("image", name, rows, images)
     return rows, None
 
@@ -81,16 +107,25 @@ def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
     requests = context.view()["requests"]
     found = [r for r in requests if name in ("", r["id"])]
     _there("request", name, found, {r["id"] for r in requests})
-    rows = [{"id": r["id"], "requester": r["requester"], "services": ",".join(r["services"]),
-             "kind": "standing" if r["standing"] else "live", "reason": r["reason"],
-             "incarnation": r["incarnation"] or "", "priority": r["priority"] if r["priority"] is not None else "",
-             "ttl": f"{r['ttl']:g} s" if r["ttl"] else ""} for r in found]
+    rows = [
+        {
+            "id": r["id"],
+            "requester": r["requester"],
+            "services": ",".join(r["services"]),
+            "kind": "standing" if r["standing"] else "live",
+            "reason": r["reason"],
+            "incarnation": r["incarnation"] or "",
+            "priority": r["priority"] if r["priority"] is not None else "",
+            "ttl": f"{r['ttl']:g} s" if r["ttl"] else "",
+        }
+        for r in found
+    ]
     return rows, found
 
 
 ROWS = {"services": _services, "groups": _groups, "images": _images, "requests": _requests}
 COLUMNS = {
-    "services": (("name", "state", "sync", "health", "why"), ("crashes", "rank", "container", "message")),
+    "services": (("name", "state", "sync", "health", "why"), ("crashes", "priority", "container", "message")),
     "groups": (("name", "services"), ("description",)),
     "images": (("name", "from"), ("dockerfile",)),
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),

@@ -22,12 +22,14 @@ def command(
     context = Context(state_dir, None, directory, local=True)
     catalog = context.catalog()
     edges = [(s.name, n, "needs") for s in catalog.services.values() for n in s.needs]
-    for request in (*catalog.requests, *context.asked().requests):
+    for request in (*catalog.requests, *context.document().requests):
         edges += [(request.requester, m, "requests") for s in request.services for m in catalog.members(s)]
     edges = sorted(set(edges))
     if form == "json":
-        dump({"services": sorted(catalog.services), "edges": [{"from": a, "to": b, "kind": k} for a, b, k in edges]},
-             form)
+        dump(
+            {"services": sorted(catalog.services), "edges": [{"from": a, "to": b, "kind": k} for a, b, k in edges]},
+            form,
+        )
     else:
         typer.echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
 

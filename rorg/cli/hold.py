@@ -7,8 +7,14 @@ import typer
 from rorg.cli.options import End, EngineName, For, Reason, ServiceNames, StateDirectory
 
 
-def command(services: ServiceNames, duration: For = None, reason: Reason = "", end: End = False,
-            state_dir: StateDirectory = None, engine: EngineName = None) -> None:
+def command(
+    services: ServiceNames,
+    duration: For = None,
+    reason: Reason = "",
+    end: End = False,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
     """Keep services from being active, whoever requests them, for a time; it ends by itself."""
     from rorg.cli.context import Context
     from rorg.errors import Invalid
@@ -37,7 +43,7 @@ def _write(context: object, services: list[str], duration: float | None, reason:
     from rorg.cli.output import missing
     from rorg.errors import Invalid
     from rorg.model.catalog import Hold
-    from rorg.store.requests_file import Asked
+    from rorg.store.requests_document import RequestsDocument
 
     catalog = context.catalog()  # type: ignore[attr-defined]
     names = [m for s in services for m in catalog.members(s) if not catalog.services[m].meta]
@@ -45,14 +51,18 @@ def _write(context: object, services: list[str], duration: float | None, reason:
         if not catalog.members(service):
             raise missing("service", service, {*catalog.services, *catalog.groups})
     if not names:
-        raise Invalid(f"hold {', '.join(services)}", "a meta-service has no container that could be ceased",
-                      "the services that it requests")
+        raise Invalid(
+            f"hold {', '.join(services)}",
+            "a meta-service has no container that could be ceased",
+            "the services that it requests",
+        )
     now = time.time()
 
-    def edit(asked: Asked) -> Asked:
-        kept = {n: h for n, h in asked.holds.items() if h.until > now and n not in names}
-        return replace(asked, holds={**kept, **({} if duration is None else dict.fromkeys(
-            names, Hold(now + duration, reason)))})
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}
+        return replace(
+            document, holds={**kept, **({} if duration is None else dict.fromkeys(names, Hold(now + duration, reason)))}
+        )
 
     context.change(edit)  # type: ignore[attr-defined]
     return names

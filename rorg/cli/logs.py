@@ -14,7 +14,8 @@ def command(
     service: ServiceName,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
     tail: Annotated[int | None, typer.Option("--tail", min=0, help="Only the last so many lines.")] = None,
-    state_dir: StateDirectory = None, engine: EngineName = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
 ) -> None:
     """Print what a service wrote; lines of a group's members come one service after the other."""
     from rorg.cli.context import Context

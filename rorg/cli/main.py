@@ -11,18 +11,47 @@ import typer
 
 from rorg.errors import Exit, RorgError
 
-COMMANDS = ("validate", "diff", "apply", "run", "get", "describe", "why", "request", "release", "restart", "hold",
-            "suspend", "wait", "events", "top", "logs", "graph", "build", "demo", "completion")
+COMMANDS = (
+    "validate",
+    "diff",
+    "apply",
+    "run",
+    "get",
+    "describe",
+    "why",
+    "request",
+    "release",
+    "restart",
+    "hold",
+    "suspend",
+    "wait",
+    "events",
+    "top",
+    "logs",
+    "graph",
+    "build",
+    "demo",
+    "completion",
+)
 
-CLIENT_CODES = {"forbidden": Exit.REFUSED, "refused": Exit.REFUSED, "not-ready": Exit.NOT_READY,
-                "unreachable": Exit.UNREACHABLE, "internal": Exit.INTERNAL}
+CLIENT_CODES = {
+    "forbidden": Exit.REFUSED,
+    "refused": Exit.REFUSED,
+    "not-ready": Exit.NOT_READY,
+    "unreachable": Exit.UNREACHABLE,
+    "internal": Exit.INTERNAL,
+}
 """What the API answers, as exit codes."""
 
 app = typer.Typer(
-    name="rorg", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+    name="rorg",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
     help="Run a robot's services: declared in YAML, started and ceased by requests.",
     epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
-           "4 applied but not ready, 5 refused, 70 internal error.",
+    "4 applied but not ready, 5 refused, 70 internal error.",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -36,8 +65,11 @@ def _version(value: bool) -> None:
 
 
 @app.callback()
-def _options(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True,
-                                          help="Print the version and exit.")) -> None:
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
+    ),
+) -> None:
     pass
 
 
@@ -66,8 +98,10 @@ def run() -> None:
         _told_by_the_api(bug)
         if os.environ.get("RORG_TRACEBACK"):
             raise
-        _complain(f"rorg: internal error: {type(bug).__name__}: {bug}\n"
-                  "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed.")
+        _complain(
+            f"rorg: internal error: {type(bug).__name__}: {bug}\n"
+            "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed."
+        )
         sys.exit(int(Exit.INTERNAL))
 
 

@@ -43,8 +43,17 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
 
 
-COLOURS = {"Healthy": "green", "Completed": "green", "Progressing": "yellow", "Degraded": "red", "Idle": "dim",
-           "running": "green", "paused": "blue", "OutOfSync": "yellow", "Unknown": "magenta"}
+COLOURS = {
+    "Healthy": "green",
+    "Completed": "green",
+    "Progressing": "yellow",
+    "Degraded": "red",
+    "Idle": "dim",
+    "running": "green",
+    "paused": "blue",
+    "OutOfSync": "yellow",
+    "Unknown": "magenta",
+}
 
 
 def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title: str = "") -> Any:
@@ -61,8 +70,9 @@ def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title:
     return found
 
 
-def print_rows(rows: Sequence[Mapping[str, Any]], form: str, columns: Sequence[str], wide: Sequence[str] = (),
-               full: Any = None) -> None:
+def print_rows(
+    rows: Sequence[Mapping[str, Any]], form: str, columns: Sequence[str], wide: Sequence[str] = (), full: Any = None
+) -> None:
     """Rows in any form. `full` is what YAML and JSON show instead of the rows."""
     check_form(form)
     if form in ("json", "yaml"):

@@ -22,11 +22,15 @@ def command(
     released: list[str] = []
     client = Context(state_dir, None).client()
     if client:
-        found = [r["requester"] for r in client.requests() if r["id"] == id and not r["standing"]
-                 and requester in ("", r["requester"])]
+        found = [
+            r["requester"]
+            for r in client.requests()
+            if r["id"] == id and not r["standing"] and requester in ("", r["requester"])
+        ]
         if len(found) > 1:
-            raise Invalid(f"release '{id}'", f"{' and '.join(sorted(found))} have a request of that id",
-                          "--as REQUESTER")
+            raise Invalid(
+                f"release '{id}'", f"{' and '.join(sorted(found))} have a request of that id", "--as REQUESTER"
+            )
         for name in found:
             client.release(id, name)
             typer.echo(f"request '{id}' of {name} released")
@@ -34,16 +38,20 @@ def command(
             note(f"there is no request '{id}'; nothing to release")
         return
 
-    from rorg.store.requests_file import Asked, RequestsFile
+    from rorg.store.requests_document import RequestsDocument
+    from rorg.store.requests_file import RequestsFile
     from rorg.store.state_dir import StateDir, default_state_dir
 
-    def edit(asked: Asked) -> Asked:
-        keys = {r.key for r in asked.requests if r.id == id and requester in ("", r.requester)}
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        keys = {r.key for r in document.requests if r.id == id and requester in ("", r.requester)}
         if len(keys) > 1:
-            raise Invalid(f"release '{id}'", f"{' and '.join(sorted(k[0] for k in keys))} have a request of that id",
-                          "--as REQUESTER")
+            raise Invalid(
+                f"release '{id}'",
+                f"{' and '.join(sorted(k[0] for k in keys))} have a request of that id",
+                "--as REQUESTER",
+            )
         released[:] = [k[0] for k in keys]
-        return asked.without(keys)
+        return document.without(keys)
 
     RequestsFile(StateDir(state_dir or default_state_dir()).prepare().requests).change(edit)
     if released:

@@ -12,14 +12,37 @@ from rorg.cli.options import EngineName, ServiceNames, StateDirectory, Timeout, 
 def command(
     services: ServiceNames,
     requester: Annotated[str, typer.Option("--as", help="The service that asks.")] = "developer",
-    id: Annotated[str, typer.Option("--id", help="Id of the request; the same id again replaces it. "
-                                                 "Default: the first service's name.")] = "",
+    id: Annotated[
+        str,
+        typer.Option(
+            "--id", help="Id of the request; the same id again replaces it. Default: the first service's name."
+        ),
+    ] = "",
     reason: Annotated[str, typer.Option("--reason", help="For people, shown by `rorg why`.")] = "",
-    ttl: Annotated[float | None, typer.Option("--ttl", parser=duration, metavar="DURATION", show_default=False, help=(
-        "Lease: it is dropped after so long, unless the same request is sent again."))] = None,
-    priority: Annotated[int | None, typer.Option("--priority", min=0, max=100, show_default=False, help=(
-        "Raises what it asks for, where not everything can run. Default: that of the services."))] = None,
-    wait: Wait = False, timeout: Timeout = 60.0, state_dir: StateDirectory = None, engine: EngineName = None,
+    ttl: Annotated[
+        float | None,
+        typer.Option(
+            "--ttl",
+            parser=duration,
+            metavar="DURATION",
+            show_default=False,
+            help=("Lease: it is dropped after so long, unless the same request is sent again."),
+        ),
+    ] = None,
+    priority: Annotated[
+        int | None,
+        typer.Option(
+            "--priority",
+            min=0,
+            max=100,
+            show_default=False,
+            help=("Raises what it asks for, where not everything can run. Default: that of the services."),
+        ),
+    ] = None,
+    wait: Wait = False,
+    timeout: Timeout = 60.0,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
 ) -> None:
     """Ask for services; they run, with all that they need, until the request is released."""
     from rorg_client import check_id
@@ -49,30 +72,48 @@ def _ask(client: Any, name: str, requester: str, body: dict[str, Any], ttl: floa
 
     from rorg.model.units import format_duration
 
-    client.call("PUT", f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}",
-                {**body, "ttl": format_duration(ttl) if ttl else None})
+    client.call(
+        "PUT",
+        f"/v1/requests/{quote(name)}?{urlencode({'requester': requester})}",
+        {**body, "ttl": format_duration(ttl) if ttl else None},
+    )
 
 
-def _write(context: Any, name: str, requester: str, chosen: tuple[str, ...], reason: str, ttl: float | None,
-           priority: int | None) -> None:
+def _write(
+    context: Any,
+    name: str,
+    requester: str,
+    chosen: tuple[str, ...],
+    reason: str,
+    ttl: float | None,
+    priority: int | None,
+) -> None:
     """Into the requests file, where no rorg serves."""
     from rorg.core.requests import problems
-    from rorg.daemon.wiring import wall_clock
     from rorg.errors import Invalid, Refused
+    from rorg.host.clock import wall_clock
     from rorg.model.catalog import Request
-    from rorg.store.requests_file import Asked
+    from rorg.store.requests_document import RequestsDocument
 
     catalog = context.catalog()
-    request = Request(name, requester, chosen, reason, _incarnation(context, catalog, requester),
-                      priority=priority, ttl=ttl, renewed=wall_clock() if ttl else "")
+    request = Request(
+        name,
+        requester,
+        chosen,
+        reason,
+        _incarnation(context, catalog, requester),
+        priority=priority,
+        ttl=ttl,
+        renewed=wall_clock() if ttl else "",
+    )
 
-    def put(asked: Asked) -> Asked:
-        found = problems(catalog, asked.requests, request)
+    def put(document: RequestsDocument) -> RequestsDocument:
+        found = problems(catalog, document.requests, request)
         if found:
             cause, remedy = found[0]
             kind = Refused if "conflict" in cause or "does not fit" in cause else Invalid
             raise kind(f"request {', '.join(chosen)}", "; ".join(c for c, _ in found), remedy)
-        return asked.put(request)
+        return document.put(request)
 
     context.change(put)
 
@@ -102,6 +143,9 @@ def _incarnation(context: Any, catalog: Any, requester: str) -> str | None:
         return None
     status = context.view()["services"].get(requester, {})
     if not status.get("incarnation"):
-        raise Refused(f"request as {requester}", f"{requester} is {status.get('state', 'unknown')}, and a request "
-                      "belongs to a run of its requester", "to request it first, or to leave out --as")
+        raise Refused(
+            f"request as {requester}",
+            f"{requester} is {status.get('state', 'unknown')}, and a request belongs to a run of its requester",
+            "to request it first, or to leave out --as",
+        )
     return status["incarnation"]

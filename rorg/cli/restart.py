@@ -9,8 +9,14 @@ import typer
 from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, Wait, Yes
 
 
-def command(service: ServiceName, yes: Yes = False, wait: Wait = False, timeout: Timeout = 60.0,
-            state_dir: StateDirectory = None, engine: EngineName = None) -> None:
+def command(
+    service: ServiceName,
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 60.0,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
     from rorg_client import Refused as RefusedByApi
 
@@ -47,7 +53,7 @@ def _write(context: object, service: str, yes: bool) -> list[str]:
     from dataclasses import replace
 
     from rorg.cli.output import missing
-    from rorg.daemon.wiring import wall_clock
+    from rorg.host.clock import wall_clock
 
     catalog = context.catalog()  # type: ignore[attr-defined]
     names = [n for n in catalog.members(service) if not catalog.services[n].meta]
@@ -57,5 +63,6 @@ def _write(context: object, service: str, yes: bool) -> list[str]:
     if drivers and not yes:
         _confirm(service, f"{', '.join(drivers)} moves hardware")
     context.change(  # type: ignore[attr-defined]
-        lambda asked: replace(asked, restarts={**asked.restarts, **dict.fromkeys(names, wall_clock())}))
+        lambda document: replace(document, restarts={**document.restarts, **dict.fromkeys(names, wall_clock())})
+    )
     return names

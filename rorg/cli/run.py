@@ -13,12 +13,27 @@ Pem = Annotated[Path | None, typer.Option(show_default=False, help="PEM file, fo
 
 
 def command(
-    directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None,
-    group: Annotated[str, typer.Option("--group", envvar="RORG_GROUP", help=(
-        "Members of this group may do everything through the socket."))] = "rorg",
-    listen: Annotated[str, typer.Option("--listen", metavar="HOST:PORT", show_default=False, help=(
-        "Serve the API on TCP too; only with TLS, and for clients with a certificate."))] = "",
-    tls_cert: Pem = None, tls_key: Pem = None, tls_ca: Pem = None,
+    directory: Directory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+    group: Annotated[
+        str,
+        typer.Option(
+            "--group", envvar="RORG_GROUP", help=("Members of this group may do everything through the socket.")
+        ),
+    ] = "rorg",
+    listen: Annotated[
+        str,
+        typer.Option(
+            "--listen",
+            metavar="HOST:PORT",
+            show_default=False,
+            help=("Serve the API on TCP too; only with TLS, and for clients with a certificate."),
+        ),
+    ] = "",
+    tls_cert: Pem = None,
+    tls_key: Pem = None,
+    tls_ca: Pem = None,
 ) -> None:
     """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API."""
     import os
@@ -27,9 +42,10 @@ def command(
     import threading
     import time
 
+    from rorg.api.server import make_server
     from rorg.cli.context import Context
     from rorg.cli.output import note
-    from rorg.daemon.wiring import make_door, make_loop
+    from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid
     from rorg.host.systemd import Watchdog, notify
 
@@ -37,27 +53,30 @@ def command(
     if not context.root.is_dir():
         raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
     context.state.acquire("rorg run")
-    loop = make_loop(context.root, context.state, context.engine(),
-                     lambda line: note(f"{time.strftime('%H:%M:%S')} {line}"))
-    note(f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "
-         "containers keep running when it stops")
-    door = make_door(loop, context.state, group)
+    loop = make_loop(
+        context.root, context.state, context.engine(), lambda line: note(f"{time.strftime('%H:%M:%S')} {line}")
+    )
+    note(
+        f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "
+        "containers keep running when it stops"
+    )
+    server = make_server(loop, context.state, group)
     if listen:
-        door.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
-    door.start()
+        server.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
+    server.start()
 
     told, tell = os.pipe()
 
     def end() -> None:
         os.read(told, 1)
-        door.end()
+        server.end()
         loop.stop()
 
     # A handler must not take a lock: it interrupts the loop, which may be holding that very one.
     threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os.write(tell, b"."))
-    note(f"API on {door.directory / 'rorg.sock'}")
+    note(f"API on {server.directory / 'rorg.sock'}")
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()
     notify("READY=1")
@@ -66,10 +85,10 @@ def command(
     finally:
         notify("STOPPING=1")
         watchdog.stop()
-        door.stop()
+        server.stop()
     context.state.release()
-    if loop.hung:
-        note(f"{len(loop.hung)} engine call(s) had not ended; the next rorg sees what came of them")
+    if loop.workers.hung:
+        note(f"{len(loop.workers.hung)} engine call(s) had not ended; the next rorg sees what came of them")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
 
@@ -82,8 +101,11 @@ def _tcp(listen: str, cert: Path | None, key: Path | None, authority: Path | Non
 
     host, _, port = listen.rpartition(":")
     if not (cert and key and authority and port.isdigit()):
-        raise Invalid(f"listen on {listen}", "TCP is only served with TLS and client certificates",
-                      "HOST:PORT with --tls-cert, --tls-key and --tls-ca")
+        raise Invalid(
+            f"listen on {listen}",
+            "TCP is only served with TLS and client certificates",
+            "HOST:PORT with --tls-cert, --tls-key and --tls-ca",
+        )
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
         context.load_cert_chain(cert, key)

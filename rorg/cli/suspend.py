@@ -25,5 +25,5 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
         client.unsuspend() if end else client.suspend(duration or 0.0, reason)
     else:
         hold = None if end else Hold(time.time() + (duration or 0.0), reason)
-        context.change(lambda asked: replace(asked, suspended=hold))
+        context.change(lambda document: replace(document, suspended=hold))
     typer.echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")

@@ -12,7 +12,8 @@ from rorg.cli.options import Output, StateDirectory
 def command(
     once: Annotated[bool, typer.Option("--once", help="Print one table and end.")] = False,
     interval: Annotated[float, typer.Option("--interval", min=0.2, help="Seconds between two looks.")] = 1.0,
-    output: Output = "table", state_dir: StateDirectory = None,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
 ) -> None:
     """What runs, what it uses, who asked for it; and the machine with its pressure. Ends with Ctrl-C."""
     import sys
@@ -47,7 +48,7 @@ def command(
             time.sleep(interval)
 
 
-COLUMNS = ("service", "state", "cpu", "memory", "rank", "why")
+COLUMNS = ("service", "state", "cpu", "memory", "priority", "why")
 
 
 def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) -> dict[str, Any]:
@@ -60,15 +61,26 @@ def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) ->
         service = status["services"].get(name, {})
         old = before["services"].get(name, use)
         cores = max(0.0, use["cpu_seconds"] - old["cpu_seconds"]) / seconds
-        rows.append({"service": name, "state": service.get("state", ""), "cpu": f"{cores:.2f}",
-                     "memory": format_memory(use["memory"]), "rank": service.get("rank", ""),
-                     "why": service.get("why", "")})
+        rows.append(
+            {
+                "service": name,
+                "state": service.get("state", ""),
+                "cpu": f"{cores:.2f}",
+                "memory": format_memory(use["memory"]),
+                "priority": service.get("effective_priority", ""),
+                "why": service.get("why", ""),
+            }
+        )
     rows.sort(key=lambda r: (-float(r["cpu"]), r["service"]))
     machine, old = now["machine"], before["machine"]
     cores = (machine["cpu_seconds"] - old["cpu_seconds"]) / seconds
     pressure = status["pressure"]
     told = f"; pressure: {pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else ""
-    return {"services": rows, "machine": {**machine, "cpu": round(cores, 2)}, "pressure": pressure,
-            "summary": f"{len(rows)} alive; CPU {cores:.2f} of {machine['cores']:g} cores, memory "
-                       f"{format_memory(machine['memory'])} of {format_memory(machine['memory_total'])}, waiting "
-                       f"for CPU {machine['cpu_some']:.0f} %, for memory {machine['memory_some']:.0f} %{told}"}
+    return {
+        "services": rows,
+        "machine": {**machine, "cpu": round(cores, 2)},
+        "pressure": pressure,
+        "summary": f"{len(rows)} alive; CPU {cores:.2f} of {machine['cores']:g} cores, memory "
+        f"{format_memory(machine['memory'])} of {format_memory(machine['memory_total'])}, waiting "
+        f"for CPU {machine['cpu_some']:.0f} %, for memory {machine['memory_some']:.0f} %{told}",
+    }

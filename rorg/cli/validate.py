@@ -26,5 +26,7 @@ def command(directory: Directory = None, output: Output = "table") -> None:
         note(f"{len(loaded.errors)} error(s): nothing would be changed by these manifests")
         raise typer.Exit(int(Exit.USAGE))
     count = sum(not s.meta for s in loaded.catalog.services.values())
-    note(f"fine: {count} services, {len(loaded.catalog.groups)} groups, {len(loaded.catalog.images)} images, "
-         f"{len(loaded.catalog.requests)} standing requests")
+    note(
+        f"fine: {count} services, {len(loaded.catalog.groups)} groups, {len(loaded.catalog.images)} images, "
+        f"{len(loaded.catalog.requests)} standing requests"
+    )

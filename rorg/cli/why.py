@@ -9,8 +9,9 @@ import typer
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 
 
-def command(service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None,
-            output: Output = "table") -> None:
+def command(
+    service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
+) -> None:
     """Why a service is active: the chain from a root to it. Or why it is not."""
     from rorg.cli.context import Context
     from rorg.cli.output import dump
@@ -19,8 +20,14 @@ def command(service: ServiceName, state_dir: StateDirectory = None, engine: Engi
     client = context.client()
     # The running rorg knows, even while the manifests on the disk have a mistake.
     found = client.why(service) if client else _found(context, service)
-    dependants = {} if client else {n: [s.name for s in context.catalog().services.values() if n in s.needs]
-                                    for n in (e["service"] for e in found)}
+    dependants = (
+        {}
+        if client
+        else {
+            n: [s.name for s in context.catalog().services.values() if n in s.needs]
+            for n in (e["service"] for e in found)
+        }
+    )
     if output != "table":
         dump(found[0] if len(found) == 1 else found, output)
         return
@@ -43,9 +50,16 @@ def _found(context: Any, service: str) -> list[dict]:
             raise missing("service", name, view["services"])
         requests = [r for r in view["requests"] if any(name in catalog.members(s) for s in r["services"])]
         waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
-        found.append({"service": name, "wanted": status["wanted"], "state": status["state"],
-                      "chain": condition(status, "Requested")["message"].split(" <- ") if status["wanted"] else [],
-                      "requests": requests, "waits": waits})
+        found.append(
+            {
+                "service": name,
+                "wanted": status["wanted"],
+                "state": status["state"],
+                "chain": condition(status, "Requested")["message"].split(" <- ") if status["wanted"] else [],
+                "requests": requests,
+                "waits": waits,
+            }
+        )
     return found
 
 
@@ -66,7 +80,10 @@ def _lines(entry: dict, dependants: list[str]) -> list[str]:
 
 def _request(request: dict) -> str:
     said = f"request '{request['id']}' of {request['requester']} names it"
-    facts = [f"priority {request['priority']}" if request.get("priority") is not None else "",
-             f"lease of {request['ttl']:g} s" if request.get("ttl") else "",
-             "standing" if request["standing"] else "", f"because {request['reason']}" if request["reason"] else ""]
+    facts = [
+        f"priority {request['priority']}" if request.get("priority") is not None else "",
+        f"lease of {request['ttl']:g} s" if request.get("ttl") else "",
+        "standing" if request["standing"] else "",
+        f"because {request['reason']}" if request["reason"] else "",
+    ]
     return ", ".join([said, *filter(None, facts)])

@@ -40,8 +40,11 @@ def check(plan: Plan, situation: Situation) -> list[str]:
         found += _activation(action, situation)
         if not action.after and action.verb in ("start", "resume"):
             others = situation.observed.by_service().get(action.service, [])
-            found += [f"{action} beside another active container of it" for c in others
-                      if c.active and c.id != action.container]
+            found += [
+                f"{action} beside another active container of it"
+                for c in others
+                if c.active and c.id != action.container
+            ]
         if situation.interlocks.get(action.service) and action.verb not in ("create", "rename"):
             found.append(f"{action} against its interlock")
     if plan.actions and not situation.observed.complete:
@@ -57,13 +60,21 @@ def _activation(action: Action, situation: Situation) -> list[str]:
     if action.verb in ("start", "resume"):
         if name not in situation.wanted:
             return [f"{action}, which nobody wants"]
-        unready = [n for n in services[name].needs
-                   if not services[n].meta and not action.after and not situation.memory.of(n).ready
-                   and not _completed(n, situation)]
+        unready = [
+            n
+            for n in services[name].needs
+            if not services[n].meta
+            and not action.after
+            and not situation.memory.of(n).ready
+            and not _completed(n, situation)
+        ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
-    if name in situation.wanted and action.verb in ("pause", "remove", "stop") and not (
-            action.part_of or action.reason in ("a second container of this service", "the engine calls it dead")):
+    if (
+        name in situation.wanted
+        and action.verb in ("pause", "remove", "stop")
+        and not (action.part_of or action.reason in ("a second container of this service", "the engine calls it dead"))
+    ):
         return [f"{action}, which is wanted"]
     return []
 

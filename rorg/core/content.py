@@ -31,8 +31,9 @@ def note_content(memory: Memory, desired: Desired, observed: Observed) -> Memory
 def _noted(update: Update, current: Container, there: Mapping[str, str]) -> Update:
     if update.run != current.incarnation:
         begun = there if update.begun is None else update.begun
-        return replace(update, run=current.incarnation, content={p: begun.get(p, d) for p, d in there.items()},
-                       begun=None)
+        return replace(
+            update, run=current.incarnation, content={p: begun.get(p, d) for p, d in there.items()}, begun=None
+        )
     if update.content.keys() != there.keys():
         return replace(update, content={p: update.content.get(p, d) for p, d in there.items()})
     return update

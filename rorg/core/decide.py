@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.arbitrate import arbitrate, judge
+from rorg.core.admission import admission_for, admit
 from rorg.core.check import check
 from rorg.core.content import note_content
 from rorg.core.desired import Desired, Situation
 from rorg.core.digest import rules_of
-from rorg.core.lanes import Lanes, relief, select
-from rorg.core.memory import Findings, Memory, Progress, advance, begin, doubt_ends, forget
+from rorg.core.dispatch import DispatchLimits, freed_at, select
+from rorg.core.eviction import evict
+from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.planner import make_plan
 from rorg.core.pressure import Load
-from rorg.core.relief import relieve
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
-from rorg.core.trial import renew, try_out
+from rorg.core.rollout import renew, try_out
+from rorg.core.transitions import advance, begin, doubt_ends, forget
 from rorg.core.wanted import urgent
 from rorg.core.withheld import over, withhold
 from rorg.model.catalog import Hold, Probe, Request
@@ -38,13 +39,13 @@ class Inputs:
     requests: tuple[Request, ...]
     restarts: Mapping[str, str]
     observed: Observed
-    findings: Findings
+    results: ProbeResults
     memory: Memory
     now: float
     owner: str
     removals: bool = True
     booted_at: str = ""
-    lanes: Lanes = Lanes()
+    limits: DispatchLimits = DispatchLimits()
     holds: Mapping[str, Hold] = field(default_factory=dict)
     suspended: Hold | None = None
     wall: float = 0.0
@@ -93,8 +94,13 @@ class Decision:
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
-    kept, desired, withheld = withhold(inputs.memory.kept, inputs.desired, (*inputs.desired.catalog.requests,
-                                       *inputs.requests), inputs.observed, inputs.confirmed)
+    kept, desired, withheld = withhold(
+        inputs.memory.kept,
+        inputs.desired,
+        (*inputs.desired.catalog.requests, *inputs.requests),
+        inputs.observed,
+        inputs.confirmed,
+    )
     ended = over(inputs.confirmed, kept, inputs.desired.catalog, inputs.observed)
     inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept))
     situation, settled, holds, served = _assess(inputs)
@@ -105,11 +111,22 @@ def decide(inputs: Inputs) -> Decision:
         memory = forget(memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
     violations = tuple(check(plan, situation))
     held_back = violations or situation.suspended
-    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.lanes, inputs.now))
+    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.limits, inputs.now))
     for action in chosen:
         memory = begin(memory, action, inputs.observed, inputs.now)
-    return Decision(situation, plan, chosen, memory, settled, violations, _deadline(situation, plan, inputs),
-                    to_probe(situation, plan, inputs.asked), holds, served, ended)
+    return Decision(
+        situation,
+        plan,
+        chosen,
+        memory,
+        settled,
+        violations,
+        _deadline(situation, plan, inputs),
+        to_probe(situation, plan, inputs.asked),
+        holds,
+        served,
+        ended,
+    )
 
 
 def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:
@@ -121,26 +138,53 @@ def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapp
     suspension, interlocks = inputs.suspended, _interlocks(inputs)
     suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
     shed = inputs.memory.pressure.shed
-    barred = {**{s.service: s.reason for s in shed}, **holds}
-    judged = judge(inputs.memory.judged, desired.catalog, requests, barred)
-    verdict = judged.verdict
-    memory = renew(replace(inputs.memory, leases=settled.leases, judged=judged), desired.editions)
-    memory = advance(memory, desired.catalog, verdict.wanted, inputs.observed, inputs.findings, now, inputs.booted_at)
+    excluded = {**{s.service: s.reason for s in shed}, **holds}
+    admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, excluded)
+    admission = admitted.admission
+    memory = renew(replace(inputs.memory, leases=settled.leases, admitted=admitted), desired.editions)
+    memory = advance(memory, desired.catalog, admission.wanted, inputs.observed, inputs.results, now, inputs.booted_at)
     memory = note_content(memory, desired, inputs.observed)
-    memory = try_out(memory, desired, verdict.wanted, inputs.observed, now)
-    memory, relieved = relieve(
-        memory, desired, verdict, arbitrate(desired.catalog, requests, holds) if shed else verdict, inputs.observed,
-        inputs.load, barred, [n for n, why in interlocks.items() if why],
-        bool(suspended) or not inputs.observed.complete)
+    memory = try_out(memory, desired, admission.wanted, inputs.observed, now)
+    memory, eviction = evict(
+        memory,
+        desired,
+        admission,
+        admit(desired.catalog, requests, holds) if shed else admission,
+        inputs.observed,
+        inputs.load,
+        excluded,
+        [n for n, why in interlocks.items() if why],
+        bool(suspended) or not inputs.observed.complete,
+    )
     if memory.pressure.shed != shed:
-        verdict = arbitrate(desired.catalog, requests,
-                            {**{s.service: s.reason for s in memory.pressure.shed}, **holds})
+        admission = admit(desired.catalog, requests, {**{s.service: s.reason for s in memory.pressure.shed}, **holds})
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
-    return Situation(
-        desired, verdict.wanted, urgent(desired.catalog, verdict.wanted), inputs.observed, memory, now, inputs.owner,
-        {n: due.run for n, due in (memory.restarts or {}).items()}, inputs.removals, verdict.gave_way,
-        frozenset(holds), verdict.ranks, interlocks, relieved.lowered, relieved.hurry, relieved.stop_paused,
-        relieved.shed, relieved.closed, suspended), settled, holds, served
+    return (
+        Situation(
+            desired,
+            admission.wanted,
+            urgent(desired.catalog, admission.wanted),
+            inputs.observed,
+            memory,
+            now,
+            inputs.owner,
+            {n: due.run for n, due in (memory.restarts or {}).items()},
+            inputs.removals,
+            admission.preempted,
+            frozenset(holds),
+            admission.priorities,
+            interlocks,
+            eviction.lowered,
+            eviction.hurry,
+            eviction.stop_paused,
+            eviction.shed,
+            eviction.closed,
+            suspended,
+        ),
+        settled,
+        holds,
+        served,
+    )
 
 
 def told_since(step: Progress, asked: float | None) -> bool:
@@ -161,7 +205,7 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     """What each interlock said just now: empty where it allows."""
     found = {}
     for name, interlock in _all_interlocks(inputs.desired, inputs.observed).items():
-        said = inputs.findings.get((name, "interlock"))
+        said = inputs.results.get((name, "interlock"))
         fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
         answer = said.message if fresh else f"{interlock} is being asked"
         found[name] = "" if fresh and said.ok else answer
@@ -171,8 +215,13 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
 def _all_interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
     """Those of the manifests; and of containers that no manifest declares any more, those that they were made with."""
     services = desired.catalog.services
-    left = {c.service: found for c in observed.containers if c.rules and (
-        c.service not in services or services[c.service].meta) and (found := rules_of(c.rules).interlock)}
+    left = {
+        c.service: found
+        for c in observed.containers
+        if c.rules
+        and (c.service not in services or services[c.service].meta)
+        and (found := rules_of(c.rules).interlock)
+    }
     return {**left, **{name: s.interlock for name, s in services.items() if s.interlock}}
 
 
@@ -182,15 +231,17 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
     for name, step in memory.progress.items():
         service = situation.desired.catalog.services.get(name)
         if service and service.ready and step.running_since is not None and not step.ready:
-            times.append(step.running_since + (
-                float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout))
+            times.append(
+                step.running_since
+                + (float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout)
+            )
         if service and (end := doubt_ends(step, service)) is not None:
             times.append(end)
     times += [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
     ends += [parse_time(asked) for asked in inputs.restarts.values()]
     times += [now + (end - inputs.wall) for end in ends]
-    freed = relief(memory.in_flight, now)
+    freed = freed_at(memory.in_flight, now)
     if freed is not None:
         times.append(freed)
     return min((t for t in times if t > now), default=None)

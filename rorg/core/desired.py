@@ -36,8 +36,9 @@ class Desired:
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
 
-def desire(catalog: Catalog, run: str = "/run/rorg", contents: Mapping[str, Mapping[str, str]] | None = None
-           ) -> Desired:
+def desire(
+    catalog: Catalog, run: str = "/run/rorg", contents: Mapping[str, Mapping[str, str]] | None = None
+) -> Desired:
     """Digests and orders of a catalog. `run` is the directory of rorg's sockets."""
     contents = contents or {}
     catalog = _located(catalog, run)
@@ -58,8 +59,11 @@ def desire(catalog: Catalog, run: str = "/run/rorg", contents: Mapping[str, Mapp
     return Desired(
         catalog,
         {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
-        {name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
-         for name, s in services.items() if s.spec is not None},
+        {
+            name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
+            for name, s in services.items()
+            if s.spec is not None
+        },
         {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
         tuple(TopologicalSorter(graph).static_order()),
         {name: tuple(sorted(found)) for name, found in dependants.items()},
@@ -74,8 +78,10 @@ def _located(catalog: Catalog, run: str) -> Catalog:
     found = {}
     for name, service in catalog.services.items():
         if service.calls and service.spec is not None:
-            spec = {**service.spec, "volumes": [v.replace(RUN, run) if isinstance(v, str) else v
-                                                for v in service.spec["volumes"]]}
+            spec = {
+                **service.spec,
+                "volumes": [v.replace(RUN, run) if isinstance(v, str) else v for v in service.spec["volumes"]],
+            }
             spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
             found[name] = replace(service, spec=spec)
     return replace(catalog, services={**catalog.services, **found}) if found else catalog
@@ -96,11 +102,11 @@ class Situation:
     restarts: Mapping[str, str] = field(default_factory=dict)
     removals: bool = True
     """False while manifests do not load: then nothing that they do not name is removed."""
-    gave_way: Mapping[str, str] = field(default_factory=dict)
+    preempted: Mapping[str, str] = field(default_factory=dict)
     """Services that would be wanted but for something, each with the reason."""
-    barred: Collection[str] = frozenset()
+    excluded: Collection[str] = frozenset()
     """Services that must not be active now, whoever asks."""
-    ranks: Mapping[str, int] = field(default_factory=dict)
+    priorities: Mapping[str, int] = field(default_factory=dict)
     """How much each wanted service matters (see arbitrate)."""
     interlocks: Mapping[str, str] = field(default_factory=dict)
     """Services with an interlock: empty text where it allows touching them now, else why not."""

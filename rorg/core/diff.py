@@ -50,7 +50,8 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     live = {
         option: spec[option]
         for option in said - {"container_name"}
-        if option in container.live and normal(option, container.live[option]) != normal(option, spec[option])
+        if option in container.live
+        and normal(option, container.live[option]) != normal(option, spec[option])
         and (not changed or option in written)
     }
     in_place = {"container_name", *(k for k in said if k in written)}

@@ -63,8 +63,13 @@ def labels(owner: str, service: str, spec: Spec, rules: Rules, previous: str = "
 
 def _write_rules(rules: Rules) -> str:
     lock = rules.interlock
-    return canonical({"interlock": [lock.kind, lock.target, lock.interval] if lock else None,
-                      "exclusive": dict(rules.exclusive), "conflicts": list(rules.conflicts)})
+    return canonical(
+        {
+            "interlock": [lock.kind, lock.target, lock.interval] if lock else None,
+            "exclusive": dict(rules.exclusive),
+            "conflicts": list(rules.conflicts),
+        }
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -83,8 +88,10 @@ def rules_of(label: str) -> Rules:
     try:
         value = json.loads(label)
         lock = value["interlock"]
-        return Rules(Probe(str(lock[0]), str(lock[1]), interval=max(0.05, min(3600.0, float(lock[2]))))
-                     if lock else None,
-                     {str(k): int(v) for k, v in value["exclusive"].items()}, tuple(map(str, value["conflicts"])))
+        return Rules(
+            Probe(str(lock[0]), str(lock[1]), interval=max(0.05, min(3600.0, float(lock[2])))) if lock else None,
+            {str(k): int(v) for k, v in value["exclusive"].items()},
+            tuple(map(str, value["conflicts"])),
+        )
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
         return Rules()

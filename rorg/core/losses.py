@@ -30,8 +30,9 @@ def ready_runs(decision: Decision) -> dict[str, str]:
     """The runs that are wanted and ready, and that nothing is about to end."""
     situation, memory = decision.situation, decision.memory
     ending = _ending(decision)
-    return {name: step.incarnation for name in situation.wanted
-            if (step := memory.of(name)).ready and name not in ending}
+    return {
+        name: step.incarnation for name in situation.wanted if (step := memory.of(name)).ready and name not in ending
+    }
 
 
 def losses(before: Mapping[str, str], now: Mapping[str, str], decision: Decision) -> list[Loss]:
@@ -59,11 +60,11 @@ def losses(before: Mapping[str, str], now: Mapping[str, str], decision: Decision
 def _ending(decision: Decision) -> dict[str, Action | None]:
     """Services whose run is about to end by what rorg does, each with the action where there is one yet."""
     found: dict[str, Action | None] = dict.fromkeys(
-        n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation)
+        n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation
+    )
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
-    return found | {a.service: a for a in (*planned, *under_way)
-                    if ends(a, decision.memory.of(a.service).incarnation)}
+    return found | {a.service: a for a in (*planned, *under_way) if ends(a, decision.memory.of(a.service).incarnation)}
 
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:
@@ -71,10 +72,11 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
     if name not in situation.wanted:
         services = situation.desired.catalog.services
         # It gives way itself, or what it is needed for does.
-        first = next((n for n in (name, *situation.gave_way) if n in situation.gave_way and name in closure(
-            services, [n])), "")
+        first = next(
+            (n for n in (name, *situation.preempted) if n in situation.preempted and name in closure(services, [n])), ""
+        )
         if first:
-            return _barred(decision, first), situation.gave_way[first]
+            return _barred(decision, first), situation.preempted[first]
         return "ceased", "nothing wants it any more"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of == "replace" else "restarted"), action.reason

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeGuard
 
-from rorg.core.arbitrate import Judged
-from rorg.core.backoff import STABLE, STALLED_AFTER, delay
-from rorg.core.digest import canonical
-from rorg.core.follow import Followed, follow
+from rorg.core.admission import Admitted
+from rorg.core.backoff import STALLED_AFTER
 from rorg.core.former import Kept
-from rorg.core.observed import Container, Observed
+from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
+from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
-from rorg.core.wanted import Wanted
-from rorg.model.catalog import Catalog, Service
+from rorg.model.catalog import Service
 
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
-MARGIN = 4.0
-"""Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ProbeResult:
     """What the last probe of a service found. `at` is the loop's clock in seconds when the probe began."""
 
     incarnation: str
@@ -37,12 +32,12 @@ class Finding:
     """Failures in a row."""
 
 
-Findings = Mapping[tuple[str, str], Finding]
+ProbeResults = Mapping[tuple[str, str], ProbeResult]
 """By (service, role); the role is ready, live or interlock."""
 
 
 @dataclass(frozen=True, slots=True)
-class Try:
+class Attempt:
     """Of one verb of one service."""
 
     signature: tuple = ()
@@ -79,38 +74,41 @@ class Progress:
     """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
     doubted_since: float | None = None
     """Since when a run goes on that was being stopped, by an rorg that was killed or by a call that failed."""
-    followed: Followed = Followed()
+    counted_on: CountedOn = CountedOn()
     begun: Mapping[str, str] | None = None
     """Once we begin a start, until it is seen to run: the runs of what it follows, as they were then."""
     hung: str = ""
     """The incarnation that did not answer its `live` probe any more."""
     crashes: int = 0
     """Unexpected ends since rorg runs, hung incarnations included."""
-    tries: Mapping[str, Try] = field(default_factory=dict)
+    attempts: Mapping[str, Attempt] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""
     update: Update = Update()
 
     def over(self, service: Service, container: Container) -> bool:
         """It ended by itself while wanted, and its restart policy leaves it at that."""
-        return container.state == "exited" and self.exited == container.incarnation and (
-            service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
+        return (
+            container.state == "exited"
+            and self.exited == container.incarnation
+            and (service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
+        )
 
     def after(self, verb: str, at: float, error: str) -> Progress:
         """With the next attempt of a verb put off."""
-        return replace(self, tries={**self.tries, verb: Try(at=at, error=error)}, error=error)
+        return replace(self, attempts={**self.attempts, verb: Attempt(at=at, error=error)}, error=error)
 
-    def but(self, *verbs: str) -> Mapping[str, Try]:
-        return {verb: tried for verb, tried in self.tries.items() if verb not in verbs}
+    def but(self, *verbs: str) -> Mapping[str, Attempt]:
+        return {verb: tried for verb, tried in self.attempts.items() if verb not in verbs}
 
     @property
     def stalled(self) -> bool:
-        return self.exits >= STALLED_AFTER or any(t.count >= STALLED_AFTER for t in self.tries.values())
+        return self.exits >= STALLED_AFTER or any(t.count >= STALLED_AFTER for t in self.attempts.values())
 
     @property
     def retry_at(self) -> float:
         """When the last of the attempts that were put off is due."""
-        return max((t.at for t in self.tries.values()), default=0.0)
+        return max((t.at for t in self.attempts.values()), default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +141,7 @@ class Memory:
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
     """By (requester, id)."""
     pressure: Pressure = CALM
-    judged: Judged | None = None
+    admitted: Admitted | None = None
     """Of the last pass."""
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
@@ -154,184 +152,3 @@ class Memory:
 
 
 NONE = Progress()
-
-
-def advance(memory: Memory, catalog: Catalog, found: Wanted, observed: Observed, findings: Findings,
-            now: float, booted_at: str = "") -> Memory:
-    """Takes note of what is wanted and observed now: lingering, runs, exits, readiness, life."""
-    if not observed.complete:
-        return memory
-    by_service = observed.by_service()
-    progress = {name: step for name, step in memory.progress.items() if name in by_service}
-    for name, service in catalog.services.items():
-        if service.meta:
-            continue
-        containers = by_service.get(name, [])
-        current = containers[0] if containers else None
-        step = _fresh(_wanted(memory.of(name), name in found, now), current)
-        step = _ceased(_run(step, current, now), current, now)
-        followed = follow(step.followed, service, current, by_service, step.begun)
-        step = step if followed is step.followed else replace(step, followed=followed, begun=None)
-        if name not in found and current is not None and current.state == "exited":
-            step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
-        step = _doubt(step, service, current if name not in memory.in_flight else None, now)
-        if name in found and name not in memory.in_flight:
-            step = _exit(step, current, now, booted_at)
-        step = _ready(step, service, findings.get((name, "ready")), now)
-        if name in found and name not in memory.in_flight:
-            step = _live(step, service, findings.get((name, "live")), now)
-        progress[name] = step
-    return replace(memory, progress=progress)
-
-
-def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
-    if is_wanted:
-        return replace(step, unwanted_since=None) if step.unwanted_since is not None else step
-    if step.unwanted_since is not None:
-        return step
-    # Whoever asks for it again gets a fresh start.
-    return replace(step, unwanted_since=now, exits=0, exited="", tries={}, error="")
-
-
-def _fresh(step: Progress, current: Container | None) -> Progress:
-    """Another container has no part in what the one before it did."""
-    if not step.exited or current is None or step.exited.startswith(current.id[:12]):
-        return step
-    return replace(step, exits=0, exited="", tries={}, error="")
-
-
-def _run(step: Progress, current: Container | None, now: float) -> Progress:
-    if current is None or current.state != "running":
-        if step.running_since is None and not step.ready:
-            return step
-        return replace(step, running_since=None, ready=False, was_ready=False, probe="", answered=None)
-    if step.running_since is None or step.incarnation != current.incarnation:
-        return replace(step, incarnation=current.incarnation, running_since=now, ready=False, was_ready=False,
-                       probe="", answered=None)
-    if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
-        return replace(step, exits=0, tries=step.but("start"), error="")
-    return step
-
-
-def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
-    if step.unwanted_since is None or current is None or current.active:
-        return replace(step, ceased_since=None) if step.ceased_since is not None else step
-    return replace(step, ceased_since=now) if step.ceased_since is None else step
-
-
-def doubt_ends(step: Progress, service: Service) -> float | None:
-    """When a run that was being stopped counts as one that goes on after all; None for one that was not."""
-    grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
-    return None if step.doubted_since is None else step.doubted_since + grace + MARGIN
-
-
-def _doubt(step: Progress, service: Service, current: Container | None, now: float) -> Progress:
-    """Nothing is said of a run that may end at any moment, until its time to do so is over."""
-    if current is None or not current.alive or not step.stopped or step.stopped != current.incarnation:
-        return replace(step, doubted_since=None) if step.doubted_since is not None else step
-    if step.doubted_since is None:
-        return replace(step, doubted_since=now)
-    return replace(step, stopped="", doubted_since=None) if now >= (doubt_ends(step, service) or 0.0) else step
-
-
-def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
-    if current is None or current.state != "exited" or not current.started_at:
-        return step
-    run = current.incarnation
-    if run in (step.exited, step.stopped):
-        return step
-    if current.started_at < booted_at and step.incarnation != run and step.begun is None:
-        return step  # the machine's boot ended it; unless we saw or began it, and the clock was set since
-    exits = step.exits + 1
-    why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
-    return replace(step, exits=exits, crashes=step.crashes + 1, exited=run).after(
-        "start", now + delay(exits), f"ended with {why}")
-
-
-def _ready(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
-    if step.running_since is None:
-        return step
-    if step.doubted_since is not None:
-        return replace(step, ready=False) if step.ready else step
-    if service.ready is None:
-        return replace(step, ready=True, was_ready=True) if not step.ready else step
-    if service.ready.kind == "delay":
-        # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
-        return replace(step, ready=True, was_ready=True) if not step.ready and now >= step.running_since + float(
-            service.ready.target) else step
-    if not _fits(found, step):
-        return step
-    if found.ok and found.at != step.answered:
-        step = replace(step, answered=found.at)
-    if step.ready:
-        lost = service.ready.failures and found.failures >= service.ready.failures
-        return replace(step, ready=False, probe=found.message) if lost else step
-    if found.ok:
-        return replace(step, ready=True, was_ready=True, probe="")
-    return replace(step, probe=found.message) if found.message != step.probe else step
-
-
-def _live(step: Progress, service: Service, found: Finding | None, now: float) -> Progress:
-    """A service that was ready and does not answer any more counts as ended; the planner stops what is left of it.
-    When it answers again before that could be done, nothing had happened."""
-    if service.live is None or not _fits(found, step):
-        return step
-    if step.hung == step.incarnation:
-        return step if not found.ok else replace(step, hung="", exits=max(0, step.exits - 1), crashes=step.crashes - 1,
-                                                 tries=step.but("start"), error="")
-    if found.failures < service.live.failures:
-        return step
-    exits = step.exits + 1
-    return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1).after(
-        "start", now + delay(exits), f"did not answer ({found.message})")
-
-
-def _fits(found: Finding | None, step: Progress) -> TypeGuard[Finding]:
-    """It is about this run: not of another incarnation, nor from before a resume."""
-    return (found is not None and step.running_since is not None and found.incarnation == step.incarnation
-            and found.at >= step.running_since)
-
-
-def forget(memory: Memory, busy: Collection[str]) -> Memory:
-    """Failed attempts of services for which there is nothing to do any more. `busy` are all others."""
-    done = {name: replace(step, tries={}, error=step.error if step.exits else "")
-            for name, step in memory.progress.items()
-            if step.tries and name not in busy and name not in memory.in_flight}
-    return replace(memory, progress={**memory.progress, **done}) if done else memory
-
-
-def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Memory:
-    """An action is handed to a worker: its service gets no second one until the outcome."""
-    step = memory.of(action.service)
-    containers = observed.by_service().get(action.service, [])
-    state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
-    signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
-    before = step.tries.get(action.verb, Try())
-    count = before.count + 1 if signature == before.signature else 1
-    step = replace(step, tries={**step.tries, action.verb: replace(before, signature=signature, count=count)})
-    if action.verb == "start":
-        step = replace(step, begun=action.args.get("follows", {}), update=replace(
-            step.update, begun=action.args.get("content")))
-    if action.verb == "stop":
-        # From now on its end is our doing, even if this rorg does not live to see it.
-        step = replace(step, stopped=action.args.get("incarnation", ""))
-    return replace(memory, progress={**memory.progress, action.service: step},
-                   in_flight={**memory.in_flight, action.service: InFlight(action, now)})
-
-
-def finish(memory: Memory, action: Action, error: str, now: float) -> Memory:
-    """The outcome of an action. `error` is empty when it went well."""
-    in_flight = {name: flight for name, flight in memory.in_flight.items() if name != action.service}
-    step = memory.of(action.service)
-    tried = step.tries.get(action.verb, Try())
-    if error or tried.count >= STALLED_AFTER:
-        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
-        step = replace(step, tries={**step.tries, action.verb: tried}, error=error)
-    elif tried.error and not step.exits:
-        step = replace(step, tries={**step.tries, action.verb: replace(tried, at=0.0, error="")})
-        step = replace(step, error=next((t.error for t in step.tries.values() if t.error), ""))
-    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
-        step = replace(step, update=replace(step.update, content=action.args["content"]))
-    if action.verb == "start" and error:
-        step = replace(step, begun=None)
-    return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

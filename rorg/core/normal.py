@@ -25,9 +25,11 @@ def _flag(value: Any) -> Any:
 
 def _each(turn: Turn) -> Turn:
     """A list in which neither order nor repetition matters."""
+
     def run(value: Any) -> Any:
         found = {repr(new): new for new in (_tried(turn, item) for item in value)}
         return [found[key] for key in sorted(found)] or NOTHING
+
     return run
 
 
@@ -41,9 +43,11 @@ def _tried(turn: Turn, value: Any) -> Any:
 
 def _spread(turn: Callable[[str], list[str]]) -> Turn:
     """A list of which each item stands for several."""
+
     def run(value: Any) -> Any:
         several = (_tried(turn, item) for item in value)
         return sorted({one for many in several for one in (many if isinstance(many, list) else [many])}) or NOTHING
+
     return run
 
 
@@ -121,8 +125,10 @@ def _healthcheck(value: Any) -> Any:
 
 
 def _networks(value: Any) -> Any:
-    return {name: {k: sorted(v) if isinstance(v, list) else v for k, v in network.items() if v}
-            for name, network in value.items()} or NOTHING
+    return {
+        name: {k: sorted(v) if isinstance(v, list) else v for k, v in network.items() if v}
+        for name, network in value.items()
+    } or NOTHING
 
 
 def _limit(value: Any) -> Any:
@@ -130,24 +136,79 @@ def _limit(value: Any) -> Any:
 
 
 _SETS: Mapping[str, Turn] = {
-    "cap_add": _capability, "cap_drop": _capability, "device_cgroup_rules": _same, "devices": _device,
-    "group_add": _same, "gpus": _same, "links": _same, "security_opt": _security, "tmpfs": _tmpfs,
-    "volumes": _volume}
+    "cap_add": _capability,
+    "cap_drop": _capability,
+    "device_cgroup_rules": _same,
+    "devices": _device,
+    "group_add": _same,
+    "gpus": _same,
+    "links": _same,
+    "security_opt": _security,
+    "tmpfs": _tmpfs,
+    "volumes": _volume,
+}
 _FLAGS = ("network_disabled", "oom_kill_disable", "privileged", "publish_all_ports", "read_only", "stdin_open", "tty")
-_EMPTY = ("annotations", "blkio_config", "command", "dns", "dns_opt", "dns_search", "domainname", "env_file",
-          "hostname", "ipc", "labels", "pid", "storage_opt", "sysctls", "ulimits", "user", "userns_mode", "uts",
-          "volumes_from", "cgroup_parent", "working_dir", "mac_address", "runtime", "volume_driver", "platform",
-          "cpuset", "cpuset_mems")
+_EMPTY = (
+    "annotations",
+    "blkio_config",
+    "command",
+    "dns",
+    "dns_opt",
+    "dns_search",
+    "domainname",
+    "env_file",
+    "hostname",
+    "ipc",
+    "labels",
+    "pid",
+    "storage_opt",
+    "sysctls",
+    "ulimits",
+    "user",
+    "userns_mode",
+    "uts",
+    "volumes_from",
+    "cgroup_parent",
+    "working_dir",
+    "mac_address",
+    "runtime",
+    "volume_driver",
+    "platform",
+    "cpuset",
+    "cpuset_mems",
+)
 _TURNS: Mapping[str, Turn] = {
     **{name: _each(turn) for name, turn in _SETS.items()},
     **dict.fromkeys(_FLAGS, _flag),
     **dict.fromkeys(_EMPTY, _full),
-    **dict.fromkeys(("cpu_period", "cpu_quota", "cpu_rt_period", "cpu_rt_runtime", "cpu_shares", "cpus", "mem_limit",
-                     "mem_reservation", "memswap_limit", "oom_score_adj", "shm_size"), _among(0)),
-    "expose": _spread(parse_expose), "extra_hosts": _hosts, "healthcheck": _healthcheck,
-    "isolation": _among("", "default"), "masked_paths": _paths, "network_mode": _among("", "default", "bridge"),
-    "networks": _networks, "pids_limit": _limit, "ports": _spread(_ports), "readonly_paths": _paths,
-    "restart": _restart, "stop_signal": _signal,
+    **dict.fromkeys(
+        (
+            "cpu_period",
+            "cpu_quota",
+            "cpu_rt_period",
+            "cpu_rt_runtime",
+            "cpu_shares",
+            "cpus",
+            "mem_limit",
+            "mem_reservation",
+            "memswap_limit",
+            "oom_score_adj",
+            "shm_size",
+        ),
+        _among(0),
+    ),
+    "expose": _spread(parse_expose),
+    "extra_hosts": _hosts,
+    "healthcheck": _healthcheck,
+    "isolation": _among("", "default"),
+    "masked_paths": _paths,
+    "network_mode": _among("", "default", "bridge"),
+    "networks": _networks,
+    "pids_limit": _limit,
+    "ports": _spread(_ports),
+    "readonly_paths": _paths,
+    "restart": _restart,
+    "stop_signal": _signal,
 }
 
 

@@ -16,9 +16,13 @@ LABEL_PREVIOUS = "rorg.io/previous"
 
 def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
     """What our labels say of a container, as fields of Container."""
-    return {"service": labels.get(LABEL_SERVICE, ""), "digest": labels.get(LABEL_SPEC, ""),
-            "declared": labels.get(LABEL_DECLARED, ""), "rules": labels.get(LABEL_RULES, ""),
-            "previous": labels.get(LABEL_PREVIOUS, "")}
+    return {
+        "service": labels.get(LABEL_SERVICE, ""),
+        "digest": labels.get(LABEL_SPEC, ""),
+        "declared": labels.get(LABEL_DECLARED, ""),
+        "rules": labels.get(LABEL_RULES, ""),
+        "previous": labels.get(LABEL_PREVIOUS, ""),
+    }
 
 
 @dataclass(frozen=True, slots=True)

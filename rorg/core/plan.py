@@ -59,7 +59,7 @@ class Waiting:
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), gave-way or
+    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), preempted or
     suspended; empty for what only takes its time."""
 
 

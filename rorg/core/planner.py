@@ -7,10 +7,10 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from rorg.core.chains import Chains
 from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
+from rorg.core.reconcile import ReconcileSteps
 from rorg.core.steps import Step, away
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
@@ -35,12 +35,12 @@ class _Planner:
         """Index of the last action of a service's chain."""
         self.blocked: dict[str, str] = {}
         """Why a service's chain stops short, for those who wait for it."""
-        self.chains = Chains(situation, self.containers, self.last)
+        self.steps = ReconcileSteps(situation, self.containers, self.last)
         self.leaving = self.leave_at_once()
         """Unwanted services that do not linger."""
 
     def plan(self) -> Plan:
-        for name in sorted(self.chains.undeclared):
+        for name in sorted(self.steps.undeclared):
             self.undeclared(name)
         for name in reversed(self.desired.order):
             if name not in self.s.wanted:
@@ -48,13 +48,15 @@ class _Planner:
         for name in self.desired.order:
             if name in self.s.wanted and not self.services[name].meta:
                 self.let_through(self.services[name])
-        self.waitings += [Waiting(name, reason, code="gave-way") for name, reason in self.s.gave_way.items()]
-        self.waitings += [Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`",
-                                  code="withheld") for name, why in self.s.withheld.items()]
-        self.waitings += self.chains.notes
+        self.waitings += [Waiting(name, reason, code="preempted") for name, reason in self.s.preempted.items()]
+        self.waitings += [
+            Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`", code="withheld")
+            for name, why in self.s.withheld.items()
+        ]
+        self.waitings += self.steps.notes
         if self.s.suspended:
             self.waitings.append(Waiting("rorg", self.s.suspended, code="suspended"))
-        return Plan(tuple(self.actions), tuple(self.waitings), min(self.chains.alarms, default=None))
+        return Plan(tuple(self.actions), tuple(self.waitings), min(self.steps.alarms, default=None))
 
     def leave_at_once(self) -> set[str]:
         """What is in somebody's way, or must not be active; and what needs that."""
@@ -62,9 +64,12 @@ class _Planner:
         for name in self.desired.order:
             service = self.services[name]
             if name not in self.s.wanted and (
-                    name in self.s.gave_way or name in self.s.barred
-                    or any(o in self.s.wanted for o in self.desired.conflicts.get(name, ()))
-                    or any(n in found for n in service.needs) or self.chains.contested(service)):
+                name in self.s.preempted
+                or name in self.s.excluded
+                or any(o in self.s.wanted for o in self.desired.conflicts.get(name, ()))
+                or any(n in found for n in service.needs)
+                or self.steps.contested(service)
+            ):
                 found.add(name)
         return found
 
@@ -92,7 +97,7 @@ class _Planner:
             self.blocked[name] = "the engine is removing its container"
             self.waitings.append(Waiting(name, self.blocked[name]))
             return
-        self.emit(service, self.chains.of(service))
+        self.emit(service, self.steps.of(service))
 
     def emit(self, service: Service, steps: list[Step]) -> None:
         """Appends a chain's steps up to the first one that must wait. A name or an option that the engine refuses
@@ -108,35 +113,50 @@ class _Planner:
                 self.blocked[name] = waiting.reason
                 return
             self.last[name] = len(self.actions)
-            self.actions.append(Action(
-                index=len(self.actions), verb=step.verb, service=name,
-                container=step.container.id if step.container else "", reason=step.reason, fields=step.fields,
-                after=tuple(dict.fromkeys(after + linked)), args=step.args, urgent=self.is_urgent(name, step),
-                priority=service.priority, part_of=step.part_of,
-            ))
+            self.actions.append(
+                Action(
+                    index=len(self.actions),
+                    verb=step.verb,
+                    service=name,
+                    container=step.container.id if step.container else "",
+                    reason=step.reason,
+                    fields=step.fields,
+                    after=tuple(dict.fromkeys(after + linked)),
+                    args=step.args,
+                    urgent=self.is_urgent(name, step),
+                    priority=service.priority,
+                    part_of=step.part_of,
+                )
+            )
 
     def is_urgent(self, name: str, step: Step) -> bool:
         """What brings up a service that a live request waits for; not what replaces one that runs."""
         if name not in self.s.urgent:
             return False
         return step.verb in ("create", "rename", "start", "resume") and not any(
-            c.active for c in self.containers.get(name, []))
+            c.active for c in self.containers.get(name, [])
+        )
 
     def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
         """Actions that this step must follow, or what it waits for."""
         memory = self.s.memory.of(service.name)
-        tried = memory.tries.get(step.verb)
+        tried = memory.attempts.get(step.verb)
         if tried and tried.at > self.s.now:
             wait = format_seconds(tried.at - self.s.now)
             word = "stalled" if memory.stalled else "failed"
-            return (), Waiting(service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}",
-                               tried.at, "failed")
+            return (), Waiting(
+                service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}", tried.at, "failed"
+            )
         swap = step.part_of == "replace" and step.verb in ("stop", "rename")
         locked = self.s.interlocks.get(service.name, "") if swap or step.verb not in ("create", "rename") else ""
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
         begins = step.verb in ("start", "resume") or step.part_of
-        if self.s.closed and begins and self.s.ranks.get(service.name, 0) < self.desired.catalog.policy.pressure.admit:
+        if (
+            self.s.closed
+            and begins
+            and self.s.priorities.get(service.name, 0) < self.desired.catalog.policy.pressure.admit
+        ):
             return (), Waiting(service.name, self.s.closed)
         if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
             return self.gate_start(service)  # what runs goes on until the new one can begin
@@ -152,7 +172,7 @@ class _Planner:
             reason = self.unready(need)
             if reason:
                 return (), Waiting(service.name, f"{need} {reason}", self.deadline(need))
-        left = [n for n, cs in self.chains.undeclared.items() if service.name in rules_of(cs[0].rules).conflicts]
+        left = [n for n, cs in self.steps.undeclared.items() if service.name in rules_of(cs[0].rules).conflicts]
         for other in (*self.desired.conflicts.get(service.name, ()), *left):
             if any(c.active for c in self.containers.get(other, [])):
                 if other not in self.last:
@@ -168,10 +188,13 @@ class _Planner:
 
     def holders(self, service: Service, resource: str) -> list[str]:
         """Who must let go of an exclusive resource before this service can begin; a paused one still holds it."""
-        users = [o for o in self.desired.sharers[resource] if o != service.name and any(
-            c.alive for c in self.containers.get(o, []))]
-        left = self.chains.left_over(resource)
-        used = service.exclusive[resource] + sum(self.chains.units(o, resource) for o in users) + sum(left.values())
+        users = [
+            o
+            for o in self.desired.sharers[resource]
+            if o != service.name and any(c.alive for c in self.containers.get(o, []))
+        ]
+        left = self.steps.left_over(resource)
+        used = service.exclusive[resource] + sum(self.steps.units(o, resource) for o in users) + sum(left.values())
         if used <= self.desired.catalog.policy.resources.get(resource, 1):
             return []
         return [*(o for o in users if o not in self.s.wanted), *left] or users
@@ -179,8 +202,9 @@ class _Planner:
     def completed(self, need: str) -> bool:
         """It did what it was for, and ended well."""
         current = next(iter(self.containers.get(need, [])), None)
-        return current is not None and current.exit_code == 0 and self.s.memory.of(need).over(
-            self.services[need], current)
+        return (
+            current is not None and current.exit_code == 0 and self.s.memory.of(need).over(self.services[need], current)
+        )
 
     def unready(self, need: str) -> str:
         """Why a needed service is not ready and nothing in this plan will make it so; empty otherwise."""
@@ -225,4 +249,3 @@ class _Planner:
         if until > self.s.now and not self.s.hurry and service.name not in self.leaving:
             return (), Waiting(service.name, f"not wanted; lingers for {format_seconds(until - self.s.now)}", until)
         return tuple(after), None
-

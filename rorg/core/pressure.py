@@ -150,13 +150,17 @@ def calm(limits: Thresholds, budget: Budget | None, load: Load) -> bool:
     """Well below every threshold."""
     cores, memory = _budget(budget, load)
     share = limits.low / limits.high
-    return (load.cpu <= limits.low * cores and load.memory <= limits.low * memory
-            and (limits.cpu_some is None or load.cpu_some <= share * limits.cpu_some)
-            and (limits.memory_some is None or load.memory_some <= share * limits.memory_some))
+    return (
+        load.cpu <= limits.low * cores
+        and load.memory <= limits.low * memory
+        and (limits.cpu_some is None or load.cpu_some <= share * limits.cpu_some)
+        and (limits.memory_some is None or load.memory_some <= share * limits.memory_some)
+    )
 
 
-def advance(state: Pressure, limits: Thresholds | None, budget: Budget | None, load: Load | None, chances: Chances
-            ) -> Pressure:
+def advance(
+    state: Pressure, limits: Thresholds | None, budget: Budget | None, load: Load | None, chances: Chances
+) -> Pressure:
     """The state after a sample. Without thresholds, or before the first sample, nothing is in force."""
     if limits is None or load is None:
         return NONE
@@ -168,8 +172,12 @@ def advance(state: Pressure, limits: Thresholds | None, budget: Budget | None, l
     tells = not state.engaged or load.at - state.changed_at >= 2 * limits.step - 0.01
     tells = tells and not (chances.settling and load.at - state.changed_at < PATIENCE)
     if over:
-        state = replace(state, pressed=tuple(over), calm_since=None,
-                        reason="; ".join(text + cause(load, what) for what, text in over.items()))
+        state = replace(
+            state,
+            pressed=tuple(over),
+            calm_since=None,
+            reason="; ".join(text + cause(load, what) for what, text in over.items()),
+        )
         return _more(state, over, load, chances) if tells and load.use else state
     state = replace(state, helpless=False)
     if not state.engaged:
@@ -203,16 +211,21 @@ def _more(state: Pressure, over: Mapping[str, str], load: Load, chances: Chances
 
 def _take(state: Pressure, measure: str) -> Pressure:
     level = max(state.level, MEASURES.index(measure) + 1)
-    return replace(state, level=level, skipped=frozenset(
-        m for m in MEASURES[:level] if m != measure and not state.in_force(m)))
+    return replace(
+        state, level=level, skipped=frozenset(m for m in MEASURES[:level] if m != measure and not state.in_force(m))
+    )
 
 
 def _shed(state: Pressure, victim: Victim, reason: str, load: Load) -> Pressure:
     name, cpu, memory = victim
     at, wait = state.restored.get(name, (float("-inf"), 0.0))
     wait = min(2 * wait, CALM_MOST) if load.at - at < FLAP + wait else 0.0
-    return replace(state, changed_at=load.at, restored={**state.restored, name: (at, wait)},
-                   shed=(*state.shed, Shed(name, cpu, memory, reason)))
+    return replace(
+        state,
+        changed_at=load.at,
+        restored={**state.restored, name: (at, wait)},
+        shed=(*state.shed, Shed(name, cpu, memory, reason)),
+    )
 
 
 def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load, chances: Chances) -> Pressure | None:
@@ -232,8 +245,12 @@ def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
         if not victims or cpu > cores or used > memory:
             continue
         wait = state.restored.get(shed.service, (0.0, 0.0))[1]
-        state = replace(state, shed=tuple(s for s in state.shed if s is not shed), calm_since=None,
-                        restored={**state.restored, shed.service: (load.at, max(wait, limits.calm))})
+        state = replace(
+            state,
+            shed=tuple(s for s in state.shed if s is not shed),
+            calm_since=None,
+            restored={**state.restored, shed.service: (load.at, max(wait, limits.calm))},
+        )
         for victim in victims:
             state = _shed(state, victim, f"shed under pressure, in place of {shed.service}, which matters more", load)
         return state
@@ -255,14 +272,20 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
             continue
         if load.cpu + shed.cpu <= limits.high * cores and load.memory + shed.memory <= limits.high * memory:
             left = tuple(s for s in state.shed if s is not shed)
-            return replace(state, shed=left, changed_at=load.at, calm_since=load.at,
-                           restored={**state.restored, shed.service: (load.at, wait)})
+            return replace(
+                state,
+                shed=left,
+                changed_at=load.at,
+                calm_since=load.at,
+                restored={**state.restored, shed.service: (load.at, wait)},
+            )
     if not state.level or load.at - since < limits.calm:
         return state
     # What does not fit stays away, but keeps nobody else away.
     level = state.level - 1
     while level and MEASURES[level - 1] in state.skipped:
         level -= 1
-    left = replace(state, level=level, skipped=state.skipped & {*MEASURES[:level]}, changed_at=load.at,
-                   calm_since=load.at)
+    left = replace(
+        state, level=level, skipped=state.skipped & {*MEASURES[:level]}, changed_at=load.at, calm_since=load.at
+    )
     return left if left.engaged else replace(left, reason="")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.arbitrate import expected, over_budget
+from rorg.core.admission import expected, over_budget
 from rorg.core.memory import Lease
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
@@ -27,9 +27,14 @@ class Settled:
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
 
 
-def settle(catalog: Catalog, requests: Iterable[Request], observed: Observed,
-           leases: Mapping[tuple[str, str], Lease] | None = None, renewals: Mapping[tuple[str, str], int] | None = None,
-           now: float = 0.0) -> Settled:
+def settle(
+    catalog: Catalog,
+    requests: Iterable[Request],
+    observed: Observed,
+    leases: Mapping[tuple[str, str], Lease] | None = None,
+    renewals: Mapping[tuple[str, str], int] | None = None,
+    now: float = 0.0,
+) -> Settled:
     """Drops requests of dead incarnations and those whose lease ran out, and binds those that name no incarnation.
     Paused requesters keep theirs, and no lease runs out meanwhile: they cannot renew it. Nothing is concluded while
     observation is incomplete.
@@ -117,8 +122,10 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
         if (a, b) not in before:
             found.append((f"'{a}' and '{b}' conflict and would both be wanted", "`rorg why` for who wants which"))
     own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
-    found += [(f"it does not fit: {why}", "to request them one after another, or `resources` in the Policy")
-              for why in overbooked(catalog, closure(catalog.services, own))]
+    found += [
+        (f"it does not fit: {why}", "to request them one after another, or `resources` in the Policy")
+        for why in overbooked(catalog, closure(catalog.services, own))
+    ]
     budget = catalog.policy.budget
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)

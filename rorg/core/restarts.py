@@ -9,8 +9,9 @@ from rorg.core.memory import Due, Memory, Progress
 from rorg.core.observed import Observed
 
 
-def note_restarts(memory: Memory, asked: Mapping[str, str], observed: Observed, wall: str
-                  ) -> tuple[Memory, Mapping[str, str]]:
+def note_restarts(
+    memory: Memory, asked: Mapping[str, str], observed: Observed, wall: str
+) -> tuple[Memory, Mapping[str, str]]:
     """Which run is to end by each restart whose time has come, and the restarts that are done. `asked` says when each
     was asked for, `wall` what time it is (both ISO 8601, UTC).
 
@@ -47,4 +48,4 @@ def note_restarts(memory: Memory, asked: Mapping[str, str], observed: Observed, 
 def _at_once(step: Progress) -> Progress:
     """Whoever asks for a restart does not wait for an earlier failure's back-off, and wants a change that failed tried
     again."""
-    return replace(step, tries=step.but("start"), update=replace(step.update, failed="", error=""))
+    return replace(step, attempts=step.but("start"), update=replace(step.update, failed="", error=""))

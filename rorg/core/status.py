@@ -11,7 +11,7 @@ from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
-from rorg.core.trial import candidate
+from rorg.core.rollout import candidate
 from rorg.core.wanted import chain
 from rorg.model.catalog import Service
 
@@ -46,7 +46,7 @@ class Status:
     pid: int = 0
     crashes: int = 0
     """Unexpected ends since rorg runs."""
-    rank: int = 0
+    effective_priority: int = 0
     """How much it matters now: its priority, or that of what wants it."""
     held: str = ""
     """Why a person keeps it from being active."""
@@ -68,13 +68,26 @@ class Status:
 
     def as_json(self) -> dict[str, Any]:
         return {
-            "service": self.service, "state": self.state, "sync": self.sync, "health": self.health,
-            "wanted": self.wanted, "why": self.why, "container": self.container, "incarnation": self.incarnation,
-            "started_at": self.started_at, "exits": self.exits, "pid": self.pid,
-            "crashes": self.crashes, "rank": self.rank, "held": self.held, "lowered": self.lowered,
-            "ros_nodes": list(self.ros_nodes), "withheld": self.withheld,
-            "conditions": [{"type": c.type, "status": c.status, "reason": c.reason, "message": c.message}
-                           for c in self.conditions],
+            "service": self.service,
+            "state": self.state,
+            "sync": self.sync,
+            "health": self.health,
+            "wanted": self.wanted,
+            "why": self.why,
+            "container": self.container,
+            "incarnation": self.incarnation,
+            "started_at": self.started_at,
+            "exits": self.exits,
+            "pid": self.pid,
+            "crashes": self.crashes,
+            "effective_priority": self.effective_priority,
+            "held": self.held,
+            "lowered": self.lowered,
+            "ros_nodes": list(self.ros_nodes),
+            "withheld": self.withheld,
+            "conditions": [
+                {"type": c.type, "status": c.status, "reason": c.reason, "message": c.message} for c in self.conditions
+            ],
         }
 
 
@@ -88,8 +101,15 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
         actions.setdefault(action.service, []).append(action)
     pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
     found = {
-        name: _status(situation, service, (containers.get(name) or [None])[0], pending.get(name, ""),
-                      waiting.get(name, ""), (holds or {}).get(name, ""), actions.get(name, []))
+        name: _status(
+            situation,
+            service,
+            (containers.get(name) or [None])[0],
+            pending.get(name, ""),
+            waiting.get(name, ""),
+            (holds or {}).get(name, ""),
+            actions.get(name, []),
+        )
         for name, service in sorted(situation.desired.catalog.services.items())
     }
     for name, why in situation.withheld.items():
@@ -97,17 +117,33 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
             found[name] = replace(found[name], withheld=why, why=f"withheld: {why}")
         elif name in containers:  # nothing else is known of it
             current = containers[name][0]
-            found[name] = Status(name, current.state, "OutOfSync", "Unknown", False, f"withheld: {why}",
-                                 container=current.id, started_at=current.started_at, withheld=why)
+            found[name] = Status(
+                name,
+                current.state,
+                "OutOfSync",
+                "Unknown",
+                False,
+                f"withheld: {why}",
+                container=current.id,
+                started_at=current.started_at,
+                withheld=why,
+            )
     return found
 
 
-def _status(situation: Situation, service: Service, current: Container | None, pending: str, waiting: str,
-            held: str, actions: Sequence[Action]) -> Status:
+def _status(
+    situation: Situation,
+    service: Service,
+    current: Container | None,
+    pending: str,
+    waiting: str,
+    held: str,
+    actions: Sequence[Action],
+) -> Status:
     name = service.name
     causes = situation.wanted.get(name, ())
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
-    why = why or held or situation.gave_way.get(name, "")
+    why = why or held or situation.preempted.get(name, "")
     if service.meta:
         return Status(name, "meta", "Synced", "Healthy", True, why)
     step = situation.memory.of(name)
@@ -116,18 +152,36 @@ def _status(situation: Situation, service: Service, current: Container | None, p
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
         Condition("Ready", "Unknown" if not known else str(ready), reason, message),
-        Condition("Requested", str(bool(causes)), "Wanted" if causes else "NotWanted",
-                  " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name)))),
+        Condition(
+            "Requested",
+            str(bool(causes)),
+            "Wanted" if causes else "NotWanted",
+            " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name))),
+        ),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
         *_updated(situation, name),
     )
     health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
-    return Status(name, current.state if current else "none", sync, health, bool(causes), why, conditions,
-                  current.id if current else "", current.incarnation if current and current.alive else "",
-                  current.started_at if current else "", step.exits, current.pid if current else 0,
-                  step.crashes, situation.ranks.get(name, service.priority), held, name in situation.lowered,
-                  ros_nodes(service))
+    return Status(
+        name,
+        current.state if current else "none",
+        sync,
+        health,
+        bool(causes),
+        why,
+        conditions,
+        current.id if current else "",
+        current.incarnation if current and current.alive else "",
+        current.started_at if current else "",
+        step.exits,
+        current.pid if current else 0,
+        step.crashes,
+        situation.priorities.get(name, service.priority),
+        held,
+        name in situation.lowered,
+        ros_nodes(service),
+    )
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
@@ -182,8 +236,9 @@ def _ending(situation: Situation, service: Service, current: Container | None, a
     return "restart asked for" if current is not None and asked == current.incarnation else ""
 
 
-def _readiness(situation: Situation, service: Service, current: Container | None, waiting: str,
-               actions: Sequence[Action]) -> tuple[bool, str, str]:
+def _readiness(
+    situation: Situation, service: Service, current: Container | None, waiting: str, actions: Sequence[Action]
+) -> tuple[bool, str, str]:
     step = situation.memory.of(service.name)
     if step.ready:
         ending = _ending(situation, service, current, actions)

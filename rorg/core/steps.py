@@ -34,19 +34,27 @@ def away(container: Container, reason: str, service: Service | None = None, volu
 
 def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
     """Steps that stop and start the same container are one restart."""
-    if container and any(s.verb == "stop" and s.container is container for s in steps) and any(
-            s.verb == "start" for s in steps):
+    if (
+        container
+        and any(s.verb == "stop" and s.container is container for s in steps)
+        and any(s.verb == "start" for s in steps)
+    ):
         return [replace(s, part_of="restart") if s.verb in ("stop", "start") else s for s in steps]
     return steps
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
     spec = (service.spec if service else None) or declared_of(container.declared)
-    return Step("stop", container, reason, args={
-        "signal": _signal(container, service, spec),
-        "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
-        "incarnation": container.incarnation,
-    })
+    return Step(
+        "stop",
+        container,
+        reason,
+        args={
+            "signal": _signal(container, service, spec),
+            "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
+            "incarnation": container.incarnation,
+        },
+    )
 
 
 def _signal(container: Container, service: Service | None, spec: Mapping[str, Any]) -> str:

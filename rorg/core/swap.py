@@ -8,7 +8,7 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.desired import Situation
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.trial import asks, candidate, patience
+from rorg.core.rollout import asks, candidate, patience
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
@@ -16,15 +16,16 @@ from rorg.model.units import format_seconds
 class Swap:
     """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others."""
 
-    def __init__(self, situation: Situation, service: Service, new: Container | None, stale: Sequence[Container]
-                 ) -> None:
+    def __init__(
+        self, situation: Situation, service: Service, new: Container | None, stale: Sequence[Container]
+    ) -> None:
         self.s, self.service, self.step = situation, service, situation.memory.of(service.name)
         self.update = self.step.update
         self.new: Container | None = None
         """The new one, as long as it is on trial."""
         self.old: Container | None = None
         """What is kept, to be gone back to."""
-        tried = self.step.tries.get("create")
+        tried = self.step.attempts.get("create")
         self.denied = new is None and tried is not None and tried.at > situation.now
         """It cannot be created now."""
         self.failed = ""
@@ -62,5 +63,8 @@ class Swap:
         since, limit = self.step.running_since, patience(self.service)
         ran = 0.0 if since is None else self.s.now - since
         what = "is ready" if asks(self.service) else "has run"
-        return Waiting(self.service.name, f"the container before is kept until this one {what} ({format_seconds(ran)} "
-                       f"of {format_seconds(limit)})", None if since is None else since + limit)
+        return Waiting(
+            self.service.name,
+            f"the container before is kept until this one {what} ({format_seconds(ran)} of {format_seconds(limit)})",
+            None if since is None else since + limit,
+        )

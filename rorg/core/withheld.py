@@ -15,8 +15,9 @@ Withheld = Mapping[str, str]
 """Services and groups whose removal waits for a person's word, each with the reason."""
 
 
-def withhold(kept: Kept, desired: Desired, requests: Collection[Request], observed: Observed,
-             confirmed: Collection[str]) -> tuple[Kept, Desired, Withheld]:
+def withhold(
+    kept: Kept, desired: Desired, requests: Collection[Request], observed: Observed, confirmed: Collection[str]
+) -> tuple[Kept, Desired, Withheld]:
     """What is desired, with what is withheld still in it. Where nothing at all is declared, nothing is concluded."""
     catalog = desired.catalog
     if len(catalog.services) <= 1:
@@ -38,8 +39,11 @@ def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Obser
     if not observed.complete or len(catalog.services) <= 1:
         return ()
     there = observed.by_service()
-    return tuple(n for n in confirmed if n in catalog.services or n in catalog.groups
-                 or (n not in there and n not in kept.former))
+    return tuple(
+        n
+        for n in confirmed
+        if n in catalog.services or n in catalog.groups or (n not in there and n not in kept.former)
+    )
 
 
 def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collection[str]) -> dict[str, Former]:
@@ -51,25 +55,36 @@ def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collect
         held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
         for name, what in {**last.services, **last.groups}.items():
             found[name] = Former(
-                what, tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
-                tuple(g.name for g in last.groups.values() if name in g.services))
+                what,
+                tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
+                tuple(g.name for g in last.groups.values() if name in g.services),
+            )
     there = observed.by_service()
-    return {name: f for name, f in found.items() if name not in catalog.services and name not in catalog.groups and (
-        name not in confirmed if _bodiless(f.what) else name in there or not observed.complete)}
+    return {
+        name: f
+        for name, f in found.items()
+        if name not in catalog.services
+        and name not in catalog.groups
+        and (name not in confirmed if _bodiless(f.what) else name in there or not observed.complete)
+    }
 
 
 def _bodiless(what: Service | Group) -> bool:
     return isinstance(what, Group) or what.meta
 
 
-def _judged(former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request],
-            confirmed: Collection[str]) -> dict[str, Former]:
+def _judged(
+    former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request], confirmed: Collection[str]
+) -> dict[str, Former]:
     """With the reason of each that is withheld. What only needed each other goes together."""
     found = dict(former)
     while True:
         staying = {*catalog.services, *(n for n, f in found.items() if f.withheld and n not in confirmed)}
-        more = {name: replace(f, withheld=why) for name, f in found.items()
-                if not f.withheld and (why := _why(name, f, requests, staying))}
+        more = {
+            name: replace(f, withheld=why)
+            for name, f in found.items()
+            if not f.withheld and (why := _why(name, f, requests, staying))
+        }
         if not more:
             return found
         found |= more
@@ -92,23 +107,43 @@ def _asked(name: str, requests: Iterable[Request]) -> str:
     return next((f"request '{r.id}' of {r.requester} names it" for r in requests if name in r.services), "")
 
 
-def _unknown(former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request], observed: Observed,
-             confirmed: Collection[str]) -> dict[str, str]:
+def _unknown(
+    former: Mapping[str, Former],
+    catalog: Catalog,
+    requests: Collection[Request],
+    observed: Observed,
+    confirmed: Collection[str],
+) -> dict[str, str]:
     """Containers of ours of which no tree is known, and that a request names."""
     if catalog.policy.removals == "auto":
         return {}
-    return {name: why for name in observed.by_service() if name not in catalog.services and name not in former
-            and name not in confirmed and (why := _asked(name, requests))}
+    return {
+        name: why
+        for name in observed.by_service()
+        if name not in catalog.services
+        and name not in former
+        and name not in confirmed
+        and (why := _asked(name, requests))
+    }
 
 
 def _with(catalog: Catalog, held: Mapping[str, Former]) -> Catalog:
     """The catalog with these in it, as far as what they name is still there."""
     services = {**catalog.services, **{n: f.what for n, f in held.items() if isinstance(f.what, Service)}}
-    groups = {**catalog.groups, **{n: replace(f.what, services=tuple(m for m in f.what.services if m in services))
-                                   for n, f in held.items() if isinstance(f.what, Group)}}
+    groups = {
+        **catalog.groups,
+        **{
+            n: replace(f.what, services=tuple(m for m in f.what.services if m in services))
+            for n, f in held.items()
+            if isinstance(f.what, Group)
+        },
+    }
     for name in held:
         if name in services:
             old = services[name]
-            services[name] = replace(old, needs=tuple(n for n in old.needs if n in services),
-                                     follows=tuple(n for n in old.follows if n in services))
+            services[name] = replace(
+                old,
+                needs=tuple(n for n in old.needs if n in services),
+                restarts_with=tuple(n for n in old.restarts_with if n in services),
+            )
     return replace(catalog, services=services, groups=groups)

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 
 from rorg.core.desired import Situation
-from rorg.host import ros
+from rorg.probes import ros_master
 
 LOCAL = ("localhost", "127.0.0.1", "::1")
 
@@ -37,15 +37,19 @@ class RosPurger:
         ended = [name for name, run in self._runs.items() if runs.get(name) != run]
         self._runs = runs
         services = situation.desired.catalog.services
-        masters = {m for name in ended if name in services
-                   if (m := (services[name].spec or {}).get("environment", {}).get("ROS_MASTER_URI"))}
+        masters = {
+            m
+            for name in ended
+            if name in services
+            if (m := (services[name].spec or {}).get("environment", {}).get("ROS_MASTER_URI"))
+        }
         for master in masters:
             self._masters.put(master)
 
     def _run(self) -> None:
         while master := self._masters.get():
             try:
-                for node in ros.purge(master, {*LOCAL, *_own_names()}):
+                for node in ros_master.purge(master, {*LOCAL, *_own_names()}):
                     self.tell(node)
             except (OSError, LookupError):
                 continue  # no master, no registrations

@@ -6,12 +6,27 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.core.decide import Decision
-from rorg.core.follow import Followed
-from rorg.core.memory import Memory, Progress, Try
+from rorg.core.memory import Attempt, Memory, Progress
 from rorg.core.pressure import MEASURES
+from rorg.core.propagation import CountedOn
 from rorg.core.status import statuses
 from rorg.core.update import Update
+from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
+from rorg.store.requests_file import RequestsFile
+
+
+def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
+    """Which tree is in force, and what is wrong with it and with the requests file."""
+    return {
+        "tree": {
+            "root": str(tree.root),
+            "fingerprint": tree.desired.catalog.fingerprint,
+            "revision": tree.revision,
+            "errors": [d.as_json() for d in tree.errors],
+        },
+        "requests_errors": [str(d) for d in requests.diagnostics],
+    }
 
 
 def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
@@ -34,16 +49,26 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _run_json(step: Progress, now: float) -> dict[str, Any]:
-    """`tries` are times of the machine's monotonic clock."""
+    """`attempts` are times of the machine's monotonic clock."""
     update = step.update
-    more = {"edition": update.edition, "failed": update.failed, "error": update.error, "proven": update.proven,
-            "loaded": update.run, "content": dict(update.content),
-            "tries": {verb: [t.at, t.error] for verb, t in step.tries.items() if t.at > now}}
-    return {"run": step.followed.run, "needs": dict(step.followed.needs), "stopped": step.stopped,
-            **{k: v for k, v in more.items() if v}}
+    more = {
+        "edition": update.edition,
+        "failed": update.failed,
+        "error": update.error,
+        "proven": update.proven,
+        "loaded": update.run,
+        "content": dict(update.content),
+        "attempts": {verb: [t.at, t.error] for verb, t in step.attempts.items() if t.at > now},
+    }
+    return {
+        "run": step.counted_on.run,
+        "needs": dict(step.counted_on.needs),
+        "stopped": step.stopped,
+        **{k: v for k, v in more.items() if v},
+    }
 
 
-def recall(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
+def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
     """What of a loop's memory outlives it: on which runs of their needs services count, which runs it ended itself,
     which change failed, and what content a run has read. `view` is what it published; what is not as it should be is
     passed over. With `now`, of the machine's monotonic clock, also what it waits for, with that as time 0."""
@@ -54,30 +79,47 @@ def recall(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
             needs = {str(need): str(run) for need, run in known["needs"].items()}
             said = {k: str(known.get(k) or "") for k in ("edition", "failed", "error", "proven")}
             content, loaded = known.get("content"), str(known.get("loaded") or "")
-            update = Update(**said, run=loaded if isinstance(content, Mapping) else "", content={
-                str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {})
-            found[name] = Progress(followed=Followed(str(known.get("run", "")), needs), update=update,
-                                   stopped=str(known.get("stopped", "")),
-                                   tries={} if now is None else _tries(known.get("tries"), now))
+            update = Update(
+                **said,
+                run=loaded if isinstance(content, Mapping) else "",
+                content={str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {},
+            )
+            found[name] = Progress(
+                counted_on=CountedOn(str(known.get("run", "")), needs),
+                update=update,
+                stopped=str(known.get("stopped", "")),
+                attempts={} if now is None else _tries(known.get("attempts"), now),
+            )
     return Memory(found)
 
 
-def _tries(known: Any, now: float) -> dict[str, Try]:
+def _tries(known: Any, now: float) -> dict[str, Attempt]:
     found = {}
     for verb, said in known.items() if isinstance(known, Mapping) else ():
         if isinstance(said, list) and len(said) == 2 and isinstance(said[0], int | float):
-            found[str(verb)] = Try(at=said[0] - now, error=str(said[1]))
+            found[str(verb)] = Attempt(at=said[0] - now, error=str(said[1]))
     return found
 
 
 def request_json(request: Request) -> dict[str, Any]:
-    return {"id": request.id, "requester": request.requester, "services": list(request.services),
-            "reason": request.reason, "incarnation": request.incarnation, "standing": request.standing,
-            "priority": request.priority, "ttl": request.ttl}
+    return {
+        "id": request.id,
+        "requester": request.requester,
+        "services": list(request.services),
+        "reason": request.reason,
+        "incarnation": request.incarnation,
+        "standing": request.standing,
+        "priority": request.priority,
+        "ttl": request.ttl,
+    }
 
 
 def pressure_json(decision: Decision) -> dict[str, Any]:
     """Measures in force, mildest first, and what was shed."""
     state = decision.memory.pressure
-    return {"reason": state.reason, "measures": [m for m in MEASURES if state.in_force(m)], "helpless": state.helpless,
-            "shed": {s.service: s.reason for s in state.shed}}
+    return {
+        "reason": state.reason,
+        "measures": [m for m in MEASURES if state.in_force(m)],
+        "helpless": state.helpless,
+        "shed": {s.service: s.reason for s in state.shed},
+    }

@@ -62,8 +62,11 @@ class Tree:
         strays: list[Path] = []
         with contextlib.suppress(OSError):  # load() says so
             manifests, strays = manifest_files(self.root), stray_files(self.root)
-        return (_stats(manifests), _stats(sorted(self._inputs.files)),
-                _stats([*strays, *_below(sorted(self._inputs.mounted))]))
+        return (
+            _stats(manifests),
+            _stats(sorted(self._inputs.files)),
+            _stats([*strays, *_below(sorted(self._inputs.mounted))]),
+        )
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is

@@ -7,58 +7,82 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rorg.core.dispatch import DispatchLimits
+from rorg.daemon.generations import Generations
+from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop
-from rorg.daemon.reporter import Reporter
+from rorg.daemon.parts import Collaborators
+from rorg.daemon.publisher import Publisher
+from rorg.daemon.recorder import Recorder
+from rorg.daemon.ros import RosPurger
 from rorg.daemon.tree import Tree
-from rorg.engines import ENGINES
+from rorg.daemon.wakes import Wakes
+from rorg.daemon.workers import Workers
+from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
-from rorg.errors import Invalid
-from rorg.model.units import stamp
+from rorg.host.clock import booted_at, wall_clock
+from rorg.host.load import Meter, Sampler
+from rorg.host.watch import Watcher
+from rorg.probes.prober import Prober
+from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
-
-if TYPE_CHECKING:
-    from rorg.daemon.door import Door
-
-
-def make_engine(name: str, state: StateDir) -> Engine:
-    """An engine by name, for the containers of this state directory's instance."""
-    owner = state.instance(lambda: uuid.uuid4().hex)
-    if name == "docker":
-        from rorg.engines.docker import DockerEngine
-
-        return DockerEngine(owner)
-    if name == "process":
-        from rorg.engines.process import ProcessEngine
-
-        return ProcessEngine(owner, state.path / "process")
-    raise Invalid(f"use the engine '{name}'", "there is none of that name", " or ".join(ENGINES))
-
-
-def wall_clock() -> str:
-    """Now, ISO 8601 in UTC, as the engine writes times."""
-    return stamp(time.time())
-
-
-def booted_at() -> str:
-    """When this machine booted, ISO 8601 in UTC."""
-    with open("/proc/stat", encoding="ascii") as file:
-        seconds = next(int(line.split()[1]) for line in file if line.startswith("btime "))
-    return stamp(seconds)
+from rorg.store.wakeup import Wakeup
 
 
 def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
-    """A loop over the real clock, ready to run. The caller holds the lock of the state directory."""
-    owner = state.instance(lambda: uuid.uuid4().hex)
+    """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
+    for each thing that happens."""
+    owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    reporter = Reporter(state, say, wall_clock, time.monotonic, about, engine.capabilities.ignored_options)
-    return Loop(Tree(root.resolve(), str(state.run)), state, engine, reporter, owner, time.monotonic, booted_at())
+    wakes, tree = Wakes(), Tree(root.resolve(), str(state.run))
+    recorder = Recorder(state, say, wall_clock, clock, engine)
+    publisher = Publisher(state, clock, about, recorder.tell)
+    observer = Observer(engine, wakes.wake, lambda: tree.desired.catalog.policy.resync)
+    prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
+    sampler = Sampler(
+        Meter(clock),
+        lambda: limits.step if (limits := loop.limits()) else None,
+        lambda load: loop.load_matters(load),
+        lambda: loop.use(),
+        wakes.wake,
+    )
+    ros = RosPurger(
+        lambda node: recorder.event(
+            "ros-purged", f"the stale registration of the ROS node {node} was taken out of the master", node=node
+        )
+    )
+    workers = Workers(
+        engine, observer, recorder, clock, wakes.wake, lambda service: loop.paused(service), DispatchLimits().most
+    )
+    watcher = Watcher([tree.root, state.path], wakes.files_changed, _own_files(state))
+    threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
+    # What outlives a restart of rorg is numbered by the time of day.
+    loop = Loop(
+        Collaborators(
+            state,
+            tree,
+            engine,
+            observer,
+            prober,
+            sampler,
+            ros,
+            workers,
+            Leases(state.requests, recorder),
+            recorder,
+            publisher,
+            Generations(int(time.time() * 1000)),
+            wakes,
+            threads,
+        ),
+        owner,
+        clock,
+        time.time,
+        booted_at(),
+    )
+    return loop
 
 
-def make_door(loop: Loop, state: StateDir, group: str) -> Door:
-    """The API of a loop, on sockets below the state's run directory."""
-    from rorg.daemon.door import Door
-    from rorg.daemon.robot import Robot
-
-    return Door(Robot(loop, loop.reporter.about), state.run, group)
+def _own_files(state: StateDir) -> Callable[[str], bool]:
+    """Which files of the state directory rorg writes itself: all but the requests file."""
+    return lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] != state.requests.name

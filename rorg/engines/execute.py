@@ -17,8 +17,9 @@ def perform(engine: Engine, action: Action) -> str:
     args = action.args
     match action.verb:
         case "create":
-            return engine.create(args["name"], args["spec"], args["labels"], args.get("before", ""),
-                                 args.get("defaults", ()))
+            return engine.create(
+                args["name"], args["spec"], args["labels"], args.get("before", ""), args.get("defaults", ())
+            )
         case "start":
             engine.start(action.container)
         case "resume":

@@ -121,8 +121,11 @@ class Observer:
                 found.pop(container, None)
                 if container in self._containers:
                     found[container] = self._containers[container]
-            self._began = {c: max(began, self._began.get(c, 0)) for c in {*found, *self._began}
-                           if c in found or self._began[c] > began}
+            self._began = {
+                c: max(began, self._began.get(c, 0))
+                for c in {*found, *self._began}
+                if c in found or self._began[c] > began
+            }
             changed = found != self._containers or not self._snapshot.complete
             self._containers = found
             if changed:

@@ -52,8 +52,14 @@ class Engine(Protocol):
         """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
         the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
 
-    def create(self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: str = "",
-               defaults: Collection[str] = ()) -> str:
+    def create(
+        self,
+        name: str,
+        spec: Mapping[str, Any],
+        labels: Mapping[str, str],
+        before: str = "",
+        defaults: Collection[str] = (),
+    ) -> str:
         """Makes a container, not started, and returns its id. It gets the unnamed volumes of `before`, an older
         container of the service. `defaults` are options of the spec that nobody asked for: what an image says itself
         goes before them."""

@@ -40,7 +40,7 @@ class Contents:
         return found
 
     def _digest(self, source: str, known: Mapping[str, tuple[Facts, str]]) -> str:
-        """"" for what cannot be told."""
+        """ "" for what cannot be told."""
         files, size = [], 0
         for path, facts in _walk(source):
             files.append((path, facts))

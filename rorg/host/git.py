@@ -17,9 +17,13 @@ STALE = 600.0
 def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
     try:
         # Ended by SIGTERM, upon which git takes its locks away.
-        with subprocess.Popen(["git", "-C", str(directory), *args], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                              text=True, env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C",
-                                              "GIT_OPTIONAL_LOCKS": "0"}) as process:
+        with subprocess.Popen(
+            ["git", "-C", str(directory), *args],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
+        ) as process:
             try:
                 found, _ = process.communicate(timeout=patience)
             except subprocess.TimeoutExpired:
@@ -62,5 +66,7 @@ def commit(root: Path, path: Path, author: str, message: str) -> bool:
         return False
     who = ("-c", f"user.name={author}", "-c", f"user.email={author.replace(' ', '.')}@rorg.local")
     _git(root, "add", "--all", "--", str(path))
-    return _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path),
-                patience=COMMIT_PATIENCE) is not None
+    return (
+        _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path), patience=COMMIT_PATIENCE)
+        is not None
+    )

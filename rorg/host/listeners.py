@@ -7,8 +7,14 @@ import psutil
 
 def listening(port: int) -> int | None:
     """The process that listens at a port, in our network namespace; None where that is nobody, or nobody we may see."""
-    return next((c.pid for c in psutil.net_connections("tcp")
-                 if c.status == psutil.CONN_LISTEN and c.laddr.port == port and c.pid), None)
+    return next(
+        (
+            c.pid
+            for c in psutil.net_connections("tcp")
+            if c.status == psutil.CONN_LISTEN and c.laddr.port == port and c.pid
+        ),
+        None,
+    )
 
 
 def lineage(pid: int | None) -> list[int]:

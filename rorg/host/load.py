@@ -35,8 +35,14 @@ def _busy() -> float:
 def machine() -> dict[str, float]:
     """The machine as it is now; CPU as seconds since boot, so that any two looks give a rate."""
     memory = psutil.virtual_memory()
-    return {"cpu_seconds": round(_busy(), 3), "cores": os.cpu_count() or 1, "memory": memory.total - memory.available,
-            "memory_total": memory.total, "cpu_some": psi("cpu"), "memory_some": psi("memory")}
+    return {
+        "cpu_seconds": round(_busy(), 3),
+        "cores": os.cpu_count() or 1,
+        "memory": memory.total - memory.available,
+        "memory_total": memory.total,
+        "cpu_some": psi("cpu"),
+        "memory_some": psi("memory"),
+    }
 
 
 class Meter:
@@ -52,8 +58,16 @@ class Meter:
         now, busy, memory = self.clock(), _busy(), psutil.virtual_memory()
         before, self._busy = self._busy, (now, busy)
         cpu = (busy - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
-        return Load(now, cpu, float(os.cpu_count() or 1), memory.total - memory.available, memory.total, psi("cpu"),
-                    psi("memory"), self._rates(now, use) if use else {})
+        return Load(
+            now,
+            cpu,
+            float(os.cpu_count() or 1),
+            memory.total - memory.available,
+            memory.total,
+            psi("cpu"),
+            psi("memory"),
+            self._rates(now, use) if use else {},
+        )
 
     def begin(self, use: Use) -> None:
         """Takes note of what each service has used so far: the next sample's rates are since now."""
@@ -63,16 +77,25 @@ class Meter:
         (then, old), new = self._use, dict(use())
         self._use = (now, new)
         # Of what has begun since, nothing is known yet.
-        return {n: (max(0.0, cpu - old[n][0]) / max(now - then, 0.001), memory) for n, (cpu, memory) in new.items()
-                if n in old}
+        return {
+            n: (max(0.0, cpu - old[n][0]) / max(now - then, 0.001), memory)
+            for n, (cpu, memory) in new.items()
+            if n in old
+        }
 
 
 class Sampler:
     """Samples every `step()` seconds (None: not at all) in a thread of its own. The services' use is only looked at,
     and the loop only woken, while `matters` says so of the sample."""
 
-    def __init__(self, meter: Meter, step: Callable[[], float | None], matters: Callable[[Load], bool], use: Use,
-                 wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        meter: Meter,
+        step: Callable[[], float | None],
+        matters: Callable[[Load], bool],
+        use: Use,
+        wake: Callable[[], None],
+    ) -> None:
         self.meter, self.step, self.matters, self.use, self.wake = meter, step, matters, use, wake
         self.latest: Load | None = None
         self._stop = threading.Event()

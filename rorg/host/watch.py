@@ -44,8 +44,14 @@ class Watcher:
         if again:
             self.wake()  # nobody watched meanwhile
         for changes in watchfiles.watch(
-            *self.paths, debounce=DEBOUNCE, step=STEP, stop_event=self._stop, rust_timeout=1000,
-            watch_filter=lambda _, path: not self.ignore(path), raise_interrupt=False, yield_on_timeout=True,
+            *self.paths,
+            debounce=DEBOUNCE,
+            step=STEP,
+            stop_event=self._stop,
+            rust_timeout=1000,
+            watch_filter=lambda _, path: not self.ignore(path),
+            raise_interrupt=False,
+            yield_on_timeout=True,
         ):
             moved = self._identity() != watched
             if changes or first:

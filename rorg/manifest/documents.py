@@ -61,8 +61,9 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     return strays
 
 
-def read_tree(root: Path, overlay: Mapping[Path, str | None] | None = None
-              ) -> tuple[list[Source], list[Diagnostic], set[str]]:
+def read_tree(
+    root: Path, overlay: Mapping[Path, str | None] | None = None
+) -> tuple[list[Source], list[Diagnostic], set[str]]:
     """All manifests below `root`, all that is wrong with each by itself, and the names of the broken ones, so that
     nobody is told that a service is unknown whose manifest only has a typo. `overlay` holds files as they would be;
     None for one that would be gone. Raises OSError for an unreadable tree."""
@@ -77,8 +78,9 @@ def read_tree(root: Path, overlay: Mapping[Path, str | None] | None = None
         try:
             texts[path] = path.read_text(encoding="utf-8", errors="replace") if text is None else text
         except OSError as error:
-            diagnostics.append(Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}",
-                                          "to mend or delete it"))
+            diagnostics.append(
+                Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or delete it")
+            )
             broken.add(path.stem)
     for path, text in texts.items():
         source, found = read_source(text, path, str(path))
@@ -87,8 +89,9 @@ def read_tree(root: Path, overlay: Mapping[Path, str | None] | None = None
             folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
             if folder_kind not in (None, source.kind):
                 right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
-                diagnostics.append(Diagnostic(source.where("kind"), f"a {source.kind} in '{path.parent.name}/'",
-                                              f"folder '{right}'"))
+                diagnostics.append(
+                    Diagnostic(source.where("kind"), f"a {source.kind} in '{path.parent.name}/'", f"folder '{right}'")
+                )
             sources.append(source)
         else:
             broken |= {path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", text, re.M)[:1]}
@@ -160,10 +163,10 @@ def _place(document: Document, loc: tuple) -> tuple:
 def _unknown_key(model: type[Strict], document: Document, loc: tuple, at: tuple) -> Diagnostic:
     where, key = document.where(loc, key=True), str(loc[-1])
     kind = document.value.get("kind")
-    feature = NOT_YET.get((kind, *loc[len(at):]))
+    feature = NOT_YET.get((kind, *loc[len(at) :]))
     if feature:
         return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
-    parent = _model_at(model, loc[len(at):-1])
+    parent = _model_at(model, loc[len(at) : -1])
     known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
     remedy = nearest(key, known)
     if parent is ContainerOptions and key in ELSEWHERE:

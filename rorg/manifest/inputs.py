@@ -30,8 +30,9 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         for options in (spec.container, *profiles):
             files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
             mounted |= {source.directory / path for path in _sources(options)}
-        mounted |= {source.directory / mount.partition(":")[0] for mount in spec.mounts or ()
-                    if not mount.endswith(":rw")}
+        mounted |= {
+            source.directory / mount.partition(":")[0] for mount in spec.mounts or () if not mount.endswith(":rw")
+        }
     for source in by_kind.get("Image", {}).values():
         image: Any = source.spec
         if image.context is not None:

@@ -32,8 +32,9 @@ class Loaded:
         return [d for d in self.diagnostics if d.severity == "error"]
 
 
-def load(root: Path, overlay: Mapping[Path, str | None] | None = None,
-         found: Callable[[Inputs], None] = lambda _: None) -> Loaded:
+def load(
+    root: Path, overlay: Mapping[Path, str | None] | None = None, found: Callable[[Inputs], None] = lambda _: None
+) -> Loaded:
     """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
     at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is.
 
@@ -60,9 +61,16 @@ def load(root: Path, overlay: Mapping[Path, str | None] | None = None,
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
     """Files that are called otherwise than what they declare: one of both may be a typing error."""
-    return [Diagnostic(s.where("metadata", "name"), f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
-                       f"'{s.path.stem}', or to rename the file", "warning")
-            for s in sources if s.name != s.path.stem]
+    return [
+        Diagnostic(
+            s.where("metadata", "name"),
+            f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
+            f"'{s.path.stem}', or to rename the file",
+            "warning",
+        )
+        for s in sources
+        if s.name != s.path.stem
+    ]
 
 
 def load_or_raise(root: Path) -> Catalog:
@@ -70,8 +78,11 @@ def load_or_raise(root: Path) -> Catalog:
     loaded = load(root)
     if loaded.catalog is None:
         lines = "\n".join(str(d) for d in loaded.errors)
-        raise Invalid(f"use the manifests in {root}", f"{len(loaded.errors)} error(s)\n{lines}\n",
-                      "`rorg validate` after mending them")
+        raise Invalid(
+            f"use the manifests in {root}",
+            f"{len(loaded.errors)} error(s)\n{lines}\n",
+            "`rorg validate` after mending them",
+        )
     return loaded.catalog
 
 
@@ -94,10 +105,16 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
         first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
         where = source.where("metadata", "name")
         if first:
-            diagnostics.append(Diagnostic(where, f"the name '{source.name}' is taken by a {first.kind} at "
-                                          f"{first.where('metadata', 'name')}", "another name"))
+            diagnostics.append(
+                Diagnostic(
+                    where,
+                    f"the name '{source.name}' is taken by a {first.kind} at {first.where('metadata', 'name')}",
+                    "another name",
+                )
+            )
         elif source.name == DEVELOPER and (
-                source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")):  # type: ignore
+            source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
+        ):  # type: ignore
             diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
@@ -115,8 +132,9 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     for name, source in by_kind.get("Service", {}).items():
         wanted = source.spec.profile or COMMON  # type: ignore[attr-defined]
         if wanted not in profiles and wanted not in broken:
-            diagnostics.append(Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'",
-                                          nearest(wanted, profiles)))
+            diagnostics.append(
+                Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
+            )
         services[name], found = render(source, merged.get(wanted, merged[COMMON]), policy)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
@@ -132,8 +150,11 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
         for field in ("may_request", "may_restart", "may_act_for"):
             for index, other in enumerate(getattr(services[name], field)):
                 if other not in known and (field, other) != ("may_act_for", EVERY):
-                    diagnostics.append(Diagnostic(source.where("spec", field, index), f"unknown service '{other}'",
-                                                  nearest(other, known)))
+                    diagnostics.append(
+                        Diagnostic(
+                            source.where("spec", field, index), f"unknown service '{other}'", nearest(other, known)
+                        )
+                    )
     requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}
@@ -144,8 +165,9 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     return catalog, diagnostics
 
 
-def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
-             known: set[str]) -> tuple[Service, list[Diagnostic]]:
+def _resolve(
+    source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
+) -> tuple[Service, list[Diagnostic]]:
     """Names in `needs` and `conflicts`: unknown ones are errors, groups become their members."""
     diagnostics = []
     resolved: dict[str, tuple[str, ...]] = {}
@@ -153,8 +175,9 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
         names: list[str] = []
         written = [getattr(n, "service", n) for n in getattr(source.spec, field)]
         for name in getattr(service, field):
-            where = source.where("spec", field, written.index(name)) if name in written else source.where(
-                "spec", "profile")
+            where = (
+                source.where("spec", field, written.index(name)) if name in written else source.where("spec", "profile")
+            )
             if field == "conflicts" and (name == service.name or name in service.needs):
                 what = "itself" if name == service.name else f"'{name}', which it needs"
                 diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them"))
@@ -163,15 +186,21 @@ def _resolve(source: Source, service: Service, groups: Mapping[str, Group],
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
-    follows = {m for n in service.follows for m in (groups[n].services if n in groups else [n])} - {service.name}
-    return replace(service, **resolved, follows=tuple(sorted(follows))), diagnostics
+    follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
+    return replace(service, **resolved, restarts_with=tuple(sorted(follows))), diagnostics
 
 
 def _policy(spec: Any) -> Policy:
     budget, pressure = spec.budget, spec.pressure
-    return Policy(spec.resync, spec.bulk_workers, Budget(**budget.model_dump()) if budget else None,
-                  Thresholds(**pressure.model_dump()) if pressure else None, dict(spec.resources), spec.purge_ros,
-                  spec.removals)
+    return Policy(
+        spec.resync,
+        spec.bulk_workers,
+        Budget(**budget.model_dump()) if budget else None,
+        Thresholds(**pressure.model_dump()) if pressure else None,
+        dict(spec.resources),
+        spec.purge_ros,
+        spec.removals,
+    )
 
 
 def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
@@ -184,33 +213,63 @@ def _same_container(services: Mapping[str, Service], sources: Mapping[str, Sourc
         if first != name:
             both = sorted((first, name), key=lambda n: services[n].container_name == n)
             where = sources[both[0]].where("spec", "container", "container_name")
-            diagnostics.append(Diagnostic(where, f"the container of '{both[1]}' is called "
-                                          f"'{service.container_name}' too", "another container_name"))
+            diagnostics.append(
+                Diagnostic(
+                    where,
+                    f"the container of '{both[1]}' is called '{service.container_name}' too",
+                    "another container_name",
+                )
+            )
     return diagnostics
 
 
-def _requests(sources: Mapping[str, Source], known: set[str], requesters: set[str]
-              ) -> tuple[tuple[Request, ...], list[Diagnostic]]:
+def _requests(
+    sources: Mapping[str, Source], known: set[str], requesters: set[str]
+) -> tuple[tuple[Request, ...], list[Diagnostic]]:
     diagnostics, found = [], []
     for name, source in sources.items():
         spec: Any = source.spec
         if spec.requester not in requesters:
-            diagnostics.append(Diagnostic(source.where("spec", "requester"), f"unknown requester '{spec.requester}'",
-                                          nearest(spec.requester, requesters)))
+            diagnostics.append(
+                Diagnostic(
+                    source.where("spec", "requester"),
+                    f"unknown requester '{spec.requester}'",
+                    nearest(spec.requester, requesters),
+                )
+            )
         for index, service in enumerate(spec.services):
             if service not in known:
-                diagnostics.append(Diagnostic(source.where("spec", "services", index), f"unknown service '{service}'",
-                                              nearest(service, known)))
-        found.append(Request(name, spec.requester, tuple(spec.services), spec.reason or "", standing=True,
-                             priority=spec.priority, where=source.where("metadata", "name")))
+                diagnostics.append(
+                    Diagnostic(
+                        source.where("spec", "services", index), f"unknown service '{service}'", nearest(service, known)
+                    )
+                )
+        found.append(
+            Request(
+                name,
+                spec.requester,
+                tuple(spec.services),
+                spec.reason or "",
+                standing=True,
+                priority=spec.priority,
+                where=source.where("metadata", "name"),
+            )
+        )
     return tuple(found), diagnostics
 
 
 def _image(source: Source) -> Image:
     spec: Any = source.spec
     context = str((source.directory / spec.context).resolve()) if spec.context is not None else None
-    return Image(source.name, context, spec.dockerfile, dict(spec.args), tuple(spec.import_) if spec.import_ else None,
-                 str(source.directory.resolve()), source.where("metadata", "name"))
+    return Image(
+        source.name,
+        context,
+        spec.dockerfile,
+        dict(spec.args),
+        tuple(spec.import_) if spec.import_ else None,
+        str(source.directory.resolve()),
+        source.where("metadata", "name"),
+    )
 
 
 def _image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:

@@ -36,7 +36,8 @@ class Driver(Strict):
 
     devices: list[Device] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "recreate"})
     groups: texts(check.GROUP) | None = recreate(
-        description="Extra groups inside the container, such as dialout or video.")
+        description="Extra groups inside the container, such as dialout or video."
+    )
     realtime: bool = Field(
         default=False,
         json_schema_extra={"x-rorg-change": "recreate"},
@@ -48,8 +49,9 @@ class Need(Strict):
     """A service that must be active, and ready, before this one."""
 
     service: Name
-    restart: bool = unchanging(False, description="Restart this service too, whenever that one was restarted or "
-                                                  "replaced. Default: no.")
+    restart: bool = unchanging(
+        False, description="Restart this service too, whenever that one was restarted or replaced. Default: no."
+    )
 
 
 def _need(value: object) -> object:
@@ -68,14 +70,28 @@ def _on_change(value: object) -> object:
     return name
 
 
-OnChange = Annotated[str, BeforeValidator(_on_change), WithJsonSchema(
-    {"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"})]
+OnChange = Annotated[
+    str,
+    BeforeValidator(_on_change),
+    WithJsonSchema({"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"}),
+]
 Needs = list[Annotated[Need, BeforeValidator(_need)]]
 
 
 def _container_only(spec: ServiceSpec) -> list[str]:
-    names = ("image", "command", "profile", "idle", "ready", "live", "interlock", "driver", "mounts", "container",
-             "restart")
+    names = (
+        "image",
+        "command",
+        "profile",
+        "idle",
+        "ready",
+        "live",
+        "interlock",
+        "driver",
+        "mounts",
+        "container",
+        "restart",
+    )
     return [n for n in names if getattr(spec, n) is not None]
 
 
@@ -85,42 +101,60 @@ class ServiceSpec(Strict):
         description="An Image of this tree, or any reference that the engine knows."
     )
     command: Words | None = recreate()
-    profile: Name | None = unchanging(description="A Profile: built in (plain, ros1, ros2) or of this tree. "
-                                                         "plain: nothing but what is declared here.")
-    needs: Needs = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"},
-                         description="Services that must be active, and ready, before this one: NAME, or "
-                                     "{service: NAME, restart: true}.")
+    profile: Name | None = unchanging(
+        description="A Profile: built in (plain, ros1, ros2) or of this tree. plain: nothing but what is declared here."
+    )
+    needs: Needs = Field(
+        default_factory=list,
+        json_schema_extra={"x-rorg-change": "none"},
+        description="Services that must be active, and ready, before this one: NAME, or "
+        "{service: NAME, restart: true}.",
+    )
     always_on: bool = unchanging(False)
     conflicts: list[Name] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "none"})
     idle: Idle | None = unchanging()
     ready: Ready | None = unchanging()
     live: Live | None = unchanging()
     protected: bool | None = unchanging(
-        description="Never ceased because the machine is under pressure. Default: true for drivers, else false.")
+        description="Never ceased because the machine is under pressure. Default: true for drivers, else false."
+    )
     interlock: Interlock | None = unchanging()
-    exclusive: Units = Field(default_factory=dict, json_schema_extra={"x-rorg-change": "none"},
-                             description="Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says "
-                                         "how many there are; 1 where it does not.")
+    exclusive: Units = Field(
+        default_factory=dict,
+        json_schema_extra={"x-rorg-change": "none"},
+        description="Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says "
+        "how many there are; 1 where it does not.",
+    )
     may_request: list[Name] = Field(
-        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
-        description="Services and groups that this service may request by itself. Gives it rorg's socket.")
+        default_factory=list,
+        json_schema_extra={"x-rorg-change": "recreate"},
+        description="Services and groups that this service may request by itself. Gives it rorg's socket.",
+    )
     may_restart: list[Name] = Field(
-        default_factory=list, json_schema_extra={"x-rorg-change": "none"},
-        description="Services and groups that it may restart, beside requesting something.")
+        default_factory=list,
+        json_schema_extra={"x-rorg-change": "none"},
+        description="Services and groups that it may restart, beside requesting something.",
+    )
     may_act_for: list[Name | Literal["*"]] = Field(
-        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        default_factory=list,
+        json_schema_extra={"x-rorg-change": "recreate"},
         description="Services and groups in whose name it may act, within what their manifests allow to them: for a "
-                    "bridge that they call. \"*\" is every service, but not `developer`. Gives it rorg's socket.")
+        'bridge that they call. "*" is every service, but not `developer`. Gives it rorg\'s socket.',
+    )
     may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = Field(
-        default_factory=list, json_schema_extra={"x-rorg-change": "recreate"},
+        default_factory=list,
+        json_schema_extra={"x-rorg-change": "recreate"},
         description="Patterns of names, such as lab-*: services that it may create, change, remove, request and "
-                    "restart, within what it may itself. Gives it rorg's socket.")
+        "restart, within what it may itself. Gives it rorg's socket.",
+    )
     restart: Literal["always", "on-failure", "never"] | None = unchanging(
         description="What to do when a wanted service exits. Default: always, with growing pauses."
     )
     on_change: OnChange = unchanging(
-        "restart", description="What to do when files change that this service mounts from the tree, read only: "
-                               "restart, `signal NAME`, or none. Default: restart.")
+        "restart",
+        description="What to do when files change that this service mounts from the tree, read only: "
+        "restart, `signal NAME`, or none. Default: restart.",
+    )
     priority: Priority = unchanging(50, description="Under pressure the lowest give way first. Default: 50.")
     resources: Resources = Field(default_factory=Resources, json_schema_extra={"x-rorg-change": "none"})
     driver: Driver | None = recreate()
@@ -167,8 +201,10 @@ class ProfileSpec(Strict):
     """What several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
     extends: list[Name] = Field(default_factory=list)
-    common: bool = Field(default=True, description="false: it stands on nothing; what the profile common gives to "
-                                                   "every container is left out.")
+    common: bool = Field(
+        default=True,
+        description="false: it stands on nothing; what the profile common gives to every container is left out.",
+    )
     needs: Needs = Field(default_factory=list)
     idle: Idle | None = None
     ready: Ready | None = None
@@ -207,8 +243,14 @@ SPECS: dict[str, type[Strict]] = {
     "Policy": PolicySpec,
     "Request": RequestSpec,
 }
-FOLDERS = {"services": "Service", "groups": "Group", "images": "Image", "profiles": "Profile", "policies": "Policy",
-           "requests": "Request"}
+FOLDERS = {
+    "services": "Service",
+    "groups": "Group",
+    "images": "Image",
+    "profiles": "Profile",
+    "policies": "Policy",
+    "requests": "Request",
+}
 
 NOT_YET = {
     ("Service", "driver", "hotplug"): "hot-plugging",

@@ -23,6 +23,7 @@ FINAL = {"final": True}
 
 def checked(check: Callable[[str], Any]) -> AfterValidator:
     """Text that `check` does not raise ValueError for."""
+
     def run(value: str, info: ValidationInfo) -> str:
         if not ("${" in value and info.context != FINAL):
             check(value)
@@ -62,10 +63,28 @@ FSETID IPC_LOCK IPC_OWNER KILL LEASE LINUX_IMMUTABLE MAC_ADMIN MAC_OVERRIDE MKNO
 NET_BROADCAST NET_RAW PERFMON SETFCAP SETGID SETPCAP SETUID SYSLOG SYS_ADMIN SYS_BOOT SYS_CHROOT SYS_MODULE SYS_NICE
 SYS_PACCT SYS_PTRACE SYS_RAWIO SYS_RESOURCE SYS_TIME SYS_TTY_CONFIG WAKE_ALARM"""
 CAPABILITIES = frozenset(_CAPABILITIES.split())
-ULIMITS = frozenset(("core", "cpu", "data", "fsize", "locks", "memlock", "msgqueue", "nice", "nofile", "nproc", "rss",
-                     "rtprio", "rttime", "sigpending", "stack"))
-SIGNALS = frozenset((*signal.Signals.__members__,
-                     *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15))))
+ULIMITS = frozenset(
+    (
+        "core",
+        "cpu",
+        "data",
+        "fsize",
+        "locks",
+        "memlock",
+        "msgqueue",
+        "nice",
+        "nofile",
+        "nproc",
+        "rss",
+        "rtprio",
+        "rttime",
+        "sigpending",
+        "stack",
+    )
+)
+SIGNALS = frozenset(
+    (*signal.Signals.__members__, *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15)))
+)
 
 
 def _near(name: str, known: Collection[str]) -> str:
@@ -172,13 +191,17 @@ def _word(value: str) -> None:
 
 
 def _sysctl(name: str) -> None:
-    if not re.match(r"(net\.|fs\.mqueue\.|kernel\.(msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|"
-                    r"domainname)$)", name):
+    if not re.match(
+        r"(net\.|fs\.mqueue\.|kernel\.(msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|"
+        r"domainname)$)",
+        name,
+    ):
         raise ValueError(f"'{name}' is not of a container alone; set it on the host")
 
 
 def keys(check: Callable[[str], None]) -> AfterValidator:
     """A mapping whose keys pass."""
+
     def run(value: dict[str, Any]) -> dict[str, Any]:
         for key in value:
             check(key)
@@ -207,11 +230,14 @@ PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
 DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
 HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
 DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")
-MAC = like(r"([0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}|([0-9a-fA-F]{2}-){5}[0-9a-fA-F]{2}",
-           "a MAC address; write 02:42:ac:11:00:02")
+MAC = like(
+    r"([0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}|([0-9a-fA-F]{2}-){5}[0-9a-fA-F]{2}", "a MAC address; write 02:42:ac:11:00:02"
+)
 LINK = like(r"[a-zA-Z0-9][a-zA-Z0-9_.-]*(:[a-zA-Z0-9][a-zA-Z0-9_.-]*)?", "a link; write NAME or NAME:ALIAS")
-PLATFORM = like(r"(?i:linux(/[a-z0-9_]+(/[a-z0-9]+)?)?|amd64|x86_64|386|arm|arm64|aarch64|armhf|riscv64|ppc64le)",
-                "a platform; write linux/arm64")
+PLATFORM = like(
+    r"(?i:linux(/[a-z0-9_]+(/[a-z0-9]+)?)?|amd64|x86_64|386|arm|arm64|aarch64|armhf|riscv64|ppc64le)",
+    "a platform; write linux/arm64",
+)
 PATH = like(r"/[^:]*", "an absolute path")
 _NAME = r"(?![0-9]+\.)[a-zA-Z0-9_][a-zA-Z0-9_.-]*\$?"
 GROUP = like(_NAME, "a group; write its name or its number")

@@ -71,8 +71,12 @@ Texts = list[Text]
 Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs)]
 Labels = Annotated[Pairs, AfterValidator(_not_ours), check.KEYS]
 Signal = Annotated[str, BeforeValidator(check.read_signal)]
-Cores = Annotated[float, BeforeValidator(_cores), Field(allow_inf_nan=False),
-                  check.between((0.01, 1 << 20), what="write at least 0.01")]
+Cores = Annotated[
+    float,
+    BeforeValidator(_cores),
+    Field(allow_inf_nan=False),
+    check.between((0.01, 1 << 20), what="write at least 0.01"),
+]
 Device = Annotated[str, check.DEVICE]
 Limit = Annotated[Memory, check.between((0, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
 Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
@@ -115,8 +119,12 @@ Pause = Annotated[Duration, check.between((0, 0), (0.001, MOST), what="the engin
 
 
 class Healthcheck(Strict):
-    test: Annotated[list[str], BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v),
-                    AfterValidator(_test)] | None = None
+    test: (
+        Annotated[
+            list[str], BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v), AfterValidator(_test)
+        ]
+        | None
+    ) = None
     interval: Pause | None = None
     timeout: Pause | None = None
     retries: Annotated[int, Field(ge=0)] | None = None
@@ -264,7 +272,8 @@ def read_gpus(value: object) -> object:
 
 Volume = Annotated[
     Annotated[str, check.VOLUME, Tag("line")] | Annotated[Mount, Tag("mapping")],
-    Discriminator(lambda value: "line" if isinstance(value, str) else "mapping")]
+    Discriminator(lambda value: "line" if isinstance(value, str) else "mapping"),
+]
 Networks = Annotated[dict[str, Network], BeforeValidator(read_networks), AfterValidator(_network_names)]
 Ulimits = Annotated[dict[str, Ulimit], BeforeValidator(read_ulimits), check.LIMITS]
 Hosts = Annotated[list[Annotated[str, check.EXTRA_HOST]], BeforeValidator(read_hosts)]

@@ -34,21 +34,26 @@ class Idle(Strict):
     action: Literal["pause", "stop", "remove"] | None = unchanging(description="Default: stop.")
     linger: Duration | None = unchanging(description="How long it stays active after that. Default: 0.")
     min_active: Duration | None = unchanging(
-        description="Once started or resumed, it stays active at least so long. Default: 0.")
+        description="Once started or resumed, it stays active at least so long. Default: 0."
+    )
     escalate: Escalate | None = unchanging(description="For instance: pause, and stop after 10 minutes.")
     reclaim: bool | None = unchanging(
-        description="Push a paused service's memory out to swap, where the machine has some. Default: false.")
+        description="Push a paused service's memory out to swap, where the machine has some. Default: false."
+    )
 
 
 class Budget(Strict):
     """What all programs of the machine together should use at the most."""
 
     cpu: Annotated[float, Field(strict=False, gt=0)] | None = Field(
-        default=None, description="Cores. Default: all of the machine's.")
+        default=None, description="Cores. Default: all of the machine's."
+    )
     memory: Memory | None = Field(default=None, description="Default: all of the machine's.")
     over: Literal["admit", "queue", "refuse"] = Field(
-        default="admit", description="What becomes of a request whose services' expected use (`resources`) does not "
-                                     "fit beside what is wanted already. Default: admit.")
+        default="admit",
+        description="What becomes of a request whose services' expected use (`resources`) does not "
+        "fit beside what is wanted already. Default: admit.",
+    )
 
 
 class Pressure(Strict):
@@ -56,13 +61,17 @@ class Pressure(Strict):
 
     high: Fraction = Field(default=1.0, description="Of the budget: above it, one measure after another is taken.")
     low: Fraction = Field(default=0.85, description="Of the budget: below it, they are undone one after another.")
-    cpu_some: Percent | None = Field(default=None, description="PSI: percent of time in which some program waited for "
-                                     "the CPU, above which it is under pressure. Default: not looked at.")
+    cpu_some: Percent | None = Field(
+        default=None,
+        description="PSI: percent of time in which some program waited for "
+        "the CPU, above which it is under pressure. Default: not looked at.",
+    )
     memory_some: Percent | None = Field(default=20.0, description="The same for memory. Default: 20.")
     step: Interval = Field(default=0.5, description="Time between two samples, and between two measures.")
     calm: Duration = Field(default=5.0, description="How long it must be below `low` before a measure is undone.")
     admit: Annotated[int, Field(ge=0, le=100)] = Field(
-        default=60, description="Priority below which nothing new is started while under pressure.")
+        default=60, description="Priority below which nothing new is started while under pressure."
+    )
 
     @model_validator(mode="after")
     def _order(self) -> Pressure:
@@ -83,10 +92,15 @@ class PolicySpec(Strict):
     pressure: Pressure | None = Field(default=None, description="Without it, load is not looked at.")
     resources: Units = Field(default_factory=dict, description="How many of each exclusive resource there are.")
     interlock: Interlock | None = Field(
-        default=None, description="For drivers and protected services that have none of their own.")
+        default=None, description="For drivers and protected services that have none of their own."
+    )
     removals: Literal["ask", "auto"] = Field(
-        default="ask", description="What becomes of a service that is not declared any more though a request, a need "
-                                   "or a group names it: it stays until a person has confirmed its removal, or it is "
-                                   "removed. Default: ask.")
-    purge_ros: bool = Field(default=True, description="Take the registrations of killed ROS 1 nodes of this machine "
-                                                      "out of the master. Default: true.")
+        default="ask",
+        description="What becomes of a service that is not declared any more though a request, a need "
+        "or a group names it: it stays until a person has confirmed its removal, or it is "
+        "removed. Default: ask.",
+    )
+    purge_ros: bool = Field(
+        default=True,
+        description="Take the registrations of killed ROS 1 nodes of this machine out of the master. Default: true.",
+    )

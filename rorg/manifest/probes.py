@@ -64,8 +64,10 @@ class Probe(Strict):
 class ServiceProbe(Probe):
     """Forms that look into a service's container or at its place in the ROS graph."""
 
-    exec: Words | None = unchanging(description="This command, run inside the container, exits 0. Costs about 50 ms "
-                                                "each time; the others cost 1 or 2.")
+    exec: Words | None = unchanging(
+        description="This command, run inside the container, exits 0. Costs about 50 ms "
+        "each time; the others cost 1 or 2."
+    )
     log: Pattern | None = unchanging(description="A line of the output matches this regular expression.")
     engine: Literal["healthy"] | None = unchanging(description="The engine's own health check says healthy.")
     ros_node: Absolute | None = unchanging(description="This ROS 1 node is registered, and answers.")
@@ -80,7 +82,8 @@ class Ready(ServiceProbe):
     timeout: Duration = unchanging(30.0, description="After this, the service counts as late. Default: 30s.")
     failures: Failures | None = unchanging(
         description="Go on probing a ready service, once a second at the most; so many failures in a row, and it is "
-                    "not ready any more. Default: it stays ready until it is resumed or restarted.")
+        "not ready any more. Default: it stays ready until it is resumed or restarted."
+    )
 
 
 class Live(ServiceProbe):

@@ -81,10 +81,14 @@ def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str,
 
 
 def _merge_keys(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    nested = {k: _merge_keys(base[k], v) for k, v in over.items()
-              if isinstance(v, dict) and isinstance(base.get(k), dict)}
-    lists = {k: base[k] + [item for item in v if item not in base[k]] for k, v in over.items()
-             if isinstance(v, list) and isinstance(base.get(k), list)}
+    nested = {
+        k: _merge_keys(base[k], v) for k, v in over.items() if isinstance(v, dict) and isinstance(base.get(k), dict)
+    }
+    lists = {
+        k: base[k] + [item for item in v if item not in base[k]]
+        for k, v in over.items()
+        if isinstance(v, list) and isinstance(base.get(k), list)
+    }
     return {**base, **over, **nested, **lists}
 
 
@@ -107,8 +111,11 @@ def mounted_at(volume: Any) -> str:
 
 def trace(origins: Origins, container: Mapping[str, Any], over: Mapping[str, Any], origin: Origin) -> Origins:
     """Where the options of `container` come from, after `over` was put on what `origins` tells of."""
-    paths = [f"{option}.{key}" if key else option for option, value in over.items()
-             for key in (value if isinstance(value, dict) and option != "healthcheck" else ("",))]
+    paths = [
+        f"{option}.{key}" if key else option
+        for option, value in over.items()
+        for key in (value if isinstance(value, dict) and option != "healthcheck" else ("",))
+    ]
     return _put(origins, container, dict.fromkeys(paths, (origin,)))
 
 

@@ -11,8 +11,9 @@ from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.graph import closure, conflicting, overbooked
 
 
-def expand_groups(sources: Mapping[str, Source], services: Mapping[str, Service], broken: set[str]
-                  ) -> tuple[dict[str, Group], list[Diagnostic]]:
+def expand_groups(
+    sources: Mapping[str, Source], services: Mapping[str, Service], broken: set[str]
+) -> tuple[dict[str, Group], list[Diagnostic]]:
     """Groups with their members as services; unknown members and groups in a ring are errors."""
     diagnostics: list[Diagnostic] = []
     graph: dict[str, list[str]] = {}
@@ -29,16 +30,22 @@ def expand_groups(sources: Mapping[str, Source], services: Mapping[str, Service]
     if cycle:
         source = sources[cycle[0]]
         index = list(source.spec.services).index(cycle[1])  # type: ignore[attr-defined]
-        diagnostics.append(Diagnostic(source.where("spec", "services", index),
-                                      f"groups contain each other: {' -> '.join(cycle)}", "to break the cycle"))
+        diagnostics.append(
+            Diagnostic(
+                source.where("spec", "services", index),
+                f"groups contain each other: {' -> '.join(cycle)}",
+                "to break the cycle",
+            )
+        )
         return {}, diagnostics
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
         members: list[str] = []
         for member in sources[name].spec.services:  # type: ignore[attr-defined]
             members += groups[member].services if member in groups else [member] if member in services else []
-        groups[name] = Group(name, tuple(dict.fromkeys(members)), sources[name].description,
-                             sources[name].where("metadata", "name"))
+        groups[name] = Group(
+            name, tuple(dict.fromkeys(members)), sources[name].description, sources[name].where("metadata", "name")
+        )
     return groups, diagnostics
 
 
@@ -70,29 +77,43 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
     diagnostics = []
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
-            diagnostics.append(Diagnostic(_place(sources[name], "needs"),
-                                          f"'{name}' needs both '{a}' and '{b}', which conflict", "to drop one"))
+            diagnostics.append(
+                Diagnostic(
+                    _place(sources[name], "needs"),
+                    f"'{name}' needs both '{a}' and '{b}', which conflict",
+                    "to drop one",
+                )
+            )
         needs = catalog.services[name].needs
         if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
             continue  # it is said there
         for found in overbooked(catalog, closure(catalog.services, [name])):
-            diagnostics.append(Diagnostic(_place(sources[name], "needs" if needs else "exclusive"),
-                                          f"'{name}' can never be active: {found}",
-                                          "fewer units, or `resources` in the Policy"))
+            diagnostics.append(
+                Diagnostic(
+                    _place(sources[name], "needs" if needs else "exclusive"),
+                    f"'{name}' can never be active: {found}",
+                    "fewer units, or `resources` in the Policy",
+                )
+            )
     roots = [s.name for s in catalog.services.values() if s.always_on]
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
         source = sources[a if catalog.services[a].always_on else b]
-        diagnostics.append(Diagnostic(_place(source, "always_on"),
-                                      f"'{a}' and '{b}' conflict and are both always on", "to drop one"))
+        diagnostics.append(
+            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
+        )
     for request in catalog.requests:
         before = closure(catalog.services, roots)
         if catalog.services[request.requester].meta:
             roots += [m for s in request.services for m in catalog.members(s)]
         names = before | closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
         for a, b in sorted(set(conflicting(catalog.services, names)) - set(conflicting(catalog.services, before))):
-            diagnostics.append(Diagnostic(
-                request.where, f"with this request both '{a}' and '{b}' would be wanted, which conflict",
-                "to drop one"))
+            diagnostics.append(
+                Diagnostic(
+                    request.where,
+                    f"with this request both '{a}' and '{b}' would be wanted, which conflict",
+                    "to drop one",
+                )
+            )
     return diagnostics
 
 

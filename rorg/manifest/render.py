@@ -51,7 +51,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         meta=meta,
         always_on=spec.always_on,
         needs=tuple(dict.fromkeys(n.service for n in needs)),
-        follows=tuple(sorted({n.service for n in needs if n.restart})),
+        restarts_with=tuple(sorted({n.service for n in needs if n.restart})),
         conflicts=tuple(spec.conflicts),
         exclusive=dict(spec.exclusive),
         may_request=tuple(spec.may_request),
@@ -96,8 +96,14 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
     interval = model.interval
     if interval is None:
         interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]
-    return Probe(kind, tuple(target) if isinstance(target, list) else target, getattr(model, "timeout", 30.0), interval,
-                 getattr(model, "failures", None) or 0, master if kind.startswith("ros_") else "")
+    return Probe(
+        kind,
+        tuple(target) if isinstance(target, list) else target,
+        getattr(model, "timeout", 30.0),
+        interval,
+        getattr(model, "failures", None) or 0,
+        master if kind.startswith("ros_") else "",
+    )
 
 
 def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> tuple[dict[str, Any], Origins]:

@@ -33,17 +33,31 @@ def schema(kind: str) -> dict[str, Any]:
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
 _WRITTEN = {
-    "command": _WORDS, "import": _WORDS, "entrypoint": _WORDS, "dns": _WORDS, "dns_opt": _WORDS,
-    "dns_search": _WORDS, "env_file": _WORDS, "tmpfs": _WORDS, "gpus": [{"const": "all"}, {"type": "array"}],
-    "test": _WORDS, "networks": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
+    "command": _WORDS,
+    "import": _WORDS,
+    "entrypoint": _WORDS,
+    "dns": _WORDS,
+    "dns_opt": _WORDS,
+    "dns_search": _WORDS,
+    "env_file": _WORDS,
+    "tmpfs": _WORDS,
+    "gpus": [{"const": "all"}, {"type": "array"}],
+    "test": _WORDS,
+    "networks": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
     "extra_hosts": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ports": [{"type": "array", "items": _SCALAR}], "expose": [{"type": "array", "items": _SCALAR}],
-    "group_add": [{"type": "array", "items": _SCALAR}], "groups": [{"type": "array", "items": _SCALAR}],
-    "user": [_SCALAR], "cpuset": [_SCALAR], "cpuset_mems": [_SCALAR], "cpus": [_SCALAR],
+    "ports": [{"type": "array", "items": _SCALAR}],
+    "expose": [{"type": "array", "items": _SCALAR}],
+    "group_add": [{"type": "array", "items": _SCALAR}],
+    "groups": [{"type": "array", "items": _SCALAR}],
+    "user": [_SCALAR],
+    "cpuset": [_SCALAR],
+    "cpuset_mems": [_SCALAR],
+    "cpus": [_SCALAR],
     "needs": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Need"}]}}],
     "exclusive": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ulimits": [{"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"},
-                                                                     {"$ref": "#/$defs/Ulimit"}]}}],
+    "ulimits": [
+        {"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"}, {"$ref": "#/$defs/Ulimit"}]}}
+    ],
 }
 _PAIRS = ("environment", "labels", "annotations", "sysctls", "storage_opt", "options", "args", "driver_opts")
 
@@ -58,8 +72,10 @@ def _loosen(value: Any) -> Any:
     for name, field in found.get("properties", {}).items() if isinstance(found.get("properties"), dict) else ():
         written = _WRITTEN.get(name)
         if name in _PAIRS:
-            written = [{"type": "object", "additionalProperties": _SCALAR},
-                       {"type": "array", "items": {"type": "string", "pattern": "="}}]
+            written = [
+                {"type": "object", "additionalProperties": _SCALAR},
+                {"type": "array", "items": {"type": "string", "pattern": "="}},
+            ]
         if written:
             kept = {k: v for k, v in field.items() if k in ("description", "default", "title", "x-rorg-change")}
             found["properties"][name] = {"anyOf": [*written, {"type": "null"}], **kept}

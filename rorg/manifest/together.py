@@ -32,31 +32,58 @@ def clashes(options: Options) -> list[Clash]:
 def _network(options: Options) -> Iterator[Clash]:
     mode = options.get("network_mode", "")
     if mode and options.get("networks"):
-        yield Clash(("networks",), f"networks and network_mode: {mode} exclude each other", "to drop one of them",
-                    "network_mode")
+        yield Clash(
+            ("networks",),
+            f"networks and network_mode: {mode} exclude each other",
+            "to drop one of them",
+            "network_mode",
+        )
     if mode.startswith("container:"):
-        for option in ("ports", "expose", "publish_all_ports", "hostname", "links", "dns", "extra_hosts",
-                       "mac_address"):
+        for option in (
+            "ports",
+            "expose",
+            "publish_all_ports",
+            "hostname",
+            "links",
+            "dns",
+            "extra_hosts",
+            "mac_address",
+        ):
             if options.get(option):
-                yield Clash((option,), f"{option} is not for a container that uses the network of another one",
-                            "to declare it there", "network_mode")
+                yield Clash(
+                    (option,),
+                    f"{option} is not for a container that uses the network of another one",
+                    "to declare it there",
+                    "network_mode",
+                )
     elif mode in ("host", "none"):
         for option in ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ())):
             if options.get(option):
-                yield Clash((option,), f"{option} has no effect under network_mode: {mode}",
-                            "network_mode: bridge, or to drop it", "network_mode")
+                yield Clash(
+                    (option,),
+                    f"{option} has no effect under network_mode: {mode}",
+                    "network_mode: bridge, or to drop it",
+                    "network_mode",
+                )
 
 
 def _namespaces(options: Options) -> Iterator[Clash]:
     if options.get("uts") == "host" and options.get("hostname"):
         yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them", "uts")
     for name in options.get("sysctls", {}):
-        foreign = {"network_mode": name.startswith("net."), "ipc": name.startswith(("kernel.", "fs.mqueue."))
-                   and name != "kernel.domainname", "uts": name == "kernel.domainname"}
+        foreign = {
+            "network_mode": name.startswith("net."),
+            "ipc": name.startswith(("kernel.", "fs.mqueue.")) and name != "kernel.domainname",
+            "uts": name == "kernel.domainname",
+        }
         for option, theirs in foreign.items():
             if theirs and options.get(option) == "host":
-                yield Clash(("sysctls", name), f"'{name}' belongs to the host under {option}: host",
-                            f"to set it on the host, or another {option}", option)
+                yield Clash(
+                    ("sysctls", name),
+                    f"'{name}' belongs to the host under {option}: host",
+                    f"to set it on the host, or another {option}",
+                    option,
+                )
 
 
 def _limits(options: Options) -> Iterator[Clash]:
@@ -89,16 +116,38 @@ def _places(options: Options) -> Iterator[Clash]:
 _COMMON = ("labels", "labels-regex", "env", "env-regex", "tag")
 _FILES = ("max-size", "max-file", "compress")
 _DRIVERS: Mapping[str, tuple[str, ...] | None] = {
-    "json-file": (*_FILES, *_COMMON), "local": _FILES, "journald": _COMMON, "none": None, "gelf": None, "fluentd": None,
-    "awslogs": None, "splunk": None, "gcplogs": None, "etwlogs": None, "logentries": None,
-    "syslog": (*_COMMON, "syslog-address", "syslog-facility", "syslog-tls-ca-cert", "syslog-tls-cert",
-               "syslog-tls-key", "syslog-tls-skip-verify", "syslog-format"),
+    "json-file": (*_FILES, *_COMMON),
+    "local": _FILES,
+    "journald": _COMMON,
+    "none": None,
+    "gelf": None,
+    "fluentd": None,
+    "awslogs": None,
+    "splunk": None,
+    "gcplogs": None,
+    "etwlogs": None,
+    "logentries": None,
+    "syslog": (
+        *_COMMON,
+        "syslog-address",
+        "syslog-facility",
+        "syslog-tls-ca-cert",
+        "syslog-tls-cert",
+        "syslog-tls-key",
+        "syslog-tls-skip-verify",
+        "syslog-format",
+    ),
 }
 """Drivers of logs and their options; None where any may be given. Others are plugins."""
 _BUFFER = ("mode", "max-buffer-size")
 _SIZE = r"[0-9]+(\.[0-9]+)? ?[kKmMgGtTpP]?[iI]?[bB]?"
-_LOG_VALUES = {"max-size": _SIZE, "max-buffer-size": _SIZE, "max-file": "[1-9][0-9]{0,5}",
-               "mode": "blocking|non-blocking", "compress": "1|t|T|TRUE|true|True|0|f|F|FALSE|false|False"}
+_LOG_VALUES = {
+    "max-size": _SIZE,
+    "max-buffer-size": _SIZE,
+    "max-file": "[1-9][0-9]{0,5}",
+    "mode": "blocking|non-blocking",
+    "compress": "1|t|T|TRUE|true|True|0|f|F|FALSE|false|False",
+}
 
 
 def _logging(options: Options) -> Iterator[Clash]:
@@ -110,8 +159,9 @@ def _logging(options: Options) -> Iterator[Clash]:
     known = _DRIVERS.get(driver)
     for key, value in values.items() if known is not None else ():
         if key not in (*known, *_BUFFER):
-            yield Clash(("logging", "options", key), f"the driver {driver} has no option '{key}'",
-                        f"one of {', '.join(known)}")
+            yield Clash(
+                ("logging", "options", key), f"the driver {driver} has no option '{key}'", f"one of {', '.join(known)}"
+            )
         elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
             yield Clash(("logging", "options", key), f"'{value}' is no value of {key}")
     if known is not None and values.get("max-buffer-size") and values.get("mode") != "non-blocking":

@@ -64,7 +64,7 @@ class Service:
     always_on: bool = False
     needs: tuple[str, ...] = ()
     """Names of services; groups are already replaced by their members."""
-    follows: tuple[str, ...] = ()
+    restarts_with: tuple[str, ...] = ()
     """Those of `needs` whose restart restarts this service."""
     conflicts: tuple[str, ...] = ()
     exclusive: Mapping[str, int] = field(default_factory=dict)

@@ -33,5 +33,8 @@ def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
         for resource, units in catalog.services[name].exclusive.items():
             used.setdefault(resource, {})[name] = units
     there = catalog.policy.resources
-    return [f"{', '.join(users)} use {sum(users.values())} of {there.get(resource, 1)} {resource}"
-            for resource, users in sorted(used.items()) if sum(users.values()) > there.get(resource, 1)]
+    return [
+        f"{', '.join(users)} use {sum(users.values())} of {there.get(resource, 1)} {resource}"
+        for resource, users in sorted(used.items())
+        if sum(users.values()) > there.get(resource, 1)
+    ]

@@ -55,8 +55,9 @@ def _range(text: str, part: str, least: int) -> tuple[int, int]:
         raise ValueError(f"'{text}' is not a port; write HOST:CONTAINER, such as 8080:80, or ranges of both")
     low, high = int(found[1]), int(found[2] or found[1])
     if not least <= low <= high <= HIGHEST:
-        raise ValueError(f"'{text}' has a port that is not between {least} and {HIGHEST}, or a range that ends before "
-                         "it begins")
+        raise ValueError(
+            f"'{text}' has a port that is not between {least} and {HIGHEST}, or a range that ends before it begins"
+        )
     return low, high
 
 

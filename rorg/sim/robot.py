@@ -9,17 +9,18 @@ from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
-from rorg.core.lanes import Lanes
-from rorg.core.memory import Finding, Memory, finish
+from rorg.core.dispatch import DispatchLimits
+from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
-from rorg.core.trial import refuse
+from rorg.core.rollout import refuse
+from rorg.core.transitions import finish
 from rorg.engines.execute import perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
-from rorg.store.requests_file import Asked
+from rorg.store.requests_document import RequestsDocument
 
 PROBE_AFTER = 0.1
 """Seconds after which a service with a probe answers it, unless ready_after says otherwise."""
@@ -36,7 +37,7 @@ class SimRobot:
         self.engine = SimEngine(owner, lambda: self.now + self.clock_set, self.faults)
         self.owner = owner
         self.desired: Desired = desire(catalog)
-        self.asked = Asked()
+        self.document = RequestsDocument()
         self.memory = Memory()
         self.ready_after: dict[str, float] = {}
         self.hung: set[str] = set()
@@ -76,14 +77,20 @@ class SimRobot:
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
         self.memory = decision.memory
-        left = {n: at for n, at in self.asked.restarts.items() if n not in decision.served}
-        self.asked = replace(self.asked, requests=decision.settled.requests, restarts=left,
-                             removals=tuple(n for n in self.asked.removals if n not in decision.confirmed))
+        left = {n: at for n, at in self.document.restarts.items() if n not in decision.served}
+        self.document = replace(
+            self.document,
+            requests=decision.settled.requests,
+            restarts=left,
+            removals=tuple(n for n in self.document.removals if n not in decision.confirmed),
+        )
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
-            self.at(self.now + self.engine.latency(action.verb, action.service),
-                    lambda a=action, life=self.life: self._finish(a, life))
+            self.at(
+                self.now + self.engine.latency(action.verb, action.service),
+                lambda a=action, life=self.life: self._finish(a, life),
+            )
         return decision
 
     def reborn(self, memory: Memory) -> None:
@@ -116,27 +123,43 @@ class SimRobot:
         """What a pass would read now."""
         if not self.faults.unreachable:
             self._seen = tuple(self.engine.list())
-        observed = Observed(self._seen, not self.faults.unreachable,
-                            "the engine does not answer" if self.faults.unreachable else "")
+        observed = Observed(
+            self._seen, not self.faults.unreachable, "the engine does not answer" if self.faults.unreachable else ""
+        )
         return Inputs(
-            self.desired, self.asked.requests, self.asked.restarts, observed, self._findings(), self.memory, self.now,
-            self.owner, self.removals, self.booted_at, lanes=Lanes(bulk=self.desired.catalog.policy.bulk_workers),
-            holds=self.asked.holds, suspended=self.asked.suspended, wall=self.wall, load=self._load(),
-            renewals=self.renewals, confirmed=self.asked.removals)
+            self.desired,
+            self.document.requests,
+            self.document.restarts,
+            observed,
+            self._findings(),
+            self.memory,
+            self.now,
+            self.owner,
+            self.removals,
+            self.booted_at,
+            limits=DispatchLimits(bulk=self.desired.catalog.policy.bulk_workers),
+            holds=self.document.holds,
+            suspended=self.document.suspended,
+            wall=self.wall,
+            load=self._load(),
+            renewals=self.renewals,
+            confirmed=self.document.removals,
+        )
 
-    def _findings(self) -> Mapping[tuple[str, str], Finding]:
+    def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:
         """Answers to what the last pass asked."""
         found = {}
         for (name, role), target in self._asked.items():
             step = self.memory.of(name)
             if role == "interlock":
                 ok = name not in self.locked
-                found[name, role] = Finding("", ok, self.now, "" if ok else "not allowed")
+                found[name, role] = ProbeResult("", ok, self.now, "" if ok else "not allowed")
             elif step.running_since is not None and step.incarnation == target.incarnation:
                 late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
                 ok = step.incarnation not in self.hung and not (role == "ready" and late)
-                found[name, role] = Finding(step.incarnation, ok, self.now, "" if ok else "no answer",
-                                            0 if ok else 1000)
+                found[name, role] = ProbeResult(
+                    step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1000
+                )
         return found
 
     def _load(self) -> Load | None:
@@ -146,11 +169,19 @@ class SimRobot:
             return None
         if self._sample is None or self.now >= self._sample.at + limits.step:
             services = self.desired.catalog.services
-            use = {c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
-                   for c in self.engine.list() if c.alive and c.service in services}
+            use = {
+                c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
+                for c in self.engine.list()
+                if c.alive and c.service in services
+            }
             self._sample = Load(
-                self.now, self.extra[0] + sum(u[0] for u in use.values()), 4.0,
-                self.extra[1] + sum(u[1] for u in use.values()), 8 << 30, use=use)
+                self.now,
+                self.extra[0] + sum(u[0] for u in use.values()),
+                4.0,
+                self.extra[1] + sum(u[1] for u in use.values()),
+                8 << 30,
+                use=use,
+            )
         return self._sample
 
     def run(self, until: Callable[[SimRobot], bool], limit: float = 600.0) -> Decision:

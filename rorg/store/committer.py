@@ -8,12 +8,13 @@ from collections.abc import Callable
 from concurrent.futures import Future
 
 from rorg.errors import Busy, Unreachable
-from rorg.store.requests_file import Asked, RequestsFile
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_file import RequestsFile
 
 PATIENCE = 5.0
 """Seconds that stop() waits for a write under way."""
 
-Edit = Callable[[Asked], Asked]
+Edit = Callable[[RequestsDocument], RequestsDocument]
 """From what is asked now to what is asked then; raises RorgError to refuse, and then nothing of it is done."""
 
 
@@ -69,15 +70,15 @@ class Committer:
     def _commit(self, batch: list[tuple[Edit, Future[int]]]) -> None:
         refused: dict[int, Exception] = {}
 
-        def apply(asked: Asked) -> Asked:
+        def apply(document: RequestsDocument) -> RequestsDocument:
             for index, (edit, _) in enumerate(batch):
                 try:
-                    asked = edit(asked)
+                    document = edit(document)
                 except Exception as error:
                     refused[index] = error
-            return asked
+            return document
 
-        before = self.file.asked
+        before = self.file.document
         try:
             after = self.file.change(apply, notify=False)
         except Exception as error:

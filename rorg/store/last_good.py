@@ -21,8 +21,10 @@ def write_kept(folder: Path, kept: Kept) -> None:
     """Only its owner may read it: there are values of the environment in it."""
     if kept.catalog is None:
         return
-    former = [{**_dump(f.what), "needed_by": f.needed_by, "groups": f.groups, "withheld": f.withheld}
-              for f in kept.former.values()]
+    former = [
+        {**_dump(f.what), "needed_by": f.needed_by, "groups": f.groups, "withheld": f.withheld}
+        for f in kept.former.values()
+    ]
     last = [_dump(what) for what in (*kept.catalog.services.values(), *kept.catalog.groups.values())]
     write_atomic(folder / NAME, json.dumps({"last": last, "former": former}) + "\n", mode=0o600)
 

@@ -1,214 +1,19 @@
-"""The requests file: YAML that a person can read and edit while the loop runs."""
+"""The requests file, under its lock: read when it changed, changed in one step, durably."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from rorg.errors import Invalid
-from rorg.manifest.yaml_source import Document, read_yaml
-from rorg.model.catalog import Hold, Request
-from rorg.model.diagnostics import Diagnostic, Where, nearest
-from rorg.model.units import format_duration, parse_duration, parse_time, stamp
-from rorg.store.bell import ring
+from rorg.model.diagnostics import Diagnostic, Where
+from rorg.store import wakeup
 from rorg.store.files import locked, write_atomic
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_parser import parse, render
 
-HEADER = """\
-# What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
-# requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
-# (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
-# service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
-# removals: what a person has confirmed to be removed, though a request, a need or a group named it.
-"""
 SPARE = ".requests.last-good.yaml"
-PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
-"""Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
-on what else a number, a time or a truth value looks like."""
-
-
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    pass
-
-
-def _text(dumper: _Dumper, text: str) -> yaml.Node:
-    style = None if PLAIN.fullmatch(text) else '"'
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-_Dumper.add_representer(str, _text)
-_FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "holds", "suspended", "removals")
-
-
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """The content of the file."""
-
-    requests: tuple[Request, ...] = ()
-    restarts: Mapping[str, str] = field(default_factory=dict)
-    """Service -> when its restart was asked for, ISO 8601 in UTC."""
-    holds: Mapping[str, Hold] = field(default_factory=dict)
-    """Service -> until when it must not be active."""
-    suspended: Hold | None = None
-    removals: tuple[str, ...] = ()
-    """What is not declared any more, and confirmed to be removed."""
-
-    def put(self, request: Request) -> Asked:
-        """With this request, in place of the one with the same requester and id."""
-        if all(r.key != request.key for r in self.requests):
-            return replace(self, requests=(*self.requests, request))
-        # In its place: who came first is served first, however often it is renewed.
-        return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
-
-    def without(self, keys: set[tuple[str, str]]) -> Asked:
-        return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))
-
-
-def parse(text: str, file: str) -> tuple[Asked | None, list[Diagnostic]]:
-    """The content of a requests file, or everything that is wrong with it, with places."""
-    if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
-        return Asked(), []
-    document, diagnostics = read_yaml(text, file, nul=True)
-    if document is None or diagnostics:
-        return None, diagnostics
-    reader = _Reader(document)
-    asked = reader.read()
-    return (None if reader.diagnostics else asked), reader.diagnostics
-
-
-class _Reader:
-    def __init__(self, document: Document) -> None:
-        self.document, self.diagnostics = document, []
-
-    def error(self, path: tuple, message: str, remedy: str = "", key: bool = False) -> None:
-        self.diagnostics.append(Diagnostic(self.document.where(path, key), message, remedy))
-
-    def read(self) -> Asked:
-        value = self.document.value
-        if not isinstance(value, dict):
-            self.error((), "the file must be a mapping", "`requests:` with a list below it")
-            return Asked()
-        for key in value:
-            if key not in _KEYS:
-                self.error((key,), f"unknown key '{key}'", nearest(key, _KEYS), key=True)
-        entries = value.get("requests") or []
-        if not isinstance(entries, list):
-            self.error(("requests",), "must be a list")
-            entries = []
-        found = [r for i, entry in enumerate(entries) if (r := self.request(("requests", i), entry))]
-        seen: set[tuple[str, str]] = set()
-        for index, request in enumerate(found):
-            if request.key in seen:
-                self.error(("requests", index, "id"), f"a second request '{request.id}' of {request.requester}",
-                           "another id")
-            seen.add(request.key)
-        holds = value.get("holds") or {}
-        if not isinstance(holds, dict):
-            self.error(("holds",), "must map services to {until, reason}")
-            holds = {}
-        suspended = value.get("suspended")
-        return Asked(tuple(found), self.restarts(value.get("restarts") or {}),
-                     {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
-                     self.hold(("suspended",), suspended) if suspended else None,
-                     self.removals(value.get("removals") or []))
-
-    def removals(self, value: Any) -> tuple[str, ...]:
-        if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
-            self.error(("removals",), "must be a list of names", "[NAME]")
-            return ()
-        return tuple(dict.fromkeys(value))
-
-    def hold(self, path: tuple, value: Any) -> Hold | None:
-        if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
-            self.error(path, "must be a mapping with until and reason")
-            return None
-        until = self.time((*path, "until"), value["until"])
-        return None if until is None else Hold(until, str(value.get("reason") or ""))
-
-    def time(self, path: tuple, value: Any) -> float | None:
-        try:
-            return parse_time(value)
-        except ValueError as error:
-            self.error(path, str(error))
-            return None
-
-    def restarts(self, value: Any) -> dict[str, str]:
-        if not isinstance(value, dict):
-            self.error(("restarts",), "must map services to times", "NAME: 2026-01-31T12:00:00Z")
-            return {}
-        times = {name: self.time(("restarts", name), written) for name, written in value.items()}
-        return {str(name): stamp(at) for name, at in times.items() if at is not None}
-
-    def ttl(self, path: tuple, value: Any) -> float | None:
-        try:
-            return None if value is None else parse_duration(value) or None
-        except ValueError as error:
-            self.error((*path, "ttl"), str(error))
-            return None
-
-    def request(self, path: tuple, entry: Any) -> Request | None:
-        if not isinstance(entry, dict):
-            self.error(path, "a request must be a mapping with id, requester and services")
-            return None
-        before = len(self.diagnostics)
-        for key in entry:
-            if key not in _FIELDS:
-                self.error((*path, key), f"unknown key '{key}'", nearest(key, _FIELDS), key=True)
-        for key in ("id", "services"):
-            if not entry.get(key):
-                self.error(path, f"'{key}' is missing")
-        services = entry.get("services")
-        if services and not (isinstance(services, list) and all(isinstance(s, str) for s in services)):
-            self.error((*path, "services"), "must be a list of names", "[NAME]")
-        for key in ("id", "requester", "reason", "incarnation", "renewed"):
-            if not isinstance(entry.get(key, ""), str | None):
-                self.error((*path, key), f"'{key}' must be text", "quotes around it")
-        ttl, priority = self.ttl(path, entry.get("ttl")), entry.get("priority")
-        if priority is not None and (isinstance(priority, bool) or not isinstance(priority, int)):
-            self.error((*path, "priority"), "'priority' must be a whole number")
-        if len(self.diagnostics) > before:
-            return None
-        return Request(entry["id"], entry.get("requester") or "developer", tuple(services),
-                       entry.get("reason") or "", entry.get("incarnation"), priority=priority, ttl=ttl,
-                       renewed=entry.get("renewed") or "", where=self.document.where(path))
-
-
-def render(asked: Asked) -> str:
-    """The file's text."""
-    entries = []
-    for request in asked.requests:
-        entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
-        if request.reason:
-            entry["reason"] = request.reason
-        if request.incarnation:
-            entry["incarnation"] = request.incarnation
-        if request.priority is not None:
-            entry["priority"] = request.priority
-        if request.ttl is not None:
-            entry["ttl"] = format_duration(request.ttl)
-        if request.renewed:
-            entry["renewed"] = request.renewed
-        entries.append(entry)
-    content: dict[str, Any] = {"requests": entries}
-    if asked.restarts:
-        content["restarts"] = dict(asked.restarts)
-    if asked.holds:
-        content["holds"] = {name: _hold(hold) for name, hold in asked.holds.items()}
-    if asked.suspended:
-        content["suspended"] = _hold(asked.suspended)
-    if asked.removals:
-        content["removals"] = list(asked.removals)
-    return HEADER + yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120,
-                              allow_unicode=True)
-
-
-def _hold(hold: Hold) -> dict[str, str]:
-    return {"until": stamp(hold.until), **({"reason": hold.reason} if hold.reason else {})}
+"""What counts while the file is broken, also over a restart of rorg."""
 
 
 class RequestsFile:
@@ -217,7 +22,7 @@ class RequestsFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._stamp: tuple | None = None
-        self.asked = Asked()
+        self.document = RequestsDocument()
         """The last good content."""
         self.good = False
         """Whether any content was good yet."""
@@ -232,24 +37,24 @@ class RequestsFile:
         text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
         self._stamp = stamp
         try:
-            asked, self.diagnostics = parse(text, str(self.path))
+            document, self.diagnostics = parse(text, str(self.path))
         except Exception as bug:  # whatever somebody wrote into it, the robot goes on
             where = Where(str(self.path))
-            asked, self.diagnostics = None, [Diagnostic(where, f"cannot be read: {type(bug).__name__}: {bug}")]
-        if asked is None:
+            document, self.diagnostics = None, [Diagnostic(where, f"cannot be read: {type(bug).__name__}: {bug}")]
+        if document is None:
             return False
-        self.good, changed = True, asked != self.asked
-        self.asked = asked
+        self.good, changed = True, document != self.document
+        self.document = document
         return changed
 
-    def now(self) -> Asked:
+    def now(self) -> RequestsDocument:
         """What the file says at this moment, read again only where somebody else has changed it; the last good content
         while it is broken."""
         if self._now() == self._stamp:
-            return self.asked
+            return self.document
         other = RequestsFile(self.path)
         other.read()
-        return other.asked if other.good else self.asked
+        return other.document if other.good else self.document
 
     def keep(self) -> None:
         """While the file is broken, its last good content lies beside it, so that a restart of rorg forgets nothing."""
@@ -257,11 +62,11 @@ class RequestsFile:
         if not self.diagnostics:
             spare.unlink(missing_ok=True)
         elif self.good:
-            write_atomic(spare, render(self.asked))
+            write_atomic(spare, render(self.document))
         elif spare.exists():
-            asked, _ = parse(spare.read_text(encoding="utf-8"), str(spare))
-            if asked is not None:
-                self.asked, self.good = asked, True
+            document, _ = parse(spare.read_text(encoding="utf-8"), str(spare))
+            if document is not None:
+                self.document, self.good = document, True
 
     def _now(self) -> tuple:
         """Changes with every version of the file."""
@@ -271,18 +76,17 @@ class RequestsFile:
             return ()
         return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
-    def change(self, edit: Callable[[Asked], Asked], notify: bool = True) -> Asked:
+    def change(self, edit: Callable[[RequestsDocument], RequestsDocument], notify: bool = True) -> RequestsDocument:
         """Applies `edit` to what the file says now and replaces it. Raises Invalid on a broken file, which a person
         has to mend first: their edit must not be lost. Without `notify` the caller tells the loop itself."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
                 raise Invalid(f"change {self.path}", str(self.diagnostics[0]), "to mend the file first")
-            changed = edit(self.asked)
-            if changed != self.asked:
+            changed = edit(self.document)
+            if changed != self.document:
                 write_atomic(self.path, render(changed))
-                self.asked, self._stamp = changed, self._now()
+                self.document, self._stamp = changed, self._now()
                 if notify:
-                    ring(self.path.parent)
-            return self.asked
-
+                    wakeup.notify(self.path.parent)
+            return self.document

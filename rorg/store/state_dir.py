@@ -31,8 +31,11 @@ class StateDir:
         try:
             self.path.mkdir(parents=True, exist_ok=True, mode=0o750)
         except OSError as error:
-            raise Invalid(f"use the state directory {self.path}", error.strerror or str(error),
-                          "--state-dir DIR, or RORG_STATE_DIR") from error
+            raise Invalid(
+                f"use the state directory {self.path}",
+                error.strerror or str(error),
+                "--state-dir DIR, or RORG_STATE_DIR",
+            ) from error
         return self
 
     @property
@@ -72,8 +75,11 @@ class StateDir:
         except BlockingIOError:
             os.close(descriptor)
             owner = self.owner() or {}
-            raise Refused(f"own {self.path}", f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
-                          "to stop that one first, or another --state-dir") from None
+            raise Refused(
+                f"own {self.path}",
+                f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
+                "to stop that one first, or another --state-dir",
+            ) from None
         write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
         self._lock = descriptor
 

@@ -11,7 +11,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import BASE_IMAGE, wait_for
+from conftest import BASE_IMAGE, ROOT, wait_for
 from robots import WORK, RealRobot, write_tree
 
 from rorg.core.decide import Inputs, decide
@@ -86,12 +86,17 @@ def test_response_on_docker_at_41_services(dockerd, tmp_path):
             for _ in range(40):
                 ours += timed(once, 1)
                 robot.release()
-                wait_for(lambda name=name, state=state: state() != "running"
-                         and name not in robot.loop.memory.in_flight)
+                wait_for(
+                    lambda name=name, state=state: state() != "running" and name not in robot.loop.memory.in_flight
+                )
                 theirs += timed(lambda call=call: call(bare), 1)
                 away(bare)
-                wait_for(lambda: not api.inspect_container(bare)["State"]["Running"]
-                         or api.inspect_container(bare)["State"]["Paused"])
+                wait_for(
+                    lambda: (
+                        not api.inspect_container(bare)["State"]["Running"]
+                        or api.inspect_container(bare)["State"]["Paused"]
+                    )
+                )
             show(f"bare {verb}", sorted(theirs))
             show(f"request to running, by {verb}", sorted(ours), theirs)
             (api.unpause if verb == "resume" else api.start)(bare)
@@ -156,8 +161,15 @@ def test_a_crash_is_answered(dockerd, tmp_path):
             begun.clear()
             api.kill(container)
             robot.wait(lambda: len(begun) >= 1)
-            event = next(e for e in api.events(since=since - 1, until=time.time() + 1, decode=True, filters={
-                "container": container, "event": "die"}))
+            event = next(
+                e
+                for e in api.events(
+                    since=since - 1,
+                    until=time.time() + 1,
+                    decode=True,
+                    filters={"container": container, "event": "die"},
+                )
+            )
             found.append((begun[0] - event["timeNano"] / 1e9) * 1000)
         show("crash event to start call", sorted(found))
     finally:
@@ -171,19 +183,42 @@ def test_an_idle_loop_over_200_services(dockerd, tmp_path):
 
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     try:
-        write_tree(robot.tree, {f"s{n:03}": {
-            "always_on": n < 20, **({"live": {"exec": ["python3", "-S", "-c", ""], "interval": "1h"}} if n < 10 else {})
-        } for n in range(200)}, policies={"policy": {"pressure": {}}})
-        process = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(robot.tree), "--state-dir",
-                                    str(robot.state.path), "--engine", "docker"], stderr=subprocess.DEVNULL)
+        write_tree(
+            robot.tree,
+            {
+                f"s{n:03}": {
+                    "always_on": n < 20,
+                    **({"live": {"exec": ["python3", "-S", "-c", ""], "interval": "1h"}} if n < 10 else {}),
+                }
+                for n in range(200)
+            },
+            policies={"policy": {"pressure": {}}},
+        )
+        process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "rorg",
+                "run",
+                str(robot.tree),
+                "--state-dir",
+                str(robot.state.path),
+                "--engine",
+                "docker",
+            ],
+            stderr=subprocess.DEVNULL,
+        )
         wait_for(lambda: len(robot.containers()) == 200 and len(robot.active()) == 20, 120)
         time.sleep(3)
         of = psutil.Process(process.pid)
         before, began = of.cpu_times(), time.monotonic()
         time.sleep(20)
         used = sum(of.cpu_times()[:2]) - sum(before[:2])
-        print(f"\nidle loop, 200 services: {100 * used / (time.monotonic() - began):.2f} % of a core, "
-              f"{of.memory_info().rss >> 20} MiB", end="")
+        print(
+            f"\nidle loop, 200 services: {100 * used / (time.monotonic() - began):.2f} % of a core, "
+            f"{of.memory_info().rss >> 20} MiB",
+            end="",
+        )
         process.kill()
         process.wait()
     finally:
@@ -195,14 +230,29 @@ def test_latency_of_the_api_from_cpp(cpp_programs, tmp_path):
     robot = RealRobot(tmp_path, "process", None)
     write_tree(robot.tree, {"camera": {}, **{f"s{n:02}": {} for n in range(40)}})
     log = (tmp_path / "log").open("w")
-    process = subprocess.Popen([sys.executable, "-m", "rorg", "run", str(robot.tree), "--state-dir",
-                                str(robot.state.path), "--engine", "process"], stderr=log)
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "rorg",
+            "run",
+            str(robot.tree),
+            "--state-dir",
+            str(robot.state.path),
+            "--engine",
+            "process",
+        ],
+        stderr=log,
+    )
     try:
         wait_for(lambda: len(robot.containers()) == 41, 60)
         time.sleep(2)
         for what, clients, calls in (("query", 1, 3000), ("query", 50, 100), ("put", 1, 300), ("put", 50, 20)):
-            said = subprocess.check_output([cpp_programs / "latency", what, str(clients), str(calls)], text=True,
-                                           env={"RORG_SOCKET": robot.socket()})
+            said = subprocess.check_output(
+                [cpp_programs / "latency", what, str(clients), str(calls)],
+                text=True,
+                env={"RORG_SOCKET": robot.socket()},
+            )
             median, p95 = map(float, said.split())
             print(f"\n{what} from C++, {clients} client(s): median {median:.2f} ms, p95 {p95:.2f} ms", end="")
     finally:
@@ -222,7 +272,7 @@ def test_fuzz_of_the_openapi_document(tmp_path):
     tool = Path(sys.executable).with_name("schemathesis")
     if not tool.exists():
         pytest.skip("`pip install schemathesis` first")
-    robot = RealRobot(tmp_path, "process", None, with_door=True)
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
     robot.declare({"camera": {}, "arm": {"driver": {}}}, groups={"seeing": {"services": ["camera"]}})
     robot.wait(lambda: len(robot.containers()) == 2)
     listener = socket.create_server(("127.0.0.1", 0))
@@ -247,12 +297,34 @@ def test_fuzz_of_the_openapi_document(tmp_path):
 
     threading.Thread(target=accept, daemon=True).start()
     try:
-        checks = ("not_a_server_error,status_code_conformance,content_type_conformance,response_schema_conformance,"
-                  "response_headers_conformance")
+        checks = (
+            "not_a_server_error,status_code_conformance,content_type_conformance,response_schema_conformance,"
+            "response_headers_conformance"
+        )
         done = subprocess.run(
-            [tool, "run", str(ROOT / "schemas/openapi.json"), "--url", f"http://127.0.0.1:{listener.getsockname()[1]}",  # noqa: F405
-             "--max-examples", "400", "--phases", "fuzzing,coverage", "--checks", checks, "--exclude-path",
-             "/v1/events", "--seed", "7", "--request-timeout", "10"], capture_output=True, text=True, cwd=tmp_path)
+            [
+                tool,
+                "run",
+                str(ROOT / "schemas/openapi.json"),
+                "--url",
+                f"http://127.0.0.1:{listener.getsockname()[1]}",
+                "--max-examples",
+                "400",
+                "--phases",
+                "fuzzing,coverage",
+                "--checks",
+                checks,
+                "--exclude-path",
+                "/v1/events",
+                "--seed",
+                "7",
+                "--request-timeout",
+                "10",
+            ],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+        )
         print("\n".join(line for line in done.stdout.splitlines() if "generated" in line or "❌" in line), end="")
         assert done.returncode == 0, done.stdout[-3000:]
     finally:

@@ -22,8 +22,10 @@ CYCLES = int(os.environ.get("CYCLES", "3400"))
 
 
 def told(what: str, result, ends: int) -> None:
-    print(f"\n{what}: {result.cycles} cycles, {len(result.wrong)} wrong, {len(result.errors)} errors, "
-          f"longest {result.longest:.1f} s, {ends} times another rorg")
+    print(
+        f"\n{what}: {result.cycles} cycles, {len(result.wrong)} wrong, {len(result.errors)} errors, "
+        f"longest {result.longest:.1f} s, {ends} times another rorg"
+    )
     assert not result.wrong
     assert not result.errors
 
@@ -47,9 +49,11 @@ class Upgrades:
 
     def start(self) -> None:
         self.container = self.api.create_container(
-            self.image, ["run", str(self.robot.tree), "--engine", "docker"],
+            self.image,
+            ["run", str(self.robot.tree), "--engine", "docker"],
             environment={"RORG_STATE_DIR": str(self.robot.state.path), "DOCKER_HOST": self.robot.host},
-            host_config=self.api.create_host_config(network_mode="host", pid_mode="host", binds=self.binds))["Id"]
+            host_config=self.api.create_host_config(network_mode="host", pid_mode="host", binds=self.binds),
+        )["Id"]
         self.api.start(self.container)
 
     def stop(self) -> None:

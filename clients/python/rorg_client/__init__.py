@@ -37,10 +37,37 @@ if TYPE_CHECKING:
     from rorg_client.aio import AsyncClient, AsyncRequest
 
 __all__ = [
-    "PATIENCE", "TTL", "Address", "AsyncClient", "AsyncRequest", "Client", "Condition", "Error", "Event", "Forbidden",
-    "GroupView", "Invalid", "Loss", "ManifestView", "NotFound", "NotReady", "Readiness", "Refused", "Request",
-    "RequestView", "ServiceUsage", "ServiceView", "Spec", "Unreachable", "Usage", "Why", "check_id", "client",
-    "default_address", "manifest_text", "request",
+    "PATIENCE",
+    "TTL",
+    "Address",
+    "AsyncClient",
+    "AsyncRequest",
+    "Client",
+    "Condition",
+    "Error",
+    "Event",
+    "Forbidden",
+    "GroupView",
+    "Invalid",
+    "Loss",
+    "ManifestView",
+    "NotFound",
+    "NotReady",
+    "Readiness",
+    "Refused",
+    "Request",
+    "RequestView",
+    "ServiceUsage",
+    "ServiceView",
+    "Spec",
+    "Unreachable",
+    "Usage",
+    "Why",
+    "check_id",
+    "client",
+    "default_address",
+    "manifest_text",
+    "request",
 ]
 
 _shared: Client | None = None
@@ -63,9 +90,17 @@ def client() -> Client:
     return _shared
 
 
-def request(*services: str, id: str | None = None, wait: float | None = None, ttl: float | None = TTL,
-            reason: str = "", priority: int | None = None, requester: str | None = None,
-            on_lost: Callable[[Loss], None] | None = None) -> Request:
+def request(
+    *services: str,
+    id: str | None = None,
+    wait: float | None = None,
+    ttl: float | None = TTL,
+    reason: str = "",
+    priority: int | None = None,
+    requester: str | None = None,
+    on_lost: Callable[[Loss], None] | None = None,
+) -> Request:
     """Client.request on the default address."""
-    return client().request(*services, id=id, wait=wait, ttl=ttl, reason=reason, priority=priority,
-                            requester=requester, on_lost=on_lost)
+    return client().request(
+        *services, id=id, wait=wait, ttl=ttl, reason=reason, priority=priority, requester=requester, on_lost=on_lost
+    )

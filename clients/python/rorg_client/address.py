@@ -21,7 +21,8 @@ def default_address() -> str:
     if found:
         return found
     folder = os.environ.get("RORG_RUN_DIR") or (
-        f"{os.environ['RORG_STATE_DIR']}/run" if os.environ.get("RORG_STATE_DIR") else "/run/rorg")
+        f"{os.environ['RORG_STATE_DIR']}/run" if os.environ.get("RORG_STATE_DIR") else "/run/rorg"
+    )
     return f"{folder}/rorg.sock"
 
 
@@ -31,8 +32,10 @@ class Address:
 
     def __init__(self, text: str = "", ca: str = "", cert: str = "", key: str = "") -> None:
         self.text = text or default_address()
-        self.ca, self.cert, self.key = (given or os.environ.get(name, "") for given, name in (
-            (ca, "RORG_CA"), (cert, "RORG_CERT"), (key, "RORG_KEY")))
+        self.ca, self.cert, self.key = (
+            given or os.environ.get(name, "")
+            for given, name in ((ca, "RORG_CA"), (cert, "RORG_CERT"), (key, "RORG_KEY"))
+        )
         scheme, found, rest = self.text.partition("://")
         self.path, self.host, self.port = "", "", 0
         if not found:
@@ -45,8 +48,11 @@ class Address:
                 raise invalid(f"cannot reach rorg on {self.text}", "it names no port", "https://HOST:PORT")
             self.host, self.port = host.strip("[]"), int(port)
         else:
-            raise invalid(f"cannot reach rorg on {self.text}", f"'{scheme}' is no way to rorg",
-                          "unix:///PATH or https://HOST:PORT")
+            raise invalid(
+                f"cannot reach rorg on {self.text}",
+                f"'{scheme}' is no way to rorg",
+                "unix:///PATH or https://HOST:PORT",
+            )
         self._context: ssl.SSLContext | None = None
 
     def __str__(self) -> str:
@@ -62,8 +68,11 @@ class Address:
                 if self.cert:
                     context.load_cert_chain(self.cert, self.key or None)
             except (OSError, ssl.SSLError) as error:
-                raise invalid(f"cannot reach rorg on {self.text}", f"the certificates cannot be read: {error}",
-                              "RORG_CA, RORG_CERT and RORG_KEY") from error
+                raise invalid(
+                    f"cannot reach rorg on {self.text}",
+                    f"the certificates cannot be read: {error}",
+                    "RORG_CA, RORG_CERT and RORG_KEY",
+                ) from error
             self._context = context
         return self._context
 

@@ -38,8 +38,16 @@ class AsyncClient:
     """As Client, for one event loop at a time. Each call that is under way has a connection of its own, so that those
     that wait delay no other; a call that is cancelled hangs up."""
 
-    def __init__(self, address: str | None = None, timeout: float = 10.0, patience: float = PATIENCE, *,
-                 ca: str = "", cert: str = "", key: str = "") -> None:
+    def __init__(
+        self,
+        address: str | None = None,
+        timeout: float = 10.0,
+        patience: float = PATIENCE,
+        *,
+        ca: str = "",
+        cert: str = "",
+        key: str = "",
+    ) -> None:
         self.address, self.timeout, self.patience = Address(address or "", ca, cert, key), timeout, patience
         self._newest = Newest()
         self._idle: list[AsyncConnection] = []
@@ -69,9 +77,17 @@ class AsyncClient:
 
     # -- requests ----------------------------------------------------------------------------------------------
 
-    def request(self, *services: str, id: str | None = None, wait: float | None = None,
-                ttl: float | None = TTL, reason: str = "", priority: int | None = None,
-                requester: str | None = None, on_lost: Callable[[Loss], None] | None = None) -> AsyncRequest:
+    def request(
+        self,
+        *services: str,
+        id: str | None = None,
+        wait: float | None = None,
+        ttl: float | None = TTL,
+        reason: str = "",
+        priority: int | None = None,
+        requester: str | None = None,
+        on_lost: Callable[[Loss], None] | None = None,
+    ) -> AsyncRequest:
         """As Client.request: `async with client.request(...)`, or `held = await client.request(...)`. When its task is
         cancelled while it waits, the request is released at once."""
         if not services:
@@ -171,8 +187,7 @@ class AsyncClient:
         """Its text."""
         return await self.do(calls.manifest(kind, name))
 
-    async def put_manifest(self, kind: str, name: str, text: str, base: str | None,
-                           message: str = "") -> ManifestView:
+    async def put_manifest(self, kind: str, name: str, text: str, base: str | None, message: str = "") -> ManifestView:
         """Writes a manifest; `base` is the digest of the version that was edited, None for a new one."""
         return await self.do(calls.put_manifest(kind, name, text, base, message))
 
@@ -192,8 +207,14 @@ class AsyncClient:
 
     # -- events ------------------------------------------------------------------------------------------------
 
-    async def events(self, cursor: int | None = None, follow: bool = False, tail: int = 0, mine: bool = False,
-                     requester: str | None = None) -> AsyncIterator[Event]:
+    async def events(
+        self,
+        cursor: int | None = None,
+        follow: bool = False,
+        tail: int = 0,
+        mine: bool = False,
+        requester: str | None = None,
+    ) -> AsyncIterator[Event]:
         """As Client.events."""
         while True:
             connection: AsyncConnection | None = None

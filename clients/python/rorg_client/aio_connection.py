@@ -26,8 +26,9 @@ class AsyncConnection:
     @classmethod
     async def open(cls, address: Address, timeout: float) -> AsyncConnection:
         if address.host:
-            opening = asyncio.open_connection(address.host, address.port, ssl=address.tls(),
-                                              server_hostname=address.host)
+            opening = asyncio.open_connection(
+                address.host, address.port, ssl=address.tls(), server_hostname=address.host
+            )
             try:
                 return cls(*await asyncio.wait_for(opening, timeout))
             except asyncio.TimeoutError:

@@ -27,9 +27,18 @@ def looked_at(done: asyncio.Future[Any]) -> None:
 class AsyncRequest(Kept):
     """An asynchronous context manager, or awaited and then released by hand."""
 
-    def __init__(self, client: AsyncClient, services: Sequence[str], id: str | None, ttl: float | None,
-                 reason: str, priority: int | None, requester: str | None, wait: float | None,
-                 on_lost: Callable[[Loss], None] | None) -> None:
+    def __init__(
+        self,
+        client: AsyncClient,
+        services: Sequence[str],
+        id: str | None,
+        ttl: float | None,
+        reason: str,
+        priority: int | None,
+        requester: str | None,
+        wait: float | None,
+        on_lost: Callable[[Loss], None] | None,
+    ) -> None:
         super().__init__(services, id or new_id(services[0]), ttl, reason, priority, requester)
         self.client, self._wait = client, wait
         self._callbacks: list[Callable[[Loss], None]] = [on_lost] if on_lost else []
@@ -63,7 +72,8 @@ class AsyncRequest(Kept):
 
     async def _send(self, patience: float | None = None) -> None:
         self._sending = asyncio.ensure_future(
-            self.client.do(calls.put_request(self.id, self.body, self.requester), patience))
+            self.client.do(calls.put_request(self.id, self.body, self.requester), patience)
+        )
         self._sending.add_done_callback(looked_at)
         await asyncio.shield(self._sending)
 

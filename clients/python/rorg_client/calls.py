@@ -62,8 +62,13 @@ class Call(Generic[T]):
     def not_before(self, newest: Newest) -> int:
         """The change that the answer must know of. What is asked for may be declared by an earlier change; a renewal or
         a release never has to wait."""
-        return newest.change if self.method == "GET" else 0 if self.renewal or self.method == "DELETE" else (
-            newest.manifest)
+        return (
+            newest.change
+            if self.method == "GET"
+            else 0
+            if self.renewal or self.method == "DELETE"
+            else (newest.manifest)
+        )
 
     def headers(self, newest: Newest) -> dict[str, str]:
         number = self.not_before(newest)
@@ -116,8 +121,12 @@ class Attempts:
         if isinstance(failed.error, Error):
             return failed.error
         if failed.sent and self.call.once:
-            return Unreachable(f"cannot {self.call.method} {self.call.path}", f"{failed.error}, and it is not known "
-                               "whether it was done", "to look, then again", "unreachable")
+            return Unreachable(
+                f"cannot {self.call.method} {self.call.path}",
+                f"{failed.error}, and it is not known whether it was done",
+                "to look, then again",
+                "unreachable",
+            )
         return unreachable(self.where, failed.error)
 
 
@@ -235,8 +244,11 @@ def duration(seconds: float) -> str:
 def check_id(id: str) -> None:
     """Raises Invalid for what cannot be the id of a request."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}", id):
-        raise invalid(f"cannot request as '{id}'", "an id begins with a letter or digit, and has at most 64 of "
-                      "letters, digits and _ . : -", "another id")
+        raise invalid(
+            f"cannot request as '{id}'",
+            "an id begins with a letter or digit, and has at most 64 of letters, digits and _ . : -",
+            "another id",
+        )
 
 
 def digest_of(found: list[ManifestView], kind: str, name: str) -> str | None:

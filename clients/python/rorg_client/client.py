@@ -42,8 +42,16 @@ class Client:
     machine's own rorg. `ca`, `cert`, `key`: files for https, by default RORG_CA, RORG_CERT, RORG_KEY.
     """
 
-    def __init__(self, address: str | None = None, timeout: float = 10.0, patience: float = PATIENCE, *,
-                 ca: str = "", cert: str = "", key: str = "") -> None:
+    def __init__(
+        self,
+        address: str | None = None,
+        timeout: float = 10.0,
+        patience: float = PATIENCE,
+        *,
+        ca: str = "",
+        cert: str = "",
+        key: str = "",
+    ) -> None:
         self.address, self.timeout, self.patience = Address(address or "", ca, cert, key), timeout, patience
         self._newest = Newest()
         self._local = threading.local()
@@ -69,9 +77,17 @@ class Client:
 
     # -- requests ----------------------------------------------------------------------------------------------
 
-    def request(self, *services: str, id: str | None = None, wait: float | None = None,
-                ttl: float | None = TTL, reason: str = "", priority: int | None = None,
-                requester: str | None = None, on_lost: Callable[[Loss], None] | None = None) -> Request:
+    def request(
+        self,
+        *services: str,
+        id: str | None = None,
+        wait: float | None = None,
+        ttl: float | None = TTL,
+        reason: str = "",
+        priority: int | None = None,
+        requester: str | None = None,
+        on_lost: Callable[[Loss], None] | None = None,
+    ) -> Request:
         """Requests services at once and keeps the request until release(), or the end of a `with` block.
 
         `wait`: seconds to wait until they, and all that they need, are ready; raises NotReady with the reason, having
@@ -209,8 +225,14 @@ class Client:
 
     # -- events ------------------------------------------------------------------------------------------------
 
-    def events(self, cursor: int | None = None, follow: bool = False, tail: int = 0, mine: bool = False,
-               requester: str | None = None) -> Iterator[Event]:
+    def events(
+        self,
+        cursor: int | None = None,
+        follow: bool = False,
+        tail: int = 0,
+        mine: bool = False,
+        requester: str | None = None,
+    ) -> Iterator[Event]:
         """What happened, each with its number `seq`; `mine`: about own requests and what they name, and a service sees
         no others. When following, goes on across restarts of rorg, without a gap."""
         while True:
@@ -303,5 +325,10 @@ def readiness_of(service: ServiceView) -> Readiness:
 
 
 def not_restarted(name: str, seconds: float) -> NotReady:
-    return NotReady(f"cannot wait for the restart of {name}", f"{name} has not started again after {seconds:g} s",
-                    "`rorg why` for the reasons", "not-ready", 504)
+    return NotReady(
+        f"cannot wait for the restart of {name}",
+        f"{name} has not started again after {seconds:g} s",
+        "`rorg why` for the reasons",
+        "not-ready",
+        504,
+    )

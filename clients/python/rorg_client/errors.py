@@ -45,8 +45,16 @@ class NotReady(Error):
     services: dict[str, Readiness] = {}
 
 
-_CODES = {"forbidden": Forbidden, "not-found": NotFound, "refused": Refused, "invalid": Invalid, "not-ready": NotReady,
-          "unreachable": Unreachable, "busy": Unreachable, "ending": Unreachable}
+_CODES = {
+    "forbidden": Forbidden,
+    "not-found": NotFound,
+    "refused": Refused,
+    "invalid": Invalid,
+    "not-ready": NotReady,
+    "unreachable": Unreachable,
+    "busy": Unreachable,
+    "ending": Unreachable,
+}
 
 
 def problem(status: int, text: bytes) -> Error:
@@ -58,8 +66,13 @@ def problem(status: int, text: bytes) -> Error:
     if not isinstance(told, dict):
         told = {}
     kind = _CODES.get(str(told.get("code", "")), Unreachable if status == 503 else Error)
-    found = kind(str(told.get("title", f"HTTP {status}")), str(told.get("cause", text.decode(errors="replace")[:200])),
-                 str(told.get("remedy", "")), str(told.get("code", "")), status)
+    found = kind(
+        str(told.get("title", f"HTTP {status}")),
+        str(told.get("cause", text.decode(errors="replace")[:200])),
+        str(told.get("remedy", "")),
+        str(told.get("code", "")),
+        status,
+    )
     if isinstance(found, NotReady) and isinstance(told.get("services"), dict):
         found.services = told["services"]
     return found

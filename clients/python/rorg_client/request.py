@@ -29,11 +29,22 @@ class Kept:
     """What the requests of both clients know. One belongs to the process that made it: a forked child that leaves its
     parent's block, or releases it, changes nothing."""
 
-    def __init__(self, services: Sequence[str], id: str, ttl: float | None, reason: str, priority: int | None,
-                 requester: str | None) -> None:
+    def __init__(
+        self,
+        services: Sequence[str],
+        id: str,
+        ttl: float | None,
+        reason: str,
+        priority: int | None,
+        requester: str | None,
+    ) -> None:
         self.services, self.id, self.ttl, self.requester = tuple(services), id, ttl, requester
-        self.body: dict[str, Any] = {"services": list(services), "reason": reason, "priority": priority,
-                                     "ttl": None if ttl is None else calls.duration(ttl)}
+        self.body: dict[str, Any] = {
+            "services": list(services),
+            "reason": reason,
+            "priority": priority,
+            "ttl": None if ttl is None else calls.duration(ttl),
+        }
         self.losses: list[Loss] = []
         """What was lost since it was last ready."""
         self.runs: dict[str, str] = {}
@@ -50,8 +61,9 @@ class Kept:
         """Forgets the losses that were `known` when it was asked, and says whether one has come since of a run that
         was told to be ready: then it was lost between the answer and now."""
         self.runs = {name: told["incarnation"] for name, told in found.items() if told["incarnation"]}
-        self.losses = [loss for loss in self.losses[known:]
-                       if loss.incarnation and self.runs.get(loss.service) == loss.incarnation]
+        self.losses = [
+            loss for loss in self.losses[known:] if loss.incarnation and self.runs.get(loss.service) == loss.incarnation
+        ]
         return bool(self.losses)
 
     def takes(self, loss: Loss) -> bool:
@@ -79,8 +91,16 @@ def tell(call: Callable[[Loss], None], loss: Loss) -> None:
 class Request(Kept):
     """A context manager; release() may be called twice. Its heartbeat goes on through restarts of rorg."""
 
-    def __init__(self, client: Client, services: Sequence[str], id: str, ttl: float | None, reason: str,
-                 priority: int | None, requester: str | None) -> None:
+    def __init__(
+        self,
+        client: Client,
+        services: Sequence[str],
+        id: str,
+        ttl: float | None,
+        reason: str,
+        priority: int | None,
+        requester: str | None,
+    ) -> None:
         super().__init__(services, id, ttl, reason, priority, requester)
         self.client = client
         self._over, self._lost, self._guard = threading.Event(), threading.Event(), threading.Lock()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rorg_client.request import Kept, Request
 
 PAUSE = 0.5
-"""Seconds until it tries again to follow."""
+"""Seconds until it attempts again to follow."""
 
 
 class Watcher:
@@ -29,7 +29,7 @@ class Watcher:
         self._requests: list[Request] = []
         self._connections: dict[str | None, Connection] = {}
         self._followed: list[str | None] = []
-        """Requesters whose events are followed, each by a thread."""
+        """Requesters whose events are counted_on, each by a thread."""
 
     def add(self, request: Request) -> None:
         with self._lock:
@@ -122,8 +122,14 @@ def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
     if view["incarnation"] == run and view["state"] == "running":
         return None
     cause = "restarted" if view["incarnation"] and view["incarnation"] != run else "held" if view["held"] else "ceased"
-    return Loss(name, cause, f"{name} is {view['state']}, in another run than before"
-                if cause == "restarted" else f"{name} is {view['state']}", run)
+    return Loss(
+        name,
+        cause,
+        f"{name} is {view['state']}, in another run than before"
+        if cause == "restarted"
+        else f"{name} is {view['state']}",
+        run,
+    )
 
 
 def loss_of(event: Event, request: Kept) -> Loss | None:

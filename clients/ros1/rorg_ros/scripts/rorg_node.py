@@ -97,23 +97,34 @@ def publish(client: Client) -> None:
 
 def offer(bridge: Bridge) -> None:
     """Puts ROS services in front of the bridge."""
+
     def query(request):
         found, message, service = bridge.query(request.name)
         return QueryServiceResponse(found, message, status_of(service) if found else ServiceStatus())
 
     rospy.Service("~query", QueryService, query)
-    rospy.Service("~request", RequestServices, lambda r: RequestServicesResponse(
-        *bridge.request(caller(r), r.id, r.services, r.reason, r.wait, r.ttl)))
-    rospy.Service("~release", ReleaseServices, lambda r: ReleaseServicesResponse(
-        *bridge.release(caller(r), r.id)[:2]))
-    rospy.Service("~restart", RestartService, lambda r: RestartServiceResponse(
-        *bridge.restart(caller(r), r.name, r.force)[:2]))
-    rospy.Service("~get_manifest", GetManifest, lambda r: GetManifestResponse(
-        *bridge.get_manifest(caller(r), r.kind, r.name)))
-    rospy.Service("~put_manifest", PutManifest, lambda r: PutManifestResponse(
-        *bridge.put_manifest(caller(r), r.kind, r.name, r.text, r.base, r.message)))
-    rospy.Service("~remove_manifest", RemoveManifest, lambda r: RemoveManifestResponse(
-        *bridge.remove_manifest(caller(r), r.kind, r.name, r.base, r.message)[:2]))
+    rospy.Service(
+        "~request",
+        RequestServices,
+        lambda r: RequestServicesResponse(*bridge.request(caller(r), r.id, r.services, r.reason, r.wait, r.ttl)),
+    )
+    rospy.Service("~release", ReleaseServices, lambda r: ReleaseServicesResponse(*bridge.release(caller(r), r.id)[:2]))
+    rospy.Service(
+        "~restart", RestartService, lambda r: RestartServiceResponse(*bridge.restart(caller(r), r.name, r.force)[:2])
+    )
+    rospy.Service(
+        "~get_manifest", GetManifest, lambda r: GetManifestResponse(*bridge.get_manifest(caller(r), r.kind, r.name))
+    )
+    rospy.Service(
+        "~put_manifest",
+        PutManifest,
+        lambda r: PutManifestResponse(*bridge.put_manifest(caller(r), r.kind, r.name, r.text, r.base, r.message)),
+    )
+    rospy.Service(
+        "~remove_manifest",
+        RemoveManifest,
+        lambda r: RemoveManifestResponse(*bridge.remove_manifest(caller(r), r.kind, r.name, r.base, r.message)[:2]),
+    )
 
 
 def main() -> None:

@@ -56,18 +56,23 @@ class RorgNode(Node):
         self.last: Status | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.publisher = self.create_publisher(Status, "~/status", latched)
-        for name, kind, call in (("request", RequestServices, self.request), ("release", ReleaseServices, self.release),
-                                 ("query", QueryService, self.query), ("restart", RestartService, self.restart),
-                                 ("get_manifest", GetManifest, self.get_manifest),
-                                 ("put_manifest", PutManifest, self.put_manifest),
-                                 ("remove_manifest", RemoveManifest, self.remove_manifest)):
+        for name, kind, call in (
+            ("request", RequestServices, self.request),
+            ("release", ReleaseServices, self.release),
+            ("query", QueryService, self.query),
+            ("restart", RestartService, self.restart),
+            ("get_manifest", GetManifest, self.get_manifest),
+            ("put_manifest", PutManifest, self.put_manifest),
+            ("remove_manifest", RemoveManifest, self.remove_manifest),
+        ):
             self.create_service(kind, f"~/{name}", call, callback_group=group)
         self.create_timer(0.2, self.publish)
         self.create_timer(0.5, self.sweep)
 
     def request(self, ask, answer):
         answer.success, answer.message, answer.lease = self.bridge.request(
-            ask.caller, ask.id, list(ask.services), ask.reason, ask.wait, ask.ttl)
+            ask.caller, ask.id, list(ask.services), ask.reason, ask.wait, ask.ttl
+        )
         return answer
 
     def release(self, ask, answer):
@@ -80,17 +85,20 @@ class RorgNode(Node):
 
     def get_manifest(self, ask, answer):
         answer.success, answer.message, answer.text, answer.digest = self.bridge.get_manifest(
-            ask.caller, ask.kind, ask.name)
+            ask.caller, ask.kind, ask.name
+        )
         return answer
 
     def put_manifest(self, ask, answer):
         answer.success, answer.message, answer.digest = self.bridge.put_manifest(
-            ask.caller, ask.kind, ask.name, ask.text, ask.base, ask.message)
+            ask.caller, ask.kind, ask.name, ask.text, ask.base, ask.message
+        )
         return answer
 
     def remove_manifest(self, ask, answer):
         answer.success, answer.message, _ = self.bridge.remove_manifest(
-            ask.caller, ask.kind, ask.name, ask.base, ask.message)
+            ask.caller, ask.kind, ask.name, ask.base, ask.message
+        )
         return answer
 
     def sweep(self) -> None:
@@ -118,8 +126,9 @@ class RorgNode(Node):
 
 
 def status_of(service: dict) -> ServiceStatus:
-    return ServiceStatus(**{field: service[field] for field in ("state", "health", "wanted", "why")},
-                         name=service["service"])
+    return ServiceStatus(
+        **{field: service[field] for field in ("state", "health", "wanted", "why")}, name=service["service"]
+    )
 
 
 def main() -> None:

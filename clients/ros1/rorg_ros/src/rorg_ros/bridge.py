@@ -84,8 +84,9 @@ class Bridge:
 
     # -- for callers -------------------------------------------------------------------------------------------
 
-    def request(self, caller: str, id: str, services: Iterable[str], reason: str, wait: float, ttl: float = 0.0
-                ) -> Done:
+    def request(
+        self, caller: str, id: str, services: Iterable[str], reason: str, wait: float, ttl: float = 0.0
+    ) -> Done:
         """Requests for as long as the caller is there, and `ttl` seconds more."""
         if not (math.isfinite(ttl) and math.isfinite(wait) and ttl >= 0):
             return Done(False, "cannot request: ttl and wait must be numbers of seconds; try 0 for the default")
@@ -107,8 +108,11 @@ class Bridge:
         with self._lock:
             before = self._terms.get(key)
             held = self._terms[key] = Terms(holder, lease, requester, time.monotonic())
-        body = {"services": names, "reason": f"{caller}: {reason}" if reason else caller,
-                "ttl": format_seconds(held.lease or KEEP)}
+        body = {
+            "services": names,
+            "reason": f"{caller}: {reason}" if reason else caller,
+            "ttl": format_seconds(held.lease or KEEP),
+        }
         try:
             done = self.client.call("PUT", address(key, requester), body)
         except Error:
@@ -143,8 +147,11 @@ class Bridge:
         with self._lock:
             known = self._terms.pop(key, None)
         try:
-            found = [known.requester] if known else [
-                r["requester"] for r in self.client.requests() if r["id"] == key and not r["standing"]]
+            found = (
+                [known.requester]
+                if known
+                else [r["requester"] for r in self.client.requests() if r["id"] == key and not r["standing"]]
+            )
             for requester in found:
                 self.client.call("DELETE", address(key, requester))
         except Error as error:
@@ -177,8 +184,9 @@ class Bridge:
         except Error as error:
             return False, str(error), "", ""
 
-    def put_manifest(self, caller: str, kind: str, name: str, text: str, base: str, message: str
-                     ) -> tuple[bool, str, str]:
+    def put_manifest(
+        self, caller: str, kind: str, name: str, text: str, base: str, message: str
+    ) -> tuple[bool, str, str]:
         """(success, message, digest)."""
         body = {"text": text, "base": base or None, "message": message}
         try:
@@ -262,8 +270,12 @@ class Bridge:
             if node:
                 brief = passing(node) or request["ttl"] != KEEP
                 with self._lock:
-                    self._terms.setdefault(request["id"], Terms(
-                        holder_of(node), request["ttl"] if brief else 0.0, request["requester"], time.monotonic()))
+                    self._terms.setdefault(
+                        request["id"],
+                        Terms(
+                            holder_of(node), request["ttl"] if brief else 0.0, request["requester"], time.monotonic()
+                        ),
+                    )
         return {key: held for key, held in dict(self._terms).items() if key in mine}
 
     def _forget(self, terms: dict[str, Terms], mine: dict[str, Any]) -> None:

@@ -34,7 +34,7 @@ def request_id(kind: str, holder: str, id: str) -> str:
     id, room = id or "request", 64 - len(f"{kind}:{tag(holder)}:")
     plain = re.fullmatch(r"[A-Za-z0-9_.:-]+", id) and len(id) <= room and not re.search("-[0-9a-f]{8}$", id)
     if not plain:
-        id = f"{re.sub('[^A-Za-z0-9_.:-]', '.', id)[:room - 9]}-{digest(id)}"
+        id = f"{re.sub('[^A-Za-z0-9_.:-]', '.', id)[: room - 9]}-{digest(id)}"
     return f"{kind}:{tag(holder)}:{id}"
 
 

@@ -1,0 +1,114 @@
+"""The API, version 1: routes over the operations. FastAPI says what they take and give; nothing is decided here."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from rorg import __version__
+from rorg.api.events import add_events
+from rorg.api.manifests import add_manifests
+from rorg.api.models import (
+    Problem,
+)
+from rorg.api.operating import add_operating
+from rorg.api.operations import Operations
+from rorg.api.problems import answer, problem
+from rorg.api.reading import add_reading
+from rorg.api.requesting import add_requesting
+from rorg.api.waiting import add_waiting
+from rorg.errors import RorgError
+
+MOST_BODY = 1 << 20
+"""Bytes of a request's body."""
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    code: {"model": Problem, "description": what, "content": {"application/problem+json": {}}}
+    for code, what in (
+        (400, "no JSON"),
+        (403, "may not"),
+        (404, "no such thing"),
+        (409, "refused"),
+        (413, "too large"),
+        (422, "invalid"),
+        (503, "not now"),
+        (504, "not ready"),
+    )
+}
+
+
+def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> FastAPI:
+    """The application. `changed()` is an event that is set at the next pass of the loop, or line of the journal."""
+    app = FastAPI(
+        title="rorg",
+        version=__version__,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/v1/openapi.json",
+        responses=RESPONSES,
+    )
+    app.state.operations = operations
+    _errors(app)
+    add_reading(app, operations)
+    add_requesting(app, operations, changed)
+    add_operating(app, operations)
+    add_waiting(app, operations, changed)
+    add_events(app, operations, changed)
+    add_manifests(app, operations, changed)
+    return app
+
+
+def _errors(app: FastAPI) -> None:
+    @app.exception_handler(RorgError)
+    async def told(request: Request, error: RorgError) -> JSONResponse:
+        return answer(error)
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        where = ".".join(str(p) for p in first["loc"] if p not in ("body", "query", "path"))
+        return problem(422, "invalid", "cannot read the request", f"{where or 'body'}: {first['msg']}")
+
+    @app.exception_handler(HTTPException)
+    async def http(request: Request, error: HTTPException) -> JSONResponse:
+        code = {404: "not-found", 405: "no-such-method"}.get(error.status_code, "invalid")
+        found = problem(error.status_code, code, f"cannot {request.method} {request.url.path}", str(error.detail))
+        found.headers.update(error.headers or {})
+        return found
+
+    @app.exception_handler(Exception)
+    async def bug(request: Request, error: Exception) -> JSONResponse:
+        return problem(
+            500,
+            "internal",
+            f"cannot {request.method} {request.url.path}",
+            f"{type(error).__name__}: {error}",
+            "to report this bug",
+        )
+
+    app.add_middleware(_Bounded)
+
+
+class _Bounded:
+    """Refuses a body that is too large, or does not say how large it is, before any of it is read."""
+
+    def __init__(self, app: Any) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        headers = dict(scope.get("headers", ()))
+        length = headers.get(b"content-length", b"0")
+        if b"transfer-encoding" in headers or not length.isdigit() or int(length) > MOST_BODY:
+            await problem(
+                413,
+                "too-large",
+                "cannot read the request",
+                f"its body may have {MOST_BODY} bytes, and must say how many",
+            )(scope, receive, send)
+        else:
+            await self.app(scope, receive, send)

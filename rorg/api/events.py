@@ -1,0 +1,71 @@
+"""The journal through the API."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query
+from fastapi.responses import Response, StreamingResponse
+
+from rorg.api.callers import Who, needs
+from rorg.api.operations import Operations
+from rorg.api.own_events import own_events
+from rorg.api.permissions import allow_request
+from rorg.errors import Busy
+
+
+def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The route."""
+
+    @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
+    async def events(
+        caller: Who,
+        cursor: Annotated[int | None, Query(ge=0)] = None,
+        follow: bool = False,
+        tail: Annotated[int, Query(ge=0, le=10_000)] = 0,
+        mine: bool = False,
+        requester: Annotated[str | None, Query(max_length=64)] = None,
+    ) -> Response:
+        """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
+        there. Without a cursor, the last `tail` lines, and what comes when following. `mine`: only lines about requests
+        of the caller (or of `requester`) and what they name, such as `lost`; a service sees no others."""
+        journal = operations.loop.recorder.journal
+        place = max(0, journal.last - tail) if cursor is None else cursor
+        whose = ""
+        if mine or requester or caller.kind == "service":
+            whose = requester or caller.requester
+            allow_request(caller, whose, (), operations.catalog)
+        return StreamingResponse(
+            _lines(operations, place, follow, whose, changed),
+            media_type="application/x-ndjson",
+            headers={"rorg-cursor": str(place)},
+        )
+
+
+async def _lines(
+    operations: Operations, at: int, follow: bool, whose: str, changed: Callable[[], asyncio.Event]
+) -> AsyncIterator[bytes]:
+    """`whose`: the requester whose lines alone are told; empty for all lines."""
+    while True:
+        event = changed()
+        found = operations.loop.recorder.journal.since(at)
+        if found:
+            at = found[-1]["seq"]
+            told = _own(operations, found, whose) if whose else found
+            if told:
+                yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
+        elif not follow or operations.ending:
+            return
+        else:
+            await event.wait()
+
+
+def _own(operations: Operations, entries: list[dict[str, Any]], whose: str) -> list[dict[str, Any]]:
+    try:
+        decision = operations.decision
+    except Busy:
+        return []
+    return own_events(entries, whose, operations.catalog, (*operations.catalog.requests, *decision.settled.requests))

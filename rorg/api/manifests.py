@@ -1,0 +1,192 @@
+"""Manifests through the API: read, validated, written in one step, committed."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query
+from fastapi import Path as Parameter
+from fastapi.responses import JSONResponse, Response
+
+from rorg.api.callers import Who, needs
+from rorg.api.models import ManifestView, PutManifest
+from rorg.api.not_before import GENERATION, reached
+from rorg.api.operations import Operations
+from rorg.api.permissions import Caller, allow_manage, manages
+from rorg.api.vetting import vet
+from rorg.errors import Busy, Invalid, Missing, Refused
+from rorg.host.git import commit
+from rorg.manifest.documents import manifest_files
+from rorg.manifest.load import load
+from rorg.manifest.models import FOLDERS
+from rorg.manifest.yaml_source import read_yaml
+from rorg.model.units import NAME
+from rorg.store.files import write_atomic
+
+Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
+ManifestName = Annotated[str, Parameter(pattern=NAME)]
+
+
+class Manifests:
+    """The files of a tree. One change at a time."""
+
+    def __init__(self, operations: Operations) -> None:
+        self.operations = operations
+        self._lock = threading.Lock()
+
+    @property
+    def root(self) -> Path:
+        return self.operations.loop.tree.root
+
+    def all(self) -> dict[tuple[str, str], Path]:
+        """(kind, name) -> file, of every manifest that can be read at all."""
+        found = {}
+        for path in manifest_files(self.root):
+            document, _ = read_yaml(path.read_text(encoding="utf-8", errors="replace"), str(path))
+            value = document.value if document else None
+            if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
+                found[str(value.get("kind")), str(value["metadata"].get("name"))] = path
+        return found
+
+    def path_of(self, kind: str, name: str) -> Path:
+        path = self.all().get((kind, name))
+        if path is None:
+            raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
+        return path
+
+    def allow(self, caller: Caller, kind: str, name: str) -> None:
+        """Raises Forbidden where a service's manifest does not let it."""
+        if caller.kind == "service":
+            allow_manage(caller, kind, name, self.operations.catalog)
+
+    def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str, int]:
+        """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile. Answers with its
+        file, its digest and the change's generation."""
+        self.allow(caller, kind, name)
+        with self._lock:
+            path = self.all().get((kind, name))
+            self._same(path, body.base, f"change the {kind} '{name}'")
+            if path is None:
+                path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
+                if path.is_symlink() or path.exists():
+                    raise Refused(
+                        f"write the {kind} '{name}'",
+                        f"{path.relative_to(self.root)} declares something else",
+                        "to give that file the name of what it declares",
+                    )
+            document, _ = read_yaml(body.text, path.name)
+            value: Any = document.value if document else None
+            metadata = value.get("metadata") if isinstance(value, dict) else None
+            if isinstance(metadata, dict) and (value.get("kind"), metadata.get("name")) != (kind, name):
+                raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
+            self._valid(path, body.text, f"change the {kind} '{name}'")
+            if caller.kind == "service":
+                vet(caller, name, body.text, self.operations.catalog)
+            path.parent.mkdir(exist_ok=True)
+            write_atomic(path, body.text, mode=0o644)
+            generation = self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
+            return path, digest(body.text.encode()), generation
+
+    def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
+        self.allow(caller, kind, name)
+        with self._lock:
+            path = self.path_of(kind, name)
+            self._same(path, base, f"delete the {kind} '{name}'")
+            self._valid(path, None, f"delete the {kind} '{name}'")
+            path.unlink()
+            return self._told(caller, path, message or f"{kind} {name}: deleted through the API")
+
+    def _same(self, path: Path | None, base: str | None, what: str) -> None:
+        now = digest(path.read_bytes()) if path else None
+        if now != base:
+            raise Refused(
+                what,
+                "it was changed meanwhile" if now and base else "there is one already" if now else "it is gone",
+                f"again, on the version {now}",
+            )
+
+    def _valid(self, path: Path, text: str | None, what: str) -> None:
+        before = {str(d) for d in load(self.root).errors}
+        errors = [d for d in load(self.root, {path: text}).errors if str(d) not in before]
+        if errors:
+            raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
+
+    def _told(self, caller: Caller, path: Path, message: str) -> int:
+        commit(self.root, path, caller.author, message)
+        self.operations.loop.recorder.event(
+            "manifest", f"{message} (by {caller.author})", author=caller.author, file=str(path.relative_to(self.root))
+        )
+        self.operations.loop.wakes.files_changed()
+        return self.operations.changed(manifest=True)
+
+
+def digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The routes."""
+    manifests = Manifests(operations)
+    allowed = [needs("manifests")]
+
+    @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
+    def list_all(caller: Who) -> Response:
+        """Every manifest of the tree, with the digest of its text; a service sees those that it may manage."""
+        manifests.allow(caller, "Service", "")
+        return JSONResponse(
+            [
+                {
+                    "kind": kind,
+                    "name": name,
+                    "file": str(path.relative_to(manifests.root)),
+                    "digest": digest(path.read_bytes()),
+                }
+                for (kind, name), path in sorted(manifests.all().items())
+                if caller.kind != "service" or manages(caller, kind, name, operations.catalog)
+            ]
+        )
+
+    @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
+    def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
+        """The text of a manifest. Its digest is the ETag."""
+        manifests.allow(caller, kind, name)
+        content = manifests.path_of(kind, name).read_bytes()
+        return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
+
+    @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
+    def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
+        """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
+        repository. Refused when `base` is not the digest of what is there now."""
+        path, found, generation = manifests.put(caller, kind, name, body)
+        return JSONResponse(
+            {
+                "kind": kind,
+                "name": name,
+                "file": str(path.relative_to(manifests.root)),
+                "digest": found,
+                "generation": generation,
+            },
+            headers={GENERATION: str(generation)},
+        )
+
+    @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
+    async def delete_one(
+        kind: Kind,
+        name: ManifestName,
+        caller: Who,
+        base: str | None = None,
+        message: Annotated[str, Query(max_length=500)] = "",
+    ) -> Response:
+        """Delete a manifest. That it was asked for by name is the confirmation that removes what is in use."""
+        generation = await asyncio.to_thread(manifests.delete, caller, kind, name, base, message)
+        with contextlib.suppress(Busy):  # the tree is being written; what is withheld is told, and can be confirmed
+            await reached(operations, generation, changed)
+            if name in operations.decision.situation.withheld:
+                generation = await asyncio.wrap_future(operations.confirm(caller, (name,)))
+        return Response(status_code=204, headers={GENERATION: str(generation)})

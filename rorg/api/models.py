@@ -1,0 +1,146 @@
+"""What the API takes and gives, as pydantic models: they are the OpenAPI document too."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Short = Annotated[str, Field(max_length=500)]
+ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class Body(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class PutRequest(Body):
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
+    reason: Short = ""
+    priority: Annotated[int, Field(ge=0, le=100)] | None = None
+    ttl: Annotated[str, Field(max_length=20)] | None = Field(default=None, description="Lease, such as 10s.")
+
+
+class HoldBody(Body):
+    duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
+    reason: Short = ""
+
+
+class ConfirmBody(Body):
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
+        description="Exactly what is to go: services and groups whose removal is withheld."
+    )
+
+
+class RequestView(BaseModel):
+    id: str
+    requester: str
+    services: list[str]
+    reason: str = ""
+    priority: int | None = None
+    ttl: float | None = Field(default=None, description="Seconds.")
+    incarnation: str | None = None
+    standing: bool = False
+    expires_in: float | None = Field(default=None, description="Seconds that are left of the lease.")
+    generation: int | None = Field(default=None, description="Of the change that this answers.")
+
+
+class ConditionView(BaseModel):
+    type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
+    status: str = Field(description="True, False or Unknown.")
+    reason: str
+    message: str
+
+
+class ServiceView(BaseModel):
+    """How a service is."""
+
+    service: str
+    state: str = Field(description="The engine's word; none without a container, meta for a meta-service.")
+    sync: str = Field(description="Synced, OutOfSync or Unknown.")
+    health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
+    wanted: bool
+    why: str
+    container: str
+    incarnation: str = Field(description="The run of its container; empty where none is alive.")
+    started_at: str
+    exits: int
+    pid: int
+    crashes: int
+    effective_priority: int
+    held: str
+    lowered: bool
+    ros_nodes: list[str]
+    conditions: list[ConditionView]
+
+
+class GroupView(BaseModel):
+    name: str
+    services: list[str]
+    description: str
+
+
+class Held(BaseModel):
+    services: list[str]
+    generation: int | None = Field(default=None, description="Of this change.")
+
+
+class Ready(BaseModel):
+    ready: bool
+    incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
+    reason: str = Field(description="Why it is not ready.")
+
+
+class WaitResult(BaseModel):
+    ready: bool
+    services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
+
+
+class Why(BaseModel):
+    service: str
+    wanted: bool
+    state: str
+    chain: list[str]
+    requests: list[RequestView]
+    waits: list[str]
+
+
+class Listener(BaseModel):
+    port: int
+    service: str
+
+
+class ServiceUsage(BaseModel):
+    cpu_seconds: float
+    memory: int
+
+
+class Usage(BaseModel):
+    at: float = Field(description="Seconds since the epoch.")
+    services: dict[str, ServiceUsage]
+    machine: dict[str, float]
+
+
+class ManifestView(BaseModel):
+    kind: str
+    name: str
+    file: str = Field(description="Relative to the tree.")
+    digest: str
+    generation: int | None = Field(default=None, description="Of the change that this answers.")
+
+
+class PutManifest(Body):
+    text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
+    base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
+    message: Short = ""
+
+
+class Problem(BaseModel):
+    """RFC 9457, with a stable code."""
+
+    type: str
+    title: str
+    status: int
+    code: str
+    cause: str
+    remedy: str

@@ -1,0 +1,188 @@
+"""Who calls, and what they may: one table, everything else is refused."""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+import socket
+import struct
+from dataclasses import dataclass, replace
+
+from rorg.errors import Forbidden
+from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
+
+OPERATIONS = {
+    "read": ("developer", "service"),
+    "request": ("developer", "service"),
+    "restart": ("developer", "service"),
+    "hold": ("developer",),
+    "suspend": ("developer",),
+    "manifests": ("developer", "service"),
+    "removals": ("developer",),
+    "plan": ("developer",),
+    "events": ("developer", "service"),
+}
+"""Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
+what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
+requests and what they name."""
+
+
+WORDS = {
+    "read": "see how services are",
+    "request": "request services",
+    "restart": "restart services",
+    "hold": "hold services",
+    "suspend": "suspend rorg",
+    "manifests": "see or change manifests",
+    "removals": "confirm removals",
+    "plan": "see status and plan",
+    "events": "see events",
+}
+"""Operations as in "cannot X"."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who is at the other end of a socket."""
+
+    kind: str = "nobody"
+    """developer, service or nobody."""
+    service: str = ""
+    uid: int = -1
+    pid: int = 0
+    certificate: str = ""
+    """Common name of a TLS client certificate."""
+    via: str = ""
+    """The service that acts for this caller."""
+
+    @property
+    def author(self) -> str:
+        """For events and commits."""
+        if self.via:
+            return f"{self.requester} by way of {self.via}"
+        if self.kind == "service":
+            return self.service
+        if self.certificate:
+            return self.certificate
+        try:
+            return pwd.getpwuid(self.uid).pw_name if self.uid >= 0 else "nobody"
+        except KeyError:
+            return f"uid {self.uid}"
+
+    @property
+    def requester(self) -> str:
+        return self.service if self.kind == "service" else DEVELOPER
+
+
+def peer(connection: socket.socket | None, group: int | None) -> Caller:
+    """The caller behind a connection to the main socket, by the kernel's word (SO_PEERCRED): root, whoever runs rorg,
+    and members of the group act as developer."""
+    if connection is None or connection.family != socket.AF_UNIX:
+        return Caller()
+    size = struct.calcsize("3i")
+    pid, uid, gid = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
+    trusted = uid in (0, os.geteuid()) or (group is not None and group in _groups(uid, gid))
+    return Caller("developer" if trusted else "nobody", uid=uid, pid=pid)
+
+
+def _groups(uid: int, gid: int) -> set[int]:
+    try:
+        return {gid, *os.getgrouplist(pwd.getpwuid(uid).pw_name, gid)}
+    except KeyError:
+        return {gid}
+
+
+def group_id(name: str) -> int | None:
+    """The number of a group; None where there is none of that name."""
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        return None
+
+
+def allow(caller: Caller, operation: str) -> None:
+    """Raises Forbidden unless the table says that this kind of caller may."""
+    if caller.kind not in OPERATIONS[operation]:
+        who = {"service": f"the service {caller.service}", "developer": "a developer"}.get(caller.kind, caller.author)
+        remedy = "a person in the group of rorg" + (
+            f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else ""
+        )
+        raise Forbidden(WORDS[operation], f"{who} may not", remedy)
+
+
+def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
+    """The caller for whom a service acts, with that one's permissions. Raises Forbidden where it may not act for it."""
+    declared = catalog.services.get(caller.service)
+    named = declared.may_act_for if declared else ()
+    allowed = {m for other in named for m in catalog.members(other)}
+    if EVERY in named:
+        allowed |= set(catalog.services) - {DEVELOPER}
+    if name not in allowed:
+        raise Forbidden(
+            f"request as {name}",
+            f"{caller.service} may only request for itself" + (f", {', '.join(named)}" if named else ""),
+            f"no requester, or `may_act_for: [{name}]` in its manifest",
+        )
+    who = Caller("developer") if name == DEVELOPER else Caller("service", service=name)
+    return replace(who, via=caller.service)
+
+
+def allow_request(caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog) -> None:
+    """Raises Forbidden where a service asks in another's name, or for what its manifest does not allow."""
+    allow(caller, "request")
+    if caller.kind != "service":
+        return
+    if requester != caller.service:
+        raise Forbidden(f"request as {requester}", f"{caller.service} may only request for itself", "no requester")
+    _within(caller, "request", services, catalog)
+
+
+def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:
+    """Raises Forbidden where a service wants to restart what its manifest does not name."""
+    allow(caller, "restart")
+    if caller.kind == "service":
+        _within(caller, "restart", (name,), catalog)
+
+
+def allow_manage(caller: Caller, kind: str, name: str, catalog: Catalog) -> None:
+    """Raises Forbidden where a service wants to see or change a manifest that its own does not let it."""
+    allow(caller, "manifests")
+    if caller.kind == "service" and not manages(caller, kind, name, catalog):
+        declared = catalog.services.get(caller.service)
+        patterns = ", ".join(declared.may_manage) if declared and declared.may_manage else "nothing"
+        raise Forbidden(
+            f"manage the {kind} '{name}'" if name else "see manifests",
+            f"{caller.service} may manage {patterns}",
+            f"may_manage: [{name or 'NAME'}] in its manifest",
+        )
+
+
+def manages(caller: Caller, kind: str, name: str, catalog: Catalog) -> bool:
+    """Whether a caller may see and change this manifest; without a name, whether any."""
+    if caller.kind != "service":
+        return caller.kind == "developer"
+    declared = catalog.services.get(caller.service)
+    return declared is not None and (
+        declared.manages(name) and kind == "Service" if name else bool(declared.may_manage)
+    )
+
+
+def permitted(service: Service, verb: str, catalog: Catalog) -> set[str]:
+    """Services that one may request, or restart: those that its manifest names, and those that it manages."""
+    return {
+        *(m for name in getattr(service, f"may_{verb}") for m in catalog.members(name)),
+        *(n for n in catalog.services if service.manages(n)),
+    }
+
+
+def _within(caller: Caller, verb: str, services: tuple[str, ...], catalog: Catalog) -> None:
+    declared = catalog.services.get(caller.service)
+    allowed = permitted(declared, verb, catalog) if declared else set()
+    beyond = [s for s in services if not set(catalog.members(s)) <= allowed]
+    if beyond:
+        raise Forbidden(
+            f"{verb} {', '.join(beyond)}",
+            f"{caller.service} may {verb} {', '.join(sorted(allowed)) or 'nothing'}",
+            f"may_{verb}: [{beyond[0]}] in its manifest",
+        )

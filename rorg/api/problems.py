@@ -1,0 +1,47 @@
+"""Errors as answers: application/problem+json (RFC 9457) with a stable code, the cause and the remedy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi.responses import JSONResponse
+
+from rorg.errors import Busy, Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
+
+STATUS: dict[type[RorgError], tuple[int, str]] = {
+    Forbidden: (403, "forbidden"),
+    Missing: (404, "not-found"),
+    Refused: (409, "refused"),
+    Invalid: (422, "invalid"),
+    NotReady: (504, "not-ready"),
+    Busy: (503, "busy"),
+    Unreachable: (503, "unreachable"),
+}
+"""Errors as HTTP status and stable code; what is nearest in the order of classes counts."""
+
+
+def problem(status: int, code: str, what: str, cause: str, remedy: str = "", **more: Any) -> JSONResponse:
+    """An error, with our code, cause and remedy."""
+    return JSONResponse(
+        {
+            "type": f"urn:rorg:{code}",
+            "title": what,
+            "status": status,
+            "code": code,
+            "cause": cause,
+            "remedy": remedy,
+            **more,
+        },
+        status,
+        media_type="application/problem+json",
+    )
+
+
+def answer(error: RorgError) -> JSONResponse:
+    """What is answered for an error of ours. Whoever may ask again soon is told when."""
+    status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
+    more = {"services": error.services} if isinstance(error, NotReady) and error.services else {}
+    found = problem(status, code, f"cannot {error.what}", error.why, error.remedy, **more)
+    if isinstance(error, Busy):
+        found.headers["Retry-After"] = str(error.seconds)
+    return found

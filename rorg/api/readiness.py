@@ -1,0 +1,88 @@
+"""Whether services are ready, for somebody who waits for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rorg.core.decide import Decision, told_since
+from rorg.core.status import Status
+from rorg.model.graph import closure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """Somebody waits for services: since when (`clock` of the loop), and knowing of which change."""
+
+    names: tuple[str, ...]
+    since: float
+    generation: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """Of one service: whether it is ready, which run of it, else why not, and whether waiting has no sense."""
+
+    ready: bool
+    incarnation: str
+    reason: str = ""
+    hopeless: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        return {"ready": self.ready, "incarnation": self.incarnation, "reason": self.reason}
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """Of several services and all that they need."""
+
+    services: Mapping[str, Ready]
+    suspended: str = ""
+
+    @property
+    def ready(self) -> bool:
+        return all(r.ready for r in self.services.values())
+
+    @property
+    def hopeless(self) -> bool:
+        return not self.suspended and any(r.hopeless for r in self.services.values())
+
+    @property
+    def reason(self) -> str:
+        """What is said of the first one that is not ready."""
+        first = next((f"{n}: {r.reason}" for n, r in self.services.items() if not r.ready), "")
+        return self.suspended or first if first else ""
+
+
+def readiness(decision: Decision, found: Mapping[str, Status], question: Question) -> Readiness:
+    """The services asked for come first, then what they need. What a probe said before the question does not count."""
+    services = decision.situation.desired.catalog.services
+    names = [n for n in question.names if n in services]
+    closed = (*question.names, *sorted(closure(services, names) - set(question.names)))
+    return Readiness({name: _one(decision, found.get(name), question) for name in closed}, decision.situation.suspended)
+
+
+def _one(decision: Decision, status: Status | None, question: Question) -> Ready:
+    if status is None:
+        return Ready(False, "", "is not declared any more", hopeless=True)
+    name, situation = status.service, decision.situation
+    ready = status.condition("Ready")
+    if status.state == "meta":
+        return Ready(True, "")
+    if status.wanted and ready.status == "True":
+        step = situation.memory.of(name)
+        fresh = step.answered is None or told_since(step, question.since)
+        return Ready(fresh, status.incarnation, "" if fresh else step.probe or "its probe has not answered yet")
+    waiting = next((w.reason for w in decision.plan.waitings if w.service == name), "")
+    why = (
+        status.held
+        or situation.preempted.get(name)
+        or (
+            "nobody active requests it"
+            if not status.wanted
+            else waiting or ready.message or ready.reason or "not ready"
+        )
+    )
+    stalled = status.condition("Stalled").status == "True"
+    return Ready(False, status.incarnation, why, hopeless=stalled or bool(status.held))

@@ -1,0 +1,73 @@
+"""The route that answers when services are ready."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Annotated
+
+from fastapi import FastAPI, Query, Request
+from fastapi.responses import JSONResponse, Response
+
+from rorg.api.callers import needs
+from rorg.api.models import (
+    WaitResult,
+)
+from rorg.api.operations import Operations
+from rorg.api.readiness import Question
+from rorg.errors import NotReady
+
+
+async def gone(request: Request) -> None:
+    """Returns when the caller has closed the connection."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _ready(
+    operations: Operations,
+    question: Question,
+    timeout: float,
+    changed: Callable[[], asyncio.Event],
+    hangup: asyncio.Future[None],
+) -> Response:
+    clock = asyncio.get_running_loop().time
+    deadline = clock() + timeout
+    while not hangup.done():
+        event = changed()
+        known = operations.open_to(question.generation)
+        found = operations.readiness(question)
+        services = {name: ready.as_json() for name, ready in found.services.items()}
+        left = deadline - clock()
+        if known and found.ready:
+            return JSONResponse({"ready": True, "services": services})
+        if (known and found.hopeless) or left <= 0:
+            raise NotReady(
+                f"wait for {', '.join(question.names)}",
+                found.reason or "the loop is busy",
+                "`rorg why` for the reasons",
+                services,
+            )
+        news = asyncio.ensure_future(event.wait())
+        await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
+        news.cancel()
+    return Response(status_code=400)  # nobody reads it
+
+
+def add_waiting(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
+    async def wait(
+        request: Request,
+        services: Annotated[list[str], Query(min_length=1, max_length=300)],
+        timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0,
+    ) -> Response:
+        """Answers when these services and all that they need are ready: wanted, running, their readiness told by this
+        run since the question was asked, and nothing under way that ends it. Every change that was accepted before
+        counts. With the reason when they do not get so."""
+        names = tuple(dict.fromkeys(m for s in services for m in operations.members(s)))
+        with operations.question(names) as question:
+            hangup = asyncio.ensure_future(gone(request))
+            try:
+                return await _ready(operations, question, timeout, changed, hangup)
+            finally:
+                hangup.cancel()

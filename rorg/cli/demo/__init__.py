@@ -1,0 +1,44 @@
+"""rorg demo"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rorg.cli.options import EngineName
+
+
+def command(
+    engine: EngineName = None,
+    speed: Annotated[float, typer.Option("--speed", help="2 is twice as fast.", min=0.1, max=20)] = 1.0,
+    keep: Annotated[bool, typer.Option("--keep", help="Leave everything as it is at the end.")] = False,
+    svg: Annotated[str | None, typer.Option("--svg", help="Save the table of the tour as a picture.")] = None,
+) -> None:
+    """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind."""
+    import signal
+
+    from rorg.cli.demo.robot import DemoRobot, choose_engine
+    from rorg.cli.demo.show import Show
+    from rorg.cli.demo.tour import play
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    show = Show(speed, svg)
+    chosen, why = choose_engine(engine)
+    show.title(f"rorg demo on the {chosen} engine ({why})")
+    robot = DemoRobot(chosen, show)
+    try:
+        play(robot, show)
+    except KeyboardInterrupt:
+        show.line("interrupted")
+        raise typer.Exit(130) from None
+    finally:
+        show.close()
+        if keep:
+            show.line(f"kept: {robot.folder}; try RORG_STATE_DIR={robot.state.path} rorg get")
+            robot.leave()
+        else:
+            robot.clean_up()

@@ -1,0 +1,126 @@
+"""The loop's hand on the requests file: what it reads there, what it takes out again, and who renewed a lease."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from rorg.core.decide import Decision
+from rorg.daemon.recorder import Recorder
+from rorg.errors import RorgError
+from rorg.model.catalog import Hold, Request
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_file import RequestsFile
+
+Key = tuple[str, str]
+"""(requester, id)."""
+UNKNOWN = Hold(253402300799.0, "the requests file has a mistake, and what it said before is not known; try to mend it")
+"""While nothing is known of what this robot is asked for, what runs goes on running."""
+MANY = 1000
+"""Renewals to remember, beyond which those of requests that are gone are forgotten."""
+
+
+class Leases:
+    """Used by the loop; only renew() and note() are for other threads."""
+
+    def __init__(self, path: Path, recorder: Recorder) -> None:
+        self.file, self.recorder = RequestsFile(path), recorder
+        self._lock = threading.Lock()
+        """What was renewed is not dropped, and what is being dropped not renewed."""
+        self._renewals: dict[Key, int] = {}
+        """The number of the last renewal of each request through the API; none is ever used twice."""
+        self._numbers = itertools.count(1)
+        self._ending: set[Key] = set()
+        """Requests that are being dropped now."""
+
+    def read(self) -> None:
+        """Looks at the file."""
+        try:
+            self.file.read()
+            self.file.keep()
+        except OSError as error:
+            self.recorder.event("requests-unreadable", str(error))
+
+    def document(self) -> RequestsDocument:
+        """What counts now: the last good content."""
+        found = self.file.document
+        return replace(found, suspended=UNKNOWN) if self.file.diagnostics and not self.file.good else found
+
+    def renewals(self) -> dict[Key, int]:
+        with self._lock:
+            if len(self._renewals) > MANY:
+                kept = {r.key for r in self.file.document.requests}
+                self._renewals = {key: n for key, n in self._renewals.items() if key in kept}
+            return dict(self._renewals)
+
+    def note(self, key: Key) -> None:
+        """A request was put through the API."""
+        with self._lock:
+            self._renewals[key] = next(self._numbers)
+
+    def renew(self, key: Key, committed: RequestsFile) -> Request | None:
+        """Counts a renewal of a request; None when there is none, or not any more. `committed` is the file as the last
+        acknowledged change left it, which the loop may not have read yet; while it is broken, what counts goes on."""
+        with self._lock:
+            document = self.file.document if self.file.diagnostics else committed.now()
+            found = next((r for r in document.requests if r.key == key), None)
+            if found is None or key in self._ending:
+                return None
+            self._renewals[key] = next(self._numbers)
+            return found
+
+    def settle(self, decision: Decision, renewals: Mapping[Key, int]) -> None:
+        """Writes down which requests were dropped or bound, and which restarts are done. The file is the truth:
+        whoever changed an entry since it was read, or renewed it (`renewals` are those that the decision knew), has
+        the last word."""
+        settled = decision.settled
+        if not (settled.dropped or settled.bound or decision.served or decision.confirmed):
+            return
+        gone = {r.key: r for r, _ in settled.dropped}
+        bound = {r.key: r.incarnation for r in settled.bound}
+        dropped: set[Key] = set()
+
+        def edit(document: RequestsDocument) -> RequestsDocument:
+            with self._lock:
+                dropped.update(
+                    r.key
+                    for r in document.requests
+                    if r.key in gone and _same(r, gone[r.key]) and self._renewals.get(r.key) == renewals.get(r.key)
+                )
+                self._ending |= dropped
+            return replace(
+                document,
+                requests=tuple(
+                    replace(r, incarnation=bound[r.key]) if r.key in bound and r.incarnation is None else r
+                    for r in document.requests
+                    if r.key not in dropped
+                ),
+                restarts={n: at for n, at in document.restarts.items() if decision.served.get(n) != at},
+                removals=tuple(n for n in document.removals if n not in decision.confirmed),
+            )
+
+        try:
+            self.file.change(edit)
+        except (RorgError, OSError) as error:
+            self.recorder.when_new("requests-not-written", str(error), "requests-not-written", str(error))
+            return
+        finally:
+            with self._lock:
+                self._ending -= dropped
+        for request, why in settled.dropped:
+            if request.key in dropped:
+                self.recorder.event(
+                    "request-dropped",
+                    f"request '{request.id}' of {request.requester} dropped: {why}",
+                    service=request.requester,
+                    services=list(request.services),
+                    request=request.id,
+                )
+
+
+def _same(one: Request, other: Request) -> bool:
+    """They say the same, wherever in the file."""
+    return replace(one, where=other.where) == other

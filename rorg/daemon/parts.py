@@ -1,0 +1,47 @@
+"""The parts that the loop is handed (see wiring.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from rorg.daemon.generations import Generations
+from rorg.daemon.leases import Leases
+from rorg.daemon.publisher import Publisher
+from rorg.daemon.recorder import Recorder
+from rorg.daemon.ros import RosPurger
+from rorg.daemon.tree import Tree
+from rorg.daemon.wakes import Wakes
+from rorg.daemon.workers import Workers
+from rorg.engines.observe import Observer
+from rorg.engines.protocol import Engine
+from rorg.host.load import Sampler
+from rorg.probes.prober import Prober
+from rorg.store.state_dir import StateDir
+
+
+class Thread(Protocol):
+    """Something that runs beside the loop."""
+
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Collaborators:
+    """What feeds the loop, and what it acts through. `threads` run as long as it does."""
+
+    state: StateDir
+    tree: Tree
+    engine: Engine
+    observer: Observer
+    prober: Prober
+    sampler: Sampler
+    ros: RosPurger
+    workers: Workers
+    leases: Leases
+    recorder: Recorder
+    publisher: Publisher
+    generations: Generations
+    wakes: Wakes
+    threads: tuple[Thread, ...]

@@ -1,0 +1,57 @@
+"""Publishes how everything is, in a file that commands read where the API cannot be asked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rorg.core.decide import Decision
+from rorg.daemon.snapshot import about_tree, snapshot
+from rorg.daemon.tree import Tree
+from rorg.store.files import write_atomic
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
+
+AFTER = 0.025
+"""Seconds from a pass to its publication: writing at once would take the CPU from the calls that just began."""
+EVERY = 0.05
+"""Seconds between two published states at the least."""
+
+
+class Publisher:
+    """`about` says who runs; `tell` hears what keeps it from publishing; `clock` gives monotonic seconds."""
+
+    def __init__(
+        self, state: StateDir, clock: Callable[[], float], about: Mapping[str, Any], tell: Callable[[str], None]
+    ) -> None:
+        self.state, self.clock, self.about, self.tell = state, clock, about, tell
+        self._published = ""
+        self._due = 0.0
+        self._next: tuple[Decision, dict[str, Any]] | None = None
+
+    def publish(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
+        """Keeps what is to be published until flush()."""
+        if self._next is None:
+            self._due = max(self.clock() + AFTER, self._due)
+        self._next = decision, {**self.about, **about_tree(tree, requests)}
+
+    def due(self) -> float | None:
+        """When a held-back state is to be published; None without one."""
+        return self._due if self._next is not None else None
+
+    def flush(self) -> None:
+        """Writes it, where it says anything new."""
+        if self._next is None:
+            return
+        decision, about = self._next
+        text = json.dumps(snapshot(decision, about))
+        self._next, self._due = None, self.clock() + EVERY
+        if text != self._published:
+            self._published = text
+            try:
+                write_atomic(self.state.status, text, durable=False)
+            except OSError as error:
+                # A full disk must not stop the robot; the next change is tried again.
+                self._published = ""
+                self.tell(f"cannot publish the status: {error}")

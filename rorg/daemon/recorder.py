@@ -1,0 +1,223 @@
+"""Records what happens: lines for people, and the journal."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rorg.core.decide import Decision
+from rorg.core.losses import losses, ready_runs
+from rorg.core.plan import Action
+from rorg.daemon.snapshot import pressure_json
+from rorg.daemon.tree import Tree
+from rorg.engines.protocol import Engine
+from rorg.model.diagnostics import nearest
+from rorg.model.units import format_seconds
+from rorg.store.journal import Journal
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
+
+QUIET_AT_FIRST = ("engine", "pressure")
+"""What is not worth a line when the loop begins."""
+
+
+class Recorder:
+    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds."""
+
+    def __init__(
+        self,
+        state: StateDir,
+        say: Callable[[str], None],
+        wall: Callable[[], str],
+        clock: Callable[[], float],
+        engine: Engine,
+    ) -> None:
+        self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
+        self.journal = Journal(state.journal)
+        self._said: dict[str, Any] = {}
+        self._ready: dict[str, str] = {}
+        """Service -> the run that was ready at the last pass."""
+        self._lock = threading.Lock()
+
+    def event(self, kind: str, message: str, **more: Any) -> None:
+        with self._lock:
+            self.tell(message)
+            self.journal.append(self.wall(), kind, message, **more)
+
+    def tell(self, message: str) -> None:
+        with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
+            self.say(message)
+
+    def outcome(self, action: Action, error: str, seconds: float) -> None:
+        text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
+        self.event(
+            "failed" if error else "done",
+            text,
+            verb=action.verb,
+            service=action.service,
+            container=action.container[:12],
+            reason=action.reason,
+            fields=list(action.fields),
+            error=error,
+            seconds=round(seconds, 4),
+        )
+
+    def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
+        """Says what is new since the last pass, nothing twice."""
+        self._when_new(
+            "tree",
+            (tuple(map(str, (*tree.errors, *tree.warnings))), tree.desired.catalog.fingerprint, tree.revision),
+            self._tree,
+            tree,
+        )
+        self._unknown(decision)
+        self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
+        observed = decision.situation.observed
+        self._when_new("engine", (observed.complete, observed.error), self._engine, observed)
+        for violation in decision.violations:
+            self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
+        for name, step in decision.memory.progress.items():
+            self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
+            self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
+            self._when_new(f"update {name}", step.update.failed, self._updated, (name, step))
+        told = pressure_json(decision)
+        self._when_new(
+            "pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"]), self._pressure, decision
+        )
+        self._when_new("holds", tuple(decision.holds), self._holds, decision)
+        self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
+        if observed.complete:
+            self._lost(decision)
+        self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
+
+    def when_new(self, key: str, value: Any, kind: str, message: str) -> None:
+        """An event, unless the last one of this key said the same."""
+        self._when_new(key, value, lambda _: self.event(kind, message), None)
+
+    def _when_new(self, key: str, value: Any, tell: Callable[[Any], None], subject: Any) -> None:
+        first = key not in self._said
+        if first or self._said[key] != value:
+            self._said[key] = value
+            if not first or key in ("tree", "requests", "engine") or (value and key not in QUIET_AT_FIRST):
+                tell(subject)
+
+    def _tree(self, tree: Tree) -> None:
+        if tree.errors:
+            for error in tree.errors:
+                self.event("manifest-error", str(error))
+            kept = "the last good manifests stay in force" if tree.loaded else "nothing is in force yet"
+            self.event("tree-refused", f"manifests refused: {len(tree.errors)} error(s); {kept}")
+        elif tree.loaded:
+            count = sum(not s.meta for s in tree.desired.catalog.services.values())
+            self.event(
+                "tree-accepted",
+                f"manifests in force: {count} services" + (f", revision {tree.revision}" if tree.revision else ""),
+            )
+            for warning in tree.warnings:
+                self.event("manifest-warning", str(warning))
+            self._ignored(tree)
+
+    def _ignored(self, tree: Tree) -> None:
+        """Options that the engine has no meaning for are not passed over in silence."""
+        users: dict[str, int] = {}
+        for service in tree.desired.catalog.services.values():
+            for option in self.engine.capabilities.ignored_options & set(service.spec or {}):
+                users[option] = users.get(option, 0) + 1
+        if users:
+            found = ", ".join(f"{option} ({count} services)" for option, count in sorted(users.items()))
+            self.event("options-ignored", f"the {self.engine.name} engine has no meaning for: {found}")
+
+    def _requests(self, requests: RequestsFile) -> None:
+        for error in requests.diagnostics:
+            self.event("requests-refused", f"{error}; the last good requests stay in force")
+
+    def _unknown(self, decision: Decision) -> None:
+        """Names in the requests file that mean nothing: whoever edits it by hand hears of a typing error."""
+        catalog = decision.situation.desired.catalog
+        known = {*catalog.services, *catalog.groups}
+        found = tuple(
+            f"{r.where}: request '{r.id}' names '{s}', which is not declared; {nearest(s, known)}"
+            for r in decision.settled.requests
+            for s in r.services
+            if s not in known
+        )
+        self._when_new("unknown", found, lambda lines: [self.event("unknown-service", line) for line in lines], found)
+
+    def _engine(self, observed: Any) -> None:
+        if observed.complete:
+            self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
+        elif observed.error:
+            self.event("engine-lost", observed.error)
+
+    def _crashed(self, what: Any) -> None:
+        name, step, decision = what
+        service = decision.situation.desired.catalog.services.get(name)
+        kind = "driver " if service and service.driver else ""
+        self.event(
+            "crashed",
+            f"{kind}{name} {step.error} (unexpected end {step.crashes} since rorg runs)",
+            service=name,
+            crashes=step.crashes,
+        )
+
+    def _stalled(self, what: Any) -> None:
+        name, step = what
+        again = format_seconds(max(0.0, step.retry_at - self.clock()))
+        self.event(
+            "stalled" if step.stalled else "recovered",
+            f"{name} is stalled: {step.error}; next try in {again}"
+            if step.stalled
+            else f"{name} is not stalled any more",
+            service=name,
+        )
+
+    def _updated(self, what: Any) -> None:
+        name, step = what
+        if step.update.failed:
+            self.event(
+                "update-failed",
+                f"the change of {name} failed: {step.update.error}; back to the container "
+                "before, until it is changed again",
+                service=name,
+                error=step.update.error,
+            )
+
+    def _pressure(self, decision: Decision) -> None:
+        told = pressure_json(decision)
+        what = ", ".join([*told["measures"], *(f"{name} ceased" for name in told["shed"])])
+        text = f"pressure: {told['reason']}" + (f"; in force: {what}" if what else "")
+        text += "; nothing that rorg runs would help" * (told["helpless"] and not what)
+        self.event("pressure", text if what or told["helpless"] else "pressure is over", **told)
+
+    def _holds(self, decision: Decision) -> None:
+        held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
+        self.event("holds", held or "no service is held any more", services=list(decision.holds))
+
+    def _withheld(self, decision: Decision) -> None:
+        found = decision.situation.withheld
+        lines = "; ".join(f"{name} is not declared any more, but {why}" for name, why in found.items())
+        self.event(
+            "withheld",
+            f"removals withheld: {lines}; `rorg apply` shows and confirms them"
+            if found
+            else "no removal is withheld any more",
+            services=list(found),
+        )
+
+    def _suspended(self, decision: Decision) -> None:
+        self.event("suspended", decision.situation.suspended or "no longer suspended")
+
+    def _lost(self, decision: Decision) -> None:
+        """Tells those who hold requests what they cannot rely on any more."""
+        before, self._ready = self._ready, ready_runs(decision)
+        for loss in losses(before, self._ready, decision):
+            self.event(
+                "lost",
+                f"{loss.service} is lost to {', '.join(loss.requests)}: {loss.reason}",
+                service=loss.service,
+                cause=loss.cause,
+                incarnation=loss.incarnation,
+                requests=list(loss.requests),
+            )

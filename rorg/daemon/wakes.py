@@ -1,0 +1,56 @@
+"""What wakes the loop. A wake says only that it is worth looking; the two flags say which files to look at."""
+
+from __future__ import annotations
+
+import threading
+
+LONGEST = 3600.0
+"""Seconds of sleep at the most: a deadline may be centuries away."""
+
+
+class Wakes:
+    """Every method may be called from any thread but wait(), clear() and the take_ ones, which are the loop's."""
+
+    def __init__(self) -> None:
+        self._woken = threading.Event()
+        self._files, self._requests = True, True
+        """Whether the tree, or the requests file, may have changed."""
+
+    def wake(self) -> None:
+        self._woken.set()
+
+    def files_changed(self) -> None:
+        self._files = self._requests = True
+        self._woken.set()
+
+    def requests_changed(self) -> None:
+        self._requests = True
+        self._woken.set()
+
+    @property
+    def files(self) -> bool:
+        return self._files
+
+    def take_files(self) -> bool:
+        """Whether the tree may have changed; what comes after this counts for the next time."""
+        found, self._files = self._files, False
+        return found
+
+    def again(self) -> None:
+        """The tree is to be looked at once more, soon."""
+        self._files = True
+
+    def take_requests(self) -> bool:
+        """The same of the requests file."""
+        found, self._requests = self._requests, False
+        return found
+
+    def wait(self, seconds: float | None) -> bool:
+        """Until something woke the loop, or for so long; whether it was woken."""
+        return self._woken.wait(None if seconds is None else min(LONGEST, max(0.0, seconds)))
+
+    def woken(self) -> bool:
+        return self._woken.is_set()
+
+    def clear(self) -> None:
+        self._woken.clear()

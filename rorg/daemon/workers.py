@@ -1,0 +1,114 @@
+"""Workers carry out actions, one engine call each, off the pass. They decide nothing; every action has an outcome."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
+
+from rorg.core.plan import Action
+from rorg.daemon.recorder import Recorder
+from rorg.engines.execute import perform, said_no
+from rorg.engines.observe import Observer
+from rorg.engines.protocol import Engine
+from rorg.errors import RorgError
+
+AFTER = {"resume": "running", "pause": "paused"}
+"""State after a verb that ends well and changes nothing else."""
+PATIENCE = 10.0
+"""Seconds that the end of the loop waits for calls under way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    action: Action
+    error: str = ""
+    """Empty when it went well."""
+    refused: bool = False
+    """The engine said no to what was asked, rather than that it gave no answer."""
+
+
+class Workers:
+    """`wake` is called when there is an outcome; `paused` after every pause that went well. `clock` gives seconds."""
+
+    def __init__(
+        self,
+        engine: Engine,
+        observer: Observer,
+        recorder: Recorder,
+        clock: Callable[[], float],
+        wake: Callable[[], None],
+        paused: Callable[[str], None],
+        most: int,
+    ) -> None:
+        self.engine, self.observer, self.recorder = engine, observer, recorder
+        self.clock, self.wake, self.paused = clock, wake, paused
+        self._pool = ThreadPoolExecutor(most, thread_name_prefix="worker")
+        self._lock = threading.Lock()
+        self._outcomes: list[Outcome] = []
+        self._calls: set[Future[None]] = set()
+        self.hung: set[Future[None]] = set()
+        """Calls that were still under way when the loop had ended."""
+
+    def begin(self, action: Action) -> None:
+        """Hands an action to a worker. Whatever happens, an outcome comes of it."""
+        try:
+            call = self._pool.submit(self._work, action)
+        except RuntimeError as error:  # no thread can be started now
+            self._finished(Outcome(action, str(error)))
+            return
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+
+    def take(self) -> list[Outcome]:
+        """Outcomes since the last time."""
+        with self._lock:
+            found, self._outcomes = self._outcomes, []
+        return found
+
+    def stop(self) -> None:
+        """Calls under way are waited for, but not for ever: what they do is observed next time."""
+        _, self.hung = wait(tuple(self._calls), timeout=PATIENCE)
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _finished(self, outcome: Outcome) -> None:
+        with self._lock:
+            self._outcomes.append(outcome)
+        self.wake()
+
+    def _work(self, action: Action) -> None:
+        began, error, made, refused = self.clock(), "", "", False
+        self._last_words(action)
+        try:
+            with self.observer.acting(action.container) if action.container else nullcontext():
+                made = perform(self.engine, action)
+        except RorgError as failed:
+            error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
+        except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
+            error = f"internal error: {type(bug).__name__}: {bug}"
+        try:
+            if action.container and not error:
+                self.observer.done(action.container, AFTER.get(action.verb, ""))
+            elif made or action.container:
+                self.observer.refresh(made or action.container)
+            self.recorder.outcome(action, error, self.clock() - began)
+        finally:
+            self._finished(Outcome(action, error, refused))
+        if action.verb == "pause" and not error:
+            self.paused(action.service)
+
+    def _last_words(self, action: Action) -> None:
+        """What a container said that did not come up, before it is gone."""
+        if not action.args.get("words"):
+            return
+        with suppress(RorgError):
+            said = b"".join(self.engine.logs(action.container, False, 10)).decode(errors="replace").strip()
+            if said:
+                self.recorder.event(
+                    "last-words",
+                    f"the container of {action.service} that failed said last:\n{said}",
+                    service=action.service,
+                    container=action.container[:12],
+                )

@@ -1,0 +1,303 @@
+"""A rendered container as the body of the engine's create call (Docker API 1.41 and later), and back.
+
+One entry for each option of the `container:` section: an option that is missing here fails a test, so none can be
+dropped in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.volumes import parse_device
+
+Body = dict[str, Any]
+NANO = 1_000_000_000
+UNMASKED = "systempaths=unconfined"
+
+
+def _top(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
+    return lambda body, value: body.__setitem__(key, turn(value))
+
+
+def _host(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
+    return lambda body, value: body["HostConfig"].__setitem__(key, turn(value))
+
+
+def _key_value(pairs: Mapping[str, str]) -> list[str]:
+    return [f"{k}={v}" for k, v in sorted(pairs.items())]
+
+
+def _nanoseconds(seconds: float | None) -> int:
+    return round((seconds or 0) * NANO)
+
+
+def _healthcheck(value: Mapping[str, Any]) -> Body:
+    if value.get("disable"):
+        return {"Test": ["NONE"]}
+    return {
+        "Test": value.get("test", []),
+        "Interval": _nanoseconds(value.get("interval")),
+        "Timeout": _nanoseconds(value.get("timeout")),
+        "Retries": value.get("retries", 0),
+        "StartPeriod": _nanoseconds(value.get("start_period")),
+    }
+
+
+def _device(text: str) -> Body:
+    source, target, access = parse_device(text)
+    return {"PathOnHost": source, "PathInContainer": target, "CgroupPermissions": access}
+
+
+def _restart(text: str) -> Body:
+    name, _, count = text.partition(":")
+    return {"Name": name, "MaximumRetryCount": int(count or 0)}
+
+
+def _gpu(value: Mapping[str, Any]) -> Body:
+    count = value.get("count")
+    return {
+        "Driver": value.get("driver", ""),
+        "Count": 0 if value.get("device_ids") else -1 if count in ("all", None) else count,
+        "DeviceIDs": value.get("device_ids"),
+        "Capabilities": [list(dict.fromkeys([*value.get("capabilities", []), "gpu"]))],
+        "Options": value.get("options", {}),
+    }
+
+
+def _volumes(body: Body, values: list[Any]) -> None:
+    for value in values:
+        if isinstance(value, Mapping) and _as_bind(value):
+            body["HostConfig"].setdefault("Binds", []).append(_as_bind(value))
+        elif isinstance(value, Mapping):
+            body["HostConfig"].setdefault("Mounts", []).append(_mount(value))
+        elif ":" in value:
+            body["HostConfig"].setdefault("Binds", []).append(value)
+        else:
+            body.setdefault("Volumes", {})[value] = {}
+
+
+def _as_bind(value: Mapping[str, Any]) -> str:
+    """A bind mount that only the short form can express: older engines make no directory on the host for a long one,
+    and none knows labels of SELinux there."""
+    bind = value.get("bind") or {}
+    if not (value["type"] == "bind" and (bind.get("create_host_path") or bind.get("selinux"))):
+        return ""
+    modes = ["ro" if value.get("read_only") else "rw", bind.get("propagation"), bind.get("selinux")]
+    return f"{value['source']}:{value['target']}:{','.join(m for m in modes if m)}"
+
+
+def _mount(value: Mapping[str, Any]) -> Body:
+    mount: Body = {
+        "Type": value["type"],
+        "Source": value.get("source", ""),
+        "Target": value["target"],
+        "ReadOnly": value.get("read_only", False),
+    }
+    if value.get("consistency"):
+        mount["Consistency"] = value["consistency"]
+    if value.get("bind"):
+        mount["BindOptions"] = {"Propagation": value["bind"].get("propagation", "")}
+    if value.get("volume"):
+        mount["VolumeOptions"] = {"NoCopy": bool(value["volume"].get("nocopy"))}
+    if value.get("tmpfs"):
+        mount["TmpfsOptions"] = {{"size": "SizeBytes", "mode": "Mode"}[k]: v for k, v in value["tmpfs"].items()}
+    return mount
+
+
+def _ports(body: Body, values: list[str]) -> None:
+    for published in (p for value in values for p in parse_ports(value)):
+        body.setdefault("ExposedPorts", {})[published.port] = {}
+        bindings = body["HostConfig"].setdefault("PortBindings", {}).setdefault(published.port, [])
+        binding = {"HostIp": published.address, "HostPort": published.host}
+        if binding not in bindings:
+            bindings.append(binding)
+
+
+def _expose(body: Body, values: list[str]) -> None:
+    for port in (p for value in values for p in parse_expose(value)):
+        body.setdefault("ExposedPorts", {})[port] = {}
+
+
+def _security(body: Body, values: list[str]) -> None:
+    """Paths of the system are no matter of the engine's: clients leave them unmasked by themselves."""
+    body["HostConfig"]["SecurityOpt"] = [v for v in values if v != UNMASKED]
+    if UNMASKED in values:
+        body["HostConfig"]["MaskedPaths"] = body["HostConfig"]["ReadonlyPaths"] = []
+
+
+def _blkio(body: Body, value: Mapping[str, Any]) -> None:
+    host = body["HostConfig"]
+    if value.get("weight") is not None:
+        host["BlkioWeight"] = value["weight"]
+    names = {
+        "weight_device": "BlkioWeightDevice",
+        "device_read_bps": "BlkioDeviceReadBps",
+        "device_write_bps": "BlkioDeviceWriteBps",
+        "device_read_iops": "BlkioDeviceReadIOps",
+        "device_write_iops": "BlkioDeviceWriteIOps",
+    }
+    for key, name in names.items():
+        if value.get(key):
+            host[name] = [
+                {"Path": e["path"], **({"Weight": e["weight"]} if "weight" in e else {"Rate": e["rate"]})}
+                for e in value[key]
+            ]
+
+
+def _networks(body: Body, value: Mapping[str, Any]) -> None:
+    """The first by name is the one that the container is created on, as with Compose."""
+    endpoints = {}
+    for name, network in sorted(value.items()):
+        ipam = {
+            api: network[key]
+            for key, api in (
+                ("ipv4_address", "IPv4Address"),
+                ("ipv6_address", "IPv6Address"),
+                ("link_local_ips", "LinkLocalIPs"),
+            )
+            if network.get(key)
+        }
+        endpoints[name] = {
+            "Aliases": network.get("aliases"),
+            "IPAMConfig": ipam or None,
+            "MacAddress": network.get("mac_address", ""),
+            "DriverOpts": network.get("driver_opts"),
+        }
+    if not endpoints:
+        return
+    first = min(endpoints)
+    body["NetworkingConfig"] = {"EndpointsConfig": endpoints}
+    body["HostConfig"].setdefault("NetworkMode", first)
+    if endpoints[first]["MacAddress"]:  # older engines know only the container's one
+        body.setdefault("MacAddress", endpoints[first]["MacAddress"])
+
+
+def _tmpfs(body: Body, values: list[str]) -> None:
+    body["HostConfig"]["Tmpfs"] = {v.partition(":")[0]: v.partition(":")[2] for v in values}
+
+
+def _nothing(body: Body, value: Any) -> None:
+    """Sent beside the body: the name, the platform."""
+
+
+OPTIONS: Mapping[str, Callable[[Body, Any], None]] = {
+    "annotations": _host("Annotations"),
+    "blkio_config": _blkio,
+    "cap_add": _host("CapAdd"),
+    "cap_drop": _host("CapDrop"),
+    "cgroup": _host("CgroupnsMode"),
+    "cgroup_parent": _host("CgroupParent"),
+    "command": _top("Cmd"),
+    "container_name": _nothing,
+    "cpu_period": _host("CpuPeriod"),
+    "cpu_quota": _host("CpuQuota"),
+    "cpu_rt_period": _host("CpuRealtimePeriod"),
+    "cpu_rt_runtime": _host("CpuRealtimeRuntime"),
+    "cpu_shares": _host("CpuShares"),
+    "cpus": _host("NanoCpus", lambda v: round(v * NANO)),
+    "cpuset": _host("CpusetCpus"),
+    "cpuset_mems": _host("CpusetMems"),
+    "device_cgroup_rules": _host("DeviceCgroupRules"),
+    "devices": _host("Devices", lambda v: [_device(d) for d in v]),
+    "dns": _host("Dns"),
+    "dns_opt": _host("DnsOptions"),
+    "dns_search": _host("DnsSearch"),
+    "domainname": _top("Domainname"),
+    "entrypoint": _top("Entrypoint"),
+    "environment": _top("Env", _key_value),
+    "expose": _expose,
+    "extra_hosts": _host("ExtraHosts"),
+    "gpus": _host("DeviceRequests", lambda v: [_gpu(g) for g in v]),
+    "group_add": _host("GroupAdd"),
+    "healthcheck": _top("Healthcheck", _healthcheck),
+    "hostname": _top("Hostname"),
+    "image": _top("Image"),
+    "init": _host("Init"),
+    "ipc": _host("IpcMode"),
+    "isolation": _host("Isolation"),
+    "labels": _nothing,
+    "links": _host("Links"),
+    "logging": _host("LogConfig", lambda v: {"Type": v.get("driver", "json-file"), "Config": v.get("options", {})}),
+    "mac_address": _top("MacAddress"),
+    "masked_paths": _host("MaskedPaths"),
+    "mem_limit": _host("Memory"),
+    "mem_reservation": _host("MemoryReservation"),
+    "mem_swappiness": _host("MemorySwappiness"),
+    "memswap_limit": _host("MemorySwap"),
+    "network_disabled": _top("NetworkDisabled"),
+    "network_mode": _host("NetworkMode"),
+    "networks": _networks,
+    "oom_kill_disable": _host("OomKillDisable"),
+    "oom_score_adj": _host("OomScoreAdj"),
+    "pid": _host("PidMode"),
+    "pids_limit": _host("PidsLimit"),
+    "platform": _nothing,
+    "ports": _ports,
+    "privileged": _host("Privileged"),
+    "publish_all_ports": _host("PublishAllPorts"),
+    "read_only": _host("ReadonlyRootfs"),
+    "readonly_paths": _host("ReadonlyPaths"),
+    "restart": _host("RestartPolicy", _restart),
+    "runtime": _host("Runtime"),
+    "security_opt": _security,
+    "shm_size": _host("ShmSize"),
+    "stdin_open": _top("OpenStdin"),
+    "stop_grace_period": _top("StopTimeout", lambda v: max(1, round(v))),
+    "stop_signal": _top("StopSignal"),
+    "storage_opt": _host("StorageOpt"),
+    "sysctls": _host("Sysctls"),
+    "tmpfs": _tmpfs,
+    "tty": _top("Tty"),
+    "ulimits": _host("Ulimits", lambda v: [{"Name": n, "Soft": u["soft"], "Hard": u["hard"]} for n, u in v.items()]),
+    "user": _top("User"),
+    "userns_mode": _host("UsernsMode"),
+    "uts": _host("UTSMode"),
+    "volume_driver": _host("VolumeDriver"),
+    "volumes": _volumes,
+    "volumes_from": _host("VolumesFrom", lambda v: [c.removeprefix("container:") for c in v]),
+    "working_dir": _top("WorkingDir"),
+}
+
+
+def create_body(spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
+    """The body of POST /containers/create."""
+    body: Body = {"HostConfig": {}, "Labels": dict(labels)}
+    for option in sorted(spec):
+        OPTIONS[option](body, spec[option])
+    return body
+
+
+_LIVE = {
+    "cpu_period": "CpuPeriod",
+    "cpu_quota": "CpuQuota",
+    "cpu_rt_period": "CpuRealtimePeriod",
+    "cpu_rt_runtime": "CpuRealtimeRuntime",
+    "cpu_shares": "CpuShares",
+    "cpuset": "CpusetCpus",
+    "cpuset_mems": "CpusetMems",
+    "mem_limit": "Memory",
+    "mem_reservation": "MemoryReservation",
+    "memswap_limit": "MemorySwap",
+}
+
+
+def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
+    """Live options of a container from the HostConfig of an inspection, in the units of manifests."""
+    found = {option: host[key] for option, key in _LIVE.items() if key in host}
+    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
+    found["pids_limit"] = host.get("PidsLimit") or 0
+    policy = host.get("RestartPolicy") or {}
+    count = policy.get("MaximumRetryCount") or 0
+    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
+    return found
+
+
+def update_body(options: Mapping[str, Any]) -> Body:
+    """The body of POST /containers/ID/update. A memory limit moves the limit of memory and swap along, as create
+    does by itself: the engine refuses a limit above the old one of both."""
+    body = create_body(options, {})["HostConfig"]
+    if "Memory" in body and "MemorySwap" not in body:
+        body["MemorySwap"] = 2 * body["Memory"] or -1
+    return body

@@ -1,0 +1,1 @@
+"""The process engine: plain processes of this machine."""

@@ -1,0 +1,65 @@
+"""Images on Docker: build with the cache kept, pull, import a root file system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rorg.engines.docker.engine import DockerEngine, docker_errors
+from rorg.errors import EngineError
+from rorg.images.build import import_stream
+from rorg.model.catalog import Image
+
+
+class DockerBuilder:
+    def __init__(self, engine: DockerEngine) -> None:
+        self.api = engine.api()
+
+    def has(self, reference: str) -> bool:
+        try:
+            with docker_errors(f"look for {reference}"):
+                self.api.inspect_image(reference)
+            return True
+        except EngineError:
+            return False
+
+    def pull(self, reference: str) -> None:
+        with docker_errors(f"pull {reference}"):
+            for line in self.api.pull(reference, stream=True, decode=True):
+                if "error" in line:
+                    raise EngineError(f"pull {reference}", line["error"], "an Image of that name in the tree")
+
+    def build(self, image: Image, say: Callable[[str], None]) -> None:
+        with docker_errors(f"build {image.name}"):
+            lines = self.api.build(
+                path=image.context,
+                dockerfile=image.dockerfile,
+                tag=image.name,
+                rm=True,
+                forcerm=True,
+                buildargs=dict(image.args),
+                network_mode="host",
+                decode=True,
+            )
+            last = ""
+            for line in lines:
+                if "error" in line:
+                    raise EngineError(f"build {image.name}", f"{line['error'].strip()} (at: {last})")
+                if line.get("stream", "").startswith("Step "):
+                    last = line["stream"].strip()
+
+    def load(self, image: Image) -> None:
+        process = import_stream(image)
+        with docker_errors(f"import {image.name}"):
+            self.api.import_image(src=process.stdout, repository=image.name, stream_src=True)
+        error = process.stderr.read().decode(errors="replace") if process.stderr else ""
+        if process.wait() != 0:
+            raise EngineError(f"import {image.name}", error.strip()[-500:] or f"exit code {process.returncode}")
+
+    def remove(self, names: list[str]) -> None:
+        """Takes images away again; one that something still uses stays."""
+        for name in reversed(names):
+            try:
+                with docker_errors(f"remove {name}"):
+                    self.api.remove_image(name, force=True)
+            except EngineError:
+                continue

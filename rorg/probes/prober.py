@@ -1,0 +1,111 @@
+"""Probes, run off the pass by a few workers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+from rorg.core.decide import FRESH, Target
+from rorg.core.memory import ProbeResult
+from rorg.probes.ask import CannotAsk
+
+LONGEST = 3600.0
+"""Seconds of sleep at the most."""
+WORKERS = 8
+"""Attempts at once. What hangs holds a worker for TIMEOUT."""
+
+Key = tuple[str, str]
+Ask = Callable[[Key, Target], str]
+"""Asks once: empty when the answer is yes, else what was found. Raises when the question could not be put."""
+
+
+class Prober:
+    """Probes what it was last told to, each target every `every` seconds, and wakes the loop when it learns something.
+    `ask` does one attempt. Times are of `clock`, seconds."""
+
+    def __init__(self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, workers: int = WORKERS) -> None:
+        self.clock, self.wake, self.ask = clock, wake, ask
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="probe")
+        self._condition = threading.Condition()
+        self._targets: dict[Key, Target] = {}
+        self._due: dict[Key, float] = {}
+        self._busy: set[Key] = set()
+        self._results: dict[Key, ProbeResult] = {}
+        self._stopped = False
+
+    def start(self) -> None:
+        threading.Thread(target=self._run, name="prober", daemon=True).start()
+
+    def stop(self) -> None:
+        with self._condition:
+            self._stopped = True
+            self._condition.notify()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def results(self) -> Mapping[Key, ProbeResult]:
+        with self._condition:
+            return dict(self._results)
+
+    def watch(self, targets: Mapping[Key, Target]) -> None:
+        """What to probe from now on. What is not in it any more is forgotten: a later look begins anew."""
+        with self._condition:
+            again = [k for k, t in targets.items() if self._asked_anew(k, t)]
+            if targets == self._targets and not again:
+                return
+            now, fresh = self.clock(), [k for k, t in targets.items() if self._targets.get(k) != t]
+            for index, key in enumerate(fresh):
+                # Readiness is asked at once; life, which was fine just now, later, and not of all at the same time.
+                wait = targets[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
+                self._due[key] = now + wait
+                self._results.pop(key, None)
+            self._due.update(dict.fromkeys(again, now))
+            self._targets = dict(targets)
+            self._due = {k: t for k, t in self._due.items() if k in targets}
+            self._results = {k: f for k, f in self._results.items() if k in targets}
+            self._condition.notify()
+
+    def _asked_anew(self, key: Key, target: Target) -> bool:
+        """Somebody has begun to wait since it was last asked."""
+        before = self._targets.get(key)
+        return before == target and target.asked is not None and (before.asked or 0.0) < target.asked
+
+    def _run(self) -> None:
+        with self._condition:
+            while not self._stopped:
+                now = self.clock()
+                for key in [k for k, t in self._due.items() if t <= now and k not in self._busy]:
+                    self._busy.add(key)
+                    self._pool.submit(self._probe, key, self._targets[key])
+                waits = [t - now for k, t in self._due.items() if k not in self._busy]
+                self._condition.wait(min(max(0.0, min(waits)), LONGEST) if waits else None)
+
+    def _probe(self, key: Key, target: Target) -> None:
+        began, asked = self.clock(), True
+        try:
+            message = self.ask(key, target)
+        except CannotAsk as error:
+            message, asked = f"cannot ask: {error}", False
+        except Exception as bug:  # a probe that breaks must neither end the probing nor the service
+            message, asked = f"cannot ask: {type(bug).__name__}: {bug}", False
+        with self._condition:
+            self._busy.discard(key)
+            now = self._targets.get(key)
+            told = now is not None and now == target and self._learn(key, now, message, asked, began)
+            self._condition.notify()
+        if told:
+            self.wake()
+
+    def _learn(self, key: Key, target: Target, message: str, asked: bool, began: float) -> bool:
+        """Notes a finding; whether it is news. What could not be asked is no failure of the service."""
+        old = self._results.get(key)
+        failures = 0 if not message else (old.failures if old else 0) + asked
+        self._results[key] = new = ProbeResult(target.incarnation, not message, began, message, failures)
+        since = target.asked or 0.0
+        self._due[key] = began + target.every if began >= since else self.clock()
+        if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
+            return True
+        if key[1] == "interlock":
+            # The loop takes an answer that is too old for none, so the same answer is news then.
+            return self.clock() - old.at > target.probe.interval + FRESH
+        return failures != old.failures and failures == target.probe.failures

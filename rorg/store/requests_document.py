@@ -1,0 +1,32 @@
+"""What a robot is asked for, as a value: the content of the requests file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from rorg.model.catalog import Hold, Request
+
+
+@dataclass(frozen=True, slots=True)
+class RequestsDocument:
+    """The content of the file."""
+
+    requests: tuple[Request, ...] = ()
+    restarts: Mapping[str, str] = field(default_factory=dict)
+    """Service -> when its restart was asked for, ISO 8601 in UTC."""
+    holds: Mapping[str, Hold] = field(default_factory=dict)
+    """Service -> until when it must not be active."""
+    suspended: Hold | None = None
+    removals: tuple[str, ...] = ()
+    """What is not declared any more, and confirmed to be removed."""
+
+    def put(self, request: Request) -> RequestsDocument:
+        """With this request, in place of the one with the same requester and id."""
+        if all(r.key != request.key for r in self.requests):
+            return replace(self, requests=(*self.requests, request))
+        # In its place: who came first is served first, however often it is renewed.
+        return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
+
+    def without(self, keys: set[tuple[str, str]]) -> RequestsDocument:
+        return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))

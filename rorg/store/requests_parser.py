@@ -1,0 +1,194 @@
+"""The requests file's text: read with places for every mistake, and written so that it is read back as it was."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.model.catalog import Hold, Request
+from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.units import format_duration, parse_duration, parse_time, stamp
+from rorg.store.requests_document import RequestsDocument
+
+HEADER = """\
+# What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
+# requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
+# (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
+# service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
+# removals: what a person has confirmed to be removed, though a request, a need or a group named it.
+"""
+PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
+"""Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
+on what else a number, a time or a truth value looks like."""
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    pass
+
+
+def _text(dumper: _Dumper, text: str) -> yaml.Node:
+    style = None if PLAIN.fullmatch(text) else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
+_FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
+_KEYS = ("requests", "restarts", "holds", "suspended", "removals")
+
+
+def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
+    """The content of a requests file, or everything that is wrong with it, with places."""
+    if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
+        return RequestsDocument(), []
+    document, diagnostics = read_yaml(text, file, nul=True)
+    if document is None or diagnostics:
+        return None, diagnostics
+    reader = _Reader(document)
+    asked = reader.read()
+    return (None if reader.diagnostics else asked), reader.diagnostics
+
+
+class _Reader:
+    def __init__(self, document: Document) -> None:
+        self.document, self.diagnostics = document, []
+
+    def error(self, path: tuple, message: str, remedy: str = "", key: bool = False) -> None:
+        self.diagnostics.append(Diagnostic(self.document.where(path, key), message, remedy))
+
+    def read(self) -> RequestsDocument:
+        value = self.document.value
+        if not isinstance(value, dict):
+            self.error((), "the file must be a mapping", "`requests:` with a list below it")
+            return RequestsDocument()
+        for key in value:
+            if key not in _KEYS:
+                self.error((key,), f"unknown key '{key}'", nearest(key, _KEYS), key=True)
+        entries = value.get("requests") or []
+        if not isinstance(entries, list):
+            self.error(("requests",), "must be a list")
+            entries = []
+        found = [r for i, entry in enumerate(entries) if (r := self.request(("requests", i), entry))]
+        seen: set[tuple[str, str]] = set()
+        for index, request in enumerate(found):
+            if request.key in seen:
+                self.error(
+                    ("requests", index, "id"), f"a second request '{request.id}' of {request.requester}", "another id"
+                )
+            seen.add(request.key)
+        holds = value.get("holds") or {}
+        if not isinstance(holds, dict):
+            self.error(("holds",), "must map services to {until, reason}")
+            holds = {}
+        suspended = value.get("suspended")
+        return RequestsDocument(
+            tuple(found),
+            self.restarts(value.get("restarts") or {}),
+            {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
+            self.hold(("suspended",), suspended) if suspended else None,
+            self.removals(value.get("removals") or []),
+        )
+
+    def removals(self, value: Any) -> tuple[str, ...]:
+        if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
+            self.error(("removals",), "must be a list of names", "[NAME]")
+            return ()
+        return tuple(dict.fromkeys(value))
+
+    def hold(self, path: tuple, value: Any) -> Hold | None:
+        if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
+            self.error(path, "must be a mapping with until and reason")
+            return None
+        until = self.time((*path, "until"), value["until"])
+        return None if until is None else Hold(until, str(value.get("reason") or ""))
+
+    def time(self, path: tuple, value: Any) -> float | None:
+        try:
+            return parse_time(value)
+        except ValueError as error:
+            self.error(path, str(error))
+            return None
+
+    def restarts(self, value: Any) -> dict[str, str]:
+        if not isinstance(value, dict):
+            self.error(("restarts",), "must map services to times", "NAME: 2026-01-31T12:00:00Z")
+            return {}
+        times = {name: self.time(("restarts", name), written) for name, written in value.items()}
+        return {str(name): stamp(at) for name, at in times.items() if at is not None}
+
+    def ttl(self, path: tuple, value: Any) -> float | None:
+        try:
+            return None if value is None else parse_duration(value) or None
+        except ValueError as error:
+            self.error((*path, "ttl"), str(error))
+            return None
+
+    def request(self, path: tuple, entry: Any) -> Request | None:
+        if not isinstance(entry, dict):
+            self.error(path, "a request must be a mapping with id, requester and services")
+            return None
+        before = len(self.diagnostics)
+        for key in entry:
+            if key not in _FIELDS:
+                self.error((*path, key), f"unknown key '{key}'", nearest(key, _FIELDS), key=True)
+        for key in ("id", "services"):
+            if not entry.get(key):
+                self.error(path, f"'{key}' is missing")
+        services = entry.get("services")
+        if services and not (isinstance(services, list) and all(isinstance(s, str) for s in services)):
+            self.error((*path, "services"), "must be a list of names", "[NAME]")
+        for key in ("id", "requester", "reason", "incarnation", "renewed"):
+            if not isinstance(entry.get(key, ""), str | None):
+                self.error((*path, key), f"'{key}' must be text", "quotes around it")
+        ttl, priority = self.ttl(path, entry.get("ttl")), entry.get("priority")
+        if priority is not None and (isinstance(priority, bool) or not isinstance(priority, int)):
+            self.error((*path, "priority"), "'priority' must be a whole number")
+        if len(self.diagnostics) > before:
+            return None
+        return Request(
+            entry["id"],
+            entry.get("requester") or "developer",
+            tuple(services),
+            entry.get("reason") or "",
+            entry.get("incarnation"),
+            priority=priority,
+            ttl=ttl,
+            renewed=entry.get("renewed") or "",
+            where=self.document.where(path),
+        )
+
+
+def render(document: RequestsDocument) -> str:
+    """The file's text."""
+    entries = []
+    for request in document.requests:
+        entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
+        if request.reason:
+            entry["reason"] = request.reason
+        if request.incarnation:
+            entry["incarnation"] = request.incarnation
+        if request.priority is not None:
+            entry["priority"] = request.priority
+        if request.ttl is not None:
+            entry["ttl"] = format_duration(request.ttl)
+        if request.renewed:
+            entry["renewed"] = request.renewed
+        entries.append(entry)
+    content: dict[str, Any] = {"requests": entries}
+    if document.restarts:
+        content["restarts"] = dict(document.restarts)
+    if document.holds:
+        content["holds"] = {name: _hold(hold) for name, hold in document.holds.items()}
+    if document.suspended:
+        content["suspended"] = _hold(document.suspended)
+    if document.removals:
+        content["removals"] = list(document.removals)
+    return HEADER + yaml.dump(
+        content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
+    )
+
+
+def _hold(hold: Hold) -> dict[str, str]:
+    return {"until": stamp(hold.until), **({"reason": hold.reason} if hold.reason else {})}
