@@ -152,11 +152,8 @@ class _Planner:
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
         begins = step.verb in ("start", "resume") or step.part_of
-        if (
-            self.s.closed
-            and begins
-            and self.s.priorities.get(service.name, 0) < self.desired.catalog.policy.pressure.admit
-        ):
+        limits = self.desired.catalog.policy.pressure
+        if self.s.closed and limits and begins and self.s.priorities.get(service.name, 0) < limits.admit:
             return (), Waiting(service.name, self.s.closed)
         if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
             return self.gate_start(service)  # what runs goes on until the new one can begin
