@@ -206,9 +206,10 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     found = {}
     for name, interlock in _all_interlocks(inputs.desired, inputs.observed).items():
         said = inputs.results.get((name, "interlock"))
-        fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
-        answer = said.message if fresh else f"{interlock} is being asked"
-        found[name] = "" if fresh and said.ok else answer
+        if said is None or inputs.now - said.at > interlock.interval + FRESH:
+            found[name] = f"{interlock} is being asked"
+        else:
+            found[name] = "" if said.ok else said.message
     return found
 
 
@@ -231,10 +232,8 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
     for name, step in memory.progress.items():
         service = situation.desired.catalog.services.get(name)
         if service and service.ready and step.running_since is not None and not step.ready:
-            times.append(
-                step.running_since
-                + (float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout)
-            )
+            delay = service.ready.delay
+            times.append(step.running_since + (service.ready.timeout if delay is None else delay))
         if service and (end := doubt_ends(step, service)) is not None:
             times.append(end)
     times += [lease.until for lease in memory.leases.values()]

@@ -216,7 +216,7 @@ class _Planner:
             return ""
         if step.running_since is None:
             return f"is not running ({step.error or 'ended'})"
-        seconds = None if ready is None else float(ready.target) if ready.kind == "delay" else ready.timeout
+        seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
         limit = "" if seconds is None else f" of {format_seconds(seconds)}"
         detail = f": {step.probe}" if step.probe else ""
         return f"is not ready ({format_seconds(self.s.now - step.running_since)}{limit}){detail}"
@@ -224,8 +224,8 @@ class _Planner:
     def deadline(self, need: str) -> float | None:
         """When a needed service becomes ready by the clock alone."""
         step, ready = self.s.memory.of(need), self.services[need].ready if need in self.services else None
-        if ready and ready.kind == "delay" and step.running_since is not None:
-            return step.running_since + float(ready.target)
+        if ready and ready.delay is not None and step.running_since is not None:
+            return step.running_since + ready.delay
         return None
 
     def gate_cease(self, service: Service) -> tuple[tuple[int, ...], Waiting | None]:

@@ -285,7 +285,7 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
     level = state.level - 1
     while level and MEASURES[level - 1] in state.skipped:
         level -= 1
-    left = replace(
+    undone = replace(
         state, level=level, skipped=state.skipped & {*MEASURES[:level]}, changed_at=load.at, calm_since=load.at
     )
-    return left if left.engaged else replace(left, reason="")
+    return undone if undone.engaged else replace(undone, reason="")

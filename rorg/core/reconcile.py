@@ -93,7 +93,7 @@ class ReconcileSteps:
         steps = [stop(new, why, service)] if new and new.alive else []
         steps += [s for s in self.adjust(service, old, Difference()) if new is None or s.verb != "rename"]
         steps += self.run(service, old, steps)
-        left = [c for c, _ in stale if c is not old] + [new] * (new is not None)
+        left = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
         steps += [s for c in left for s in away(c, why, service) if s.verb == "remove" or c is not new]
         steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
         if left:

@@ -104,7 +104,7 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
         name: _status(
             situation,
             service,
-            (containers.get(name) or [None])[0],
+            next(iter(containers.get(name, ())), None),
             pending.get(name, ""),
             waiting.get(name, ""),
             (holds or {}).get(name, ""),
