@@ -19,7 +19,7 @@ def expand_groups(
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         graph[name] = []
-        for index, member in enumerate(source.spec.services):  # type: ignore[attr-defined]
+        for index, member in enumerate(source.spec.services):
             if member in sources:
                 graph[name].append(member)
             elif member not in services and member not in broken:
@@ -29,7 +29,7 @@ def expand_groups(
     cycle = find_cycle(graph)
     if cycle:
         source = sources[cycle[0]]
-        index = list(source.spec.services).index(cycle[1])  # type: ignore[attr-defined]
+        index = list(source.spec.services).index(cycle[1])
         diagnostics.append(
             Diagnostic(
                 source.where("spec", "services", index),
@@ -41,7 +41,7 @@ def expand_groups(
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
         members: list[str] = []
-        for member in sources[name].spec.services:  # type: ignore[attr-defined]
+        for member in sources[name].spec.services:
             members += groups[member].services if member in groups else [member] if member in services else []
         groups[name] = Group(
             name, tuple(dict.fromkeys(members)), sources[name].description, sources[name].where("metadata", "name")
@@ -67,7 +67,7 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     if not cycle:
         return []
     source = sources[cycle[0]]
-    written = [n.service for n in source.spec.needs]  # type: ignore[attr-defined]
+    written = [n.service for n in source.spec.needs]
     where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
     return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
 

@@ -145,7 +145,7 @@ def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> It
 
 
 def _values(source: Source) -> dict[str, str]:
-    resources = source.spec.resources  # type: ignore[attr-defined]
+    resources = source.spec.resources
     return {
         "${service}": source.name,
         "${resources.cpu}": f"{resources.cpu:g}",
@@ -178,7 +178,7 @@ def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
 
 def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
     volumes = []
-    for index, mount in enumerate(source.spec.mounts):  # type: ignore[attr-defined]
+    for index, mount in enumerate(source.spec.mounts):
         where = source.where("spec", "mounts", index)
         local, _, target = mount.partition(":")
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
@@ -237,12 +237,12 @@ def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Di
 
 def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:
     """At its place in the manifest, or where that names the profile which brought it."""
-    option, *below = clash.path
+    option, below = clash.path[0], clash.path[1:]
     spec: Any = source.spec
     own = declared(spec.container)
     if option == "volumes" and below:  # the list began with the profile's
         place = mounted_at(options["volumes"][below[0]])
-        below = [i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place][-1:]
+        below = tuple(i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place)[-1:]
     names = origins.get(clash.other or str(option), ())
     by = f", which {names[0]} declares" if names and names[0].profile else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
