@@ -52,5 +52,5 @@ def _dot(catalog: Any, edges: list[Edge]) -> list[str]:
     return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
 
 
-def _mermaid(catalog: Any, edges: list[Edge]) -> list[str]:
+def _mermaid(_: Any, edges: list[Edge]) -> list[str]:
     return ["graph LR", *[f"  {a} {'-.->' if k == 'requests' else '-->'} {b}" for a, b, k in edges]]

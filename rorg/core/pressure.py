@@ -96,11 +96,11 @@ class Chances:
 
     useful: frozenset[str] = frozenset()
     """Those of MEASURES that would change something now."""
-    next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda pressed: None
+    next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda _: None
     """Whom to shed next, given what is pressed."""
     settling: bool = False
     """What was shed last still has to end."""
-    below: Callable[[str], Sequence[Victim]] = lambda service: ()
+    below: Callable[[str], Sequence[Victim]] = lambda _: ()
     """Who runs and could be shed in place of a service, because it matters less; who matters least comes first."""
 
 

@@ -162,7 +162,7 @@ def _status(
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
         *_updated(situation, name),
     )
-    health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
+    health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(
         name,
         current.state if current else "none",
@@ -205,7 +205,7 @@ def _stalled(step: Progress) -> str:
     return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
-def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
+def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
     if not is_wanted:
         return "Idle"
     if ready:
