@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from rorg.core.admission import admission_for, admit
 from rorg.core.check import check
 from rorg.core.content import note_content
-from rorg.core.desired import Desired, Situation
+from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import evict
@@ -20,6 +20,7 @@ from rorg.core.pressure import Load
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.rollout import renew, try_out
+from rorg.core.situation import Situation
 from rorg.core.transitions import advance, begin, doubt_ends, forget
 from rorg.core.wanted import urgent
 from rorg.core.withheld import over, withhold

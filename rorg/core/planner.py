@@ -7,10 +7,10 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.core.reconcile import ReconcileSteps
+from rorg.core.situation import Situation
 from rorg.core.steps import Step, away
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds

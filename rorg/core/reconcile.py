@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from rorg.core.content import changed
-from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels, rules_of
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.core.rollout import candidate
+from rorg.core.situation import Situation
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service

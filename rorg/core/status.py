@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import candidate
+from rorg.core.situation import Situation
 from rorg.core.wanted import chain
 from rorg.model.catalog import Service
 
