@@ -73,7 +73,19 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
 
 
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Services that would have to be active together and must not: one service's needs, or all that is always on."""
+    """Services that would have to be active together and must not: one service's needs, all that is always on, or what
+    standing requests add to that."""
+    roots = [s.name for s in catalog.services.values() if s.always_on]
+    diagnostics = _conflicting_needs(catalog, sources)
+    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
+        source = sources[a if catalog.services[a].always_on else b]
+        diagnostics.append(
+            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
+        )
+    return diagnostics + _conflicting_requests(catalog, roots)
+
+
+def _conflicting_needs(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
     diagnostics = []
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
@@ -95,12 +107,12 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
                     "fewer units, or `resources` in the Policy",
                 )
             )
-    roots = [s.name for s in catalog.services.values() if s.always_on]
-    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
-        source = sources[a if catalog.services[a].always_on else b]
-        diagnostics.append(
-            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
-        )
+    return diagnostics
+
+
+def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagnostic]:
+    """One standing request after the other, each on top of those that count as long as rorg runs."""
+    diagnostics, roots = [], list(always_on)
     for request in catalog.requests:
         before = closure(catalog.services, roots)
         if catalog.services[request.requester].meta:

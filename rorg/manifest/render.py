@@ -38,8 +38,6 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
     spec: Any = source.spec
     diagnostics: list[Diagnostic] = []
     meta = spec.type == "meta"
-    default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
-    idle = {**default_idle, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins = ({}, {}) if meta else _container(source, profile, diagnostics)
     driver = spec.driver is not None
@@ -58,7 +56,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         may_restart=tuple(spec.may_restart),
         may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
-        idle=_idle(idle),
+        idle=_idle(spec, profile, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
         interlock=None if meta else probe(interlock, "interlock", master),
@@ -79,7 +77,10 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
     return service, diagnostics
 
 
-def _idle(declared: Mapping[str, Any]) -> Idle:
+def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
+    """The Policy's, with what the profile and then the manifest say otherwise."""
+    first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
+    declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     escalate = declared.get("escalate")
     return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
 
