@@ -31,6 +31,7 @@ schemas: $(BIN)/rorg
 
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py
+	$(BIN)/python docs/explanation/import_graph.py
 
 lint: $(VENV)/test-installed
 	$(BIN)/ruff check .
