@@ -9,7 +9,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "manifests" / "README.md"]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md")), ROOT / "manifests" / "README.md"]
 
 
 @pytest.mark.parametrize("script", ["reference/generate.py", "explanation/import_graph.py"])
@@ -22,3 +22,8 @@ def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
         if "://" not in link:
             assert (page.parent / link).exists(), link
+
+
+def test_the_files_that_contributing_names_are_there():
+    for name in re.findall(r"`((?:rorg|tests|docs)/[\w/.-]+)`", (ROOT / "CONTRIBUTING.md").read_text()):
+        assert (ROOT / name).exists() or "NAME" in name, name
