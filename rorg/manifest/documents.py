@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import typing
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
+from rorg.manifest.files import read_text
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
@@ -28,6 +30,8 @@ class Source:
     labels: dict[str, str]
     spec: Strict
     path: Path
+    root: Path
+    """The directory of the tree that it is in."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -55,7 +59,9 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     """Manifests among that: most likely the folder is misspelt."""
     strays = []
     for path in stray_files(root):
-        if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+        with contextlib.suppress(OSError):
+            if not re.search(r"^apiVersion: rorg/", read_text(path, root), re.M):
+                continue
             message = f"a manifest in '{path.parent.name}/', which is not read"
             strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
     return strays
@@ -76,14 +82,14 @@ def read_tree(
         if path in (overlay or {}) and text is None:
             continue
         try:
-            texts[path] = path.read_text(encoding="utf-8", errors="replace") if text is None else text
+            texts[path] = read_text(path, root) if text is None else text
         except OSError as error:
             diagnostics.append(
                 Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or delete it")
             )
             broken.add(path.stem)
     for path, text in texts.items():
-        source, found = read_source(text, path, str(path))
+        source, found = read_source(text, path, str(path), root)
         diagnostics += found
         if source:
             folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
@@ -98,7 +104,7 @@ def read_tree(
     return sources, diagnostics, broken
 
 
-def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[Diagnostic]]:
+def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | None, list[Diagnostic]]:
     """One file's manifest, or None with the reasons."""
     document, found = read_yaml(text, file)
     if document is None:
@@ -117,7 +123,7 @@ def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[D
     if envelope is None or spec is None or found or more:
         return None, found + more
     meta = envelope.metadata
-    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path), []
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
 
 
 def _validate(model: type[Strict], document: Document, value: object, at: tuple) -> tuple[typing.Any, list[Diagnostic]]:
