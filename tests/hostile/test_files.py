@@ -148,8 +148,10 @@ def test_a_link_to_everything_costs_no_watches_and_hides_no_change(tmp_path):
         (everything / f"d{n}").mkdir(parents=True)
     robot, before = RealRobot(tmp_path, "process", ""), watches()
     try:
-        robot.declare({"camera": {"always_on": True}})
+        write_tree(robot.tree, {"camera": {"always_on": True}})
         (robot.tree / "parts").symlink_to(everything)
+        robot.declare({"camera": {"always_on": True}})
+        robot.wait(lambda: "camera" in robot.active())
         (robot.tree / "services" / "parts").symlink_to("/")
         robot.declare({"camera": {"always_on": True}, "lidar": {"always_on": True}})
         robot.wait(lambda: {"camera", "lidar"} <= robot.active())
