@@ -18,6 +18,13 @@ from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
+UNEXPECTED = "cannot be understood"
+
+
+def unexpected(where: Where, bug: Exception) -> Diagnostic:
+    """For what nobody thought of: whatever a file says, the robot goes on with what it said before."""
+    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "to report this")
+
 
 @dataclass(frozen=True)
 class Source:
@@ -89,7 +96,10 @@ def read_tree(
             )
             broken.add(path.stem)
     for path, text in texts.items():
-        source, found = read_source(text, path, str(path), root)
+        try:
+            source, found = read_source(text, path, str(path), root)
+        except Exception as bug:
+            source, found = None, [unexpected(Where(str(path)), bug)]
         diagnostics += found
         if source:
             folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
@@ -117,7 +127,7 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
     kind = document.value.get("kind")
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
-    if kind not in SPECS or "spec" not in document.value:
+    if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None, found
     spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:

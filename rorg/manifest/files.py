@@ -22,7 +22,10 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, a link that leads out of the tree,
     larger than `most` bytes."""
-    place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    try:
+        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except ValueError as error:
+        raise OSError(errno.EINVAL, "no file can have that name", str(path)) from error
     try:
         # Judged before it is opened: to open a device, or a pipe, may already do something.
         if not stat.S_ISREG(os.fstat(place).st_mode):

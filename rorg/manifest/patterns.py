@@ -1,5 +1,5 @@
-"""Regular expressions of manifests. RE2 searches in time linear in the text; the standard library's engine takes for ever
-over a pattern like `(a+)+b` and a line of 35 characters, and holds the interpreter meanwhile."""
+"""Regular expressions of manifests. RE2 searches in time linear in the text; the standard library takes for ever over
+a pattern like `(a+)+b` and a line of 35 characters, and holds the interpreter meanwhile."""
 
 from __future__ import annotations
 
