@@ -1,4 +1,4 @@
-"""Whatever a file says: what is wrong with it is said, at its place, soon; never a traceback. FUZZ=N for N mutations."""
+"""Whatever a file says: what is wrong with it is said, at its place, soon; never a traceback. FUZZ=N for N of them."""
 
 from __future__ import annotations
 
