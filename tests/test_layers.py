@@ -36,7 +36,7 @@ DIRECT: dict[str, set[str]] = {
     "engines": {"docker", "requests", "urllib3"},
     "host": {"psutil", "watchfiles"},
     "store": {"yaml"},
-    "manifest": {"pydantic", "yaml"},
+    "manifest": {"pydantic", "re2", "yaml"},
     "core": set(),
     "model": set(),
 }
