@@ -51,6 +51,7 @@ writes the exit code in one step. The service runs in the foreground: a shell's 
 
 class ProcessEngine:
     name = "process"
+    local = True
     capabilities = Capabilities(
         isolation=False,
         live_update=True,
