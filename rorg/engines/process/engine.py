@@ -19,7 +19,7 @@ from typing import Any
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import launch, run_beside
-from rorg.engines.process.log import read_log, read_log_from
+from rorg.engines.process.log import read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
@@ -57,7 +57,7 @@ class ProcessEngine:
     def __init__(self, owner: str, directory: Path) -> None:
         self.owner = owner
         self.records = Records(directory)
-        self.changes = Changes(self.list, lambda: None)
+        self.changes = Changes(self.list, self._trim_logs)
         self._naming = threading.Lock()
 
     def ping(self) -> str:
@@ -69,6 +69,10 @@ class ProcessEngine:
     def _write(self, record: Record) -> None:
         self.records.write(record)
         self.changes.tell(record["id"])
+
+    def _trim_logs(self) -> None:
+        for container in self.records.ids():
+            trim_log(self.records.log(container))
 
     # -- observing ---------------------------------------------------------------------------------------------
 
@@ -188,8 +192,8 @@ class ProcessEngine:
     def log_since(self, container: str, place: str) -> tuple[bytes, str]:
         """The place is an offset in its log, behind the last whole line: a line that is being written comes again."""
         offset = int(place or self.records.read(container).get("log_from", 0))
-        text = read_log_from(self.records.log(container), offset)
-        return text, str(offset + text.rfind(b"\n") + 1)
+        text, begin = read_log_from(self.records.log(container), offset)
+        return text, str(begin + text.rfind(b"\n") + 1)
 
     def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
         return run_beside(self.records, self.records.read(container), command, timeout)

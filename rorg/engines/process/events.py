@@ -7,16 +7,18 @@ import contextlib
 import os
 import select
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 
 from rorg.core.observed import Container
 
+NOW_AND_THEN = 2.0
 TURN = 0.5
 """Seconds until somebody who follows sees that he should stop."""
 
 
 class Changes:
-    """Who makes a change tells; one at a time follows. `now_and_then` is called while somebody does, every few
+    """Who makes a change tells; one at a time follows. `now_and_then` is called while somebody does, every NOW_AND_THEN
     seconds."""
 
     def __init__(self, containers: Callable[[], Iterable[Container]], now_and_then: Callable[[], None]) -> None:
@@ -33,7 +35,7 @@ class Changes:
 
     def follow(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         watched: dict[int, tuple[str, int]] = {}
-        poller = select.poll()
+        poller, due = select.poll(), time.monotonic() + NOW_AND_THEN
         poller.register(self._wake_read, select.POLLIN)
         self._watch_all(poller, watched)
         yield "", ""
@@ -51,7 +53,9 @@ class Changes:
                         poller.unregister(descriptor)
                         os.close(descriptor)
                         yield container, ""
-                self.now_and_then()
+                if time.monotonic() >= due:
+                    due = time.monotonic() + NOW_AND_THEN
+                    self.now_and_then()
         finally:
             for descriptor in watched:
                 os.close(descriptor)
