@@ -41,7 +41,7 @@ def robot(tmp_path_factory):
     found = RealRobot(tmp_path_factory.mktemp("robot"), "process", None, with_server=True)
     found.declare(
         SERVICES,
-        groups={"driving": {"services": ["navigation"], "description": "to drive"}},
+        groups={"driving": {"services": ["navigation"]}},
         requests={"always": {"requester": "base", "services": ["roscore"]}},
     )
     found.wait(lambda: found.active() >= {"base", "roscore"})

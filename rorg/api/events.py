@@ -32,6 +32,7 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         dependencies=[needs("events")],
         response_class=Lines,
         responses={200: {"model": EventView, "description": "Lines of JSON, each one like this."}},
+        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
     )
     async def events(
         caller: Who,

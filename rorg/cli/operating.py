@@ -64,6 +64,7 @@ class Served:
     def restart(self, name: str, force: bool) -> list[str]:
         from rorg_client import Refused
 
+        self._addressable(name)
         try:
             return self.client.restart(name, force)
         except Refused as refused:
@@ -80,7 +81,16 @@ class Served:
         self.client.call("PUT" if body else "DELETE", "/v1/suspension", body)
 
     def why(self, name: str) -> list[dict[str, Any]]:
+        self._addressable(name)
         return list(self.client.why(name))  # type: ignore[arg-type]
+
+    def _addressable(self, name: str) -> None:
+        """Raises Missing for a name that would make another address of a call's."""
+        if not name or "/" in name:
+            from rorg.api.current import missing
+
+            services, groups = self.client.services(), self.client.groups()
+            raise missing(name, {*(s["service"] for s in services), *(g["name"] for g in groups)})
 
     def waiting(self, what: str) -> None:
         pass
