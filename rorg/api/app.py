@@ -64,11 +64,11 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
 
 def _errors(app: FastAPI) -> None:
     @app.exception_handler(RorgError)
-    async def told(request: Request, error: RorgError) -> JSONResponse:
+    async def told(_: Request, error: RorgError) -> JSONResponse:
         return answer(error)
 
     @app.exception_handler(RequestValidationError)
-    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+    async def invalid(_: Request, error: RequestValidationError) -> JSONResponse:
         return answer(unreadable(error.errors()))
 
     @app.exception_handler(HTTPException)

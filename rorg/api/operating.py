@@ -18,7 +18,12 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     """The routes."""
 
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
-    async def restart(name: str, caller: Who, force: bool = False, requester: Requester = None) -> Response:
+    async def restart(  # caller_of reads the requester; here it is for the schema
+        name: str,
+        caller: Who,
+        force: bool = False,
+        requester: Requester = None,  # noqa: ARG001
+    ) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         names, change = operations.restart(caller, name, force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})

@@ -103,7 +103,7 @@ class ServiceSockets:
                 # Whatever user a program runs as inside its container, the mount is its permission.
                 listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
                 self.servers[name] = await asyncio.get_running_loop().create_server(
-                    self.protocol(lambda *_, caller=caller: caller),  # type: ignore[misc]
+                    self.protocol(lambda *_, caller=caller: caller),
                     sock=listener,
                     backlog=BACKLOG,
                 )

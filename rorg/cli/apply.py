@@ -77,7 +77,12 @@ def _alone(context: Context, wait: bool, timeout: float) -> None:
     loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
     view: dict[str, Any] = {"services": {}, "plan": {"waitings": []}}
     timed_out = threading.Event()
-    timer = threading.Timer(timeout, lambda: (timed_out.set(), loop.stop()))
+
+    def end() -> None:
+        timed_out.set()
+        loop.stop()
+
+    timer = threading.Timer(timeout, end)
     timer.daemon = True
     timer.start()
 
@@ -174,7 +179,7 @@ def _through(
                 "`rorg describe SERVICE`",
             )
         if busy:
-            return view["plan"]["summary"]
+            return str(view["plan"]["summary"])
         tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]
         if wait and tried:
             return f"{', '.join(tried)}: it is to be seen whether the new container comes up"

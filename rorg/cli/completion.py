@@ -9,7 +9,7 @@ import typer
 
 def command(shell: Annotated[str, typer.Argument(help="bash, zsh or fish.")]) -> None:
     """Print the completion script of a shell; for bash: source <(rorg completion bash)."""
-    from typer.completion import get_completion_script
+    from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
     from rorg.cli.output import check_form
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rorg.cli.options import Output, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.store.journal import Journal
 
 
 def command(
@@ -31,5 +34,5 @@ def command(
         typer.echo(json.dumps(event) if output == "json" else line)
 
 
-def _last(journal: object, tail: int) -> list[dict]:
-    return journal.since(max(0, journal.last - tail))  # type: ignore[attr-defined]
+def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:
+    return journal.since(max(0, journal.last - tail))

@@ -83,7 +83,7 @@ def run() -> None:
     """Entry point. An uncaught exception is a bug and exits 70, never 1, which means differences."""
     try:
         if "_RORG_COMPLETE" in os.environ:
-            from typer.completion import completion_init
+            from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
         app()

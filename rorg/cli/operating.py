@@ -8,6 +8,7 @@ from rorg.errors import Unconfirmed
 
 if TYPE_CHECKING:
     from rorg_client import Client
+    from rorg_client.types import Why
 
     from rorg.cli.context import Context
 
@@ -33,15 +34,15 @@ class Operating(Protocol):
     def suspend(self, body: dict[str, Any] | None) -> None:
         """Suspends rorg; None ends that."""
 
-    def why(self, name: str) -> list[dict[str, Any]]:
+    def why(self, name: str) -> list[Why]:
         """Why a service, or each of a group, is active, or why not."""
 
     def waiting(self, what: str) -> None:
         """Raises Unreachable where nobody runs who could bring about what is to be waited for."""
 
-    def wait(self, names: list[str], timeout: float, request: tuple[str, str] | None = None) -> None:
-        """Returns when these services and all that they need are ready; `timeout` in seconds. `request`: the
-        (requester, id) that asks for them."""
+    def wait(self, names: list[str], timeout: float) -> None:
+        """Returns when these services and all that they need are ready, and what was requested before is known;
+        `timeout` in seconds."""
 
 
 class Served:
@@ -80,9 +81,9 @@ class Served:
     def suspend(self, body: dict[str, Any] | None) -> None:
         self.client.call("PUT" if body else "DELETE", "/v1/suspension", body)
 
-    def why(self, name: str) -> list[dict[str, Any]]:
+    def why(self, name: str) -> list[Why]:
         self._addressable(name)
-        return list(self.client.why(name))  # type: ignore[arg-type]
+        return self.client.why(name)
 
     def _addressable(self, name: str) -> None:
         """Raises Missing for a name that would make another address of a call's."""
@@ -95,7 +96,7 @@ class Served:
     def waiting(self, what: str) -> None:
         pass
 
-    def wait(self, names: list[str], timeout: float, request: tuple[str, str] | None = None) -> None:
+    def wait(self, names: list[str], timeout: float) -> None:
         self.client.wait(*names, timeout=timeout)
 
 
@@ -104,6 +105,6 @@ def operating(context: Context) -> Operating:
     client = context.client()
     if client:
         return Served(client)
-    from rorg.cli.local import Local
+    from rorg.cli.alone import Local
 
     return Local(context)

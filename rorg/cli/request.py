@@ -64,4 +64,4 @@ def command(
     robot.put_request(name, requester, {"services": chosen, "reason": reason, "priority": priority, "ttl": lease})
     typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
     if wait:
-        robot.wait(chosen, timeout, (requester, name))
+        robot.wait(chosen, timeout)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg_client.types import RequestView, Why
 
 
 def command(
@@ -26,7 +29,7 @@ def command(
         typer.echo("\n".join(_lines(entry)))
 
 
-def _lines(entry: dict[str, Any]) -> list[str]:
+def _lines(entry: Why) -> list[str]:
     name = entry["service"]
     lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link['text']}" for depth, link in enumerate(entry["chain"])]
@@ -41,7 +44,7 @@ def _lines(entry: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _request(request: dict[str, Any]) -> str:
+def _request(request: RequestView) -> str:
     said = f"request '{request['id']}' of {request['requester']} names it"
     facts = [
         f"priority {request['priority']}" if request.get("priority") is not None else "",

@@ -24,7 +24,9 @@ CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
 MOUNTS_REST = 0.5
 """Seconds for which what services mount must be left alone before its change counts: it may never be still."""
-Stamp = tuple[tuple, tuple, tuple]
+Stats = tuple[tuple[str | int, ...], ...]
+"""Of files: name, time, size and inode."""
+Stamp = tuple[Stats, Stats, Stats]
 
 
 class Tree:
@@ -41,7 +43,7 @@ class Tree:
         self._inputs = Inputs()
         self._stamp: Stamp | None = None
         """Of what was read last."""
-        self._mounts: tuple[tuple, float] = (), 0.0
+        self._mounts: tuple[Stats, float] = (), 0.0
         """How what is mounted was when last looked at, and since when it has been so."""
         self._since: float | None = None
         """Since when the tree has been too busy to be read."""
@@ -133,7 +135,7 @@ def _below(places: Iterable[Path]) -> Iterator[Path]:
             yield from (Path(folder, name) for name in (*folders, *sorted(files)))
 
 
-def _stats(paths: Iterable[Path]) -> tuple:
+def _stats(paths: Iterable[Path]) -> Stats:
     found = []
     for path in paths:
         try:

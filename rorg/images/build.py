@@ -118,7 +118,7 @@ def _one(catalog: Catalog, name: str, builder: Builder, say: Callable[[str], Non
         return Result(name, "failed", error.why)
 
 
-def import_stream(image: Image) -> subprocess.Popen:
+def import_stream(image: Image) -> subprocess.Popen[bytes]:
     """Starts an image's import command; its standard output is the tar stream."""
     try:
         return subprocess.Popen(

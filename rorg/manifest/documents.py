@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -14,6 +14,7 @@ from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
@@ -26,7 +27,8 @@ class Source:
     name: str
     description: str
     labels: dict[str, str]
-    spec: Strict
+    spec: Any
+    """The validated model of its kind, one of SPECS."""
     path: Path
 
     def where(self, *path: str | int, key: bool = False) -> Where:
@@ -120,7 +122,7 @@ def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[D
     return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path), []
 
 
-def _validate(model: type[Strict], document: Document, value: object, at: tuple) -> tuple[typing.Any, list[Diagnostic]]:
+def _validate(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
     try:
         return model.model_validate(value), []
     except ValidationError as error:
@@ -132,7 +134,7 @@ def _validate(model: type[Strict], document: Document, value: object, at: tuple)
         return None, list(found.values())
 
 
-def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tuple) -> Diagnostic:
+def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Diagnostic:
     """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
     loc = _place(document, at + tuple(entry["loc"]))
     if entry["type"] == "extra_forbidden":
@@ -151,16 +153,16 @@ def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tup
     return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
 
 
-def _place(document: Document, loc: tuple) -> tuple:
+def _place(document: Document, loc: Loc) -> Loc:
     """Without the names that pydantic puts in for the members of a union."""
-    path: tuple = ()
+    path: Loc = ()
     for index, part in enumerate(loc):
         if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
             path = (*path, part)
     return path
 
 
-def _unknown_key(model: type[Strict], document: Document, loc: tuple, at: tuple) -> Diagnostic:
+def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
     where, key = document.where(loc, key=True), str(loc[-1])
     kind = document.value.get("kind")
     feature = NOT_YET.get((kind, *loc[len(at) :]))
@@ -185,7 +187,7 @@ def _other_level(kind: object, key: str) -> str:
     return ELSEWHERE.get(key, "")
 
 
-def _model_at(model: type[BaseModel], path: tuple) -> type[BaseModel] | None:
+def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
     """The model that a path of keys leads to, through optional fields, lists and mappings."""
     for part in path:
         if isinstance(part, int):
@@ -200,6 +202,6 @@ def _model_at(model: type[BaseModel], path: tuple) -> type[BaseModel] | None:
     return model
 
 
-def _types(annotation: object) -> list:
-    args = typing.get_args(annotation)
+def _types(annotation: object) -> list[Any]:
+    args = get_args(annotation)
     return [annotation] if not args else [t for a in args for t in _types(a)]

@@ -114,7 +114,7 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
             )
         elif source.name == DEVELOPER and (
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
-        ):  # type: ignore
+        ):
             diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
@@ -130,7 +130,7 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
     for name, source in by_kind.get("Service", {}).items():
-        wanted = source.spec.profile or COMMON  # type: ignore[attr-defined]
+        wanted = source.spec.profile or COMMON
         if wanted not in profiles and wanted not in broken:
             diagnostics.append(
                 Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
@@ -182,12 +182,13 @@ def _resolve(
                 what = "itself" if name == service.name else f"'{name}', which it needs"
                 diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them"))
             elif name not in known:
-                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"  # type: ignore
+                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
-    return replace(service, **resolved, restarts_with=tuple(sorted(follows))), diagnostics
+    needs, conflicts = resolved["needs"], resolved["conflicts"]
+    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
 
 
 def _policy(spec: Any) -> Policy:

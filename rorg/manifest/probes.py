@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
-from rorg.manifest.container import Strict, Words, unchanging
+from rorg.manifest.container import unchanging
+from rorg.manifest.option_parts import Strict, Words
 from rorg.manifest.scalars import Duration, Interval
 
 

@@ -145,7 +145,7 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         # What `common` itself extends stands on nothing: it is what everything else stands on.
         based = COMMON in merged or COMMON not in (*trail, name)
         result = visit(COMMON, ()) if based and name != COMMON and not _alone(name, sources) else Merged()
-        for index, parent in enumerate(spec.extends):  # type: ignore[attr-defined]
+        for index, parent in enumerate(spec.extends):
             where = source.where("spec", "extends", index)
             if parent in (*trail, name):
                 ring = (*trail, name, parent)
