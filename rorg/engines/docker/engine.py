@@ -17,7 +17,7 @@ from rorg.engines.docker.live import update_body
 from rorg.engines.docker.reading import began, epoch_seconds, read_container
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
-from rorg.errors import EngineError, Unreachable
+from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 
 TOLD = {"pause": "paused", "unpause": "running"}
@@ -83,9 +83,8 @@ class DockerEngine:
         inspection too: then the row itself must do, lest one hung container hide all others."""
         try:
             return self.inspect(row["Id"], self._quick())
-        except Unreachable as error:
-            if "timed out" not in str(error):
-                raise
+        except TimedOut:
+            pass
         return Container(
             row["Id"],
             row["Names"][0].lstrip("/"),
@@ -181,10 +180,8 @@ class DockerEngine:
             with docker_errors(f"wait for {container[:12]}"):
                 self.api().wait(container, timeout=seconds, condition="not-running")  # type: ignore[arg-type]
             return True
-        except Unreachable as error:
-            if "timed out" in str(error):
-                return False
-            raise
+        except TimedOut:
+            return False
         except EngineError as error:
             if error.kind == "gone":
                 return True

@@ -10,7 +10,7 @@ import requests
 import urllib3
 from docker.errors import APIError, DockerException
 
-from rorg.errors import EngineError, Unreachable
+from rorg.errors import EngineError, TimedOut, Unreachable
 
 KINDS = (
     ("missing_image", r"no such image", "`rorg build` first"),
@@ -36,13 +36,29 @@ def docker_errors(what: str) -> Iterator[None]:
                 raise EngineError(what, text, remedy, kind) from error
         raise EngineError(what, text) from error
     except (DockerException, requests.RequestException, urllib3.exceptions.HTTPError, OSError, ValueError) as error:
-        raise Unreachable(what, _reason(error), "`docker info` to see whether the engine runs") from error
+        remedy = "`docker info` to see whether the engine runs"
+        if _timed_out(error):
+            raise TimedOut(what, "timed out", remedy) from error
+        raise Unreachable(what, _reason(error), remedy) from error
+
+
+def _timed_out(error: BaseException) -> bool:
+    """Whether an error of the library means that the engine took too long. What it wraps may be its cause or context,
+    or only an argument."""
+    pending, seen = [error], set()
+    while pending:
+        found = pending.pop()
+        if isinstance(found, requests.Timeout | urllib3.exceptions.TimeoutError | TimeoutError):
+            return True
+        if id(found) not in seen:
+            seen.add(id(found))
+            more = (found.__cause__, found.__context__, getattr(found, "reason", None), *found.args)
+            pending += [e for e in more if isinstance(e, BaseException)]
+    return False
 
 
 def _reason(error: BaseException) -> str:
     text = str(error)
-    if "timed out" in text.lower():
-        return "timed out"
     match = re.search(r"(FileNotFoundError|ConnectionRefusedError|PermissionError)", text)
     known = {
         "FileNotFoundError": "its socket is not there",
