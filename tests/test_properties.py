@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from robots import write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
@@ -181,7 +182,7 @@ def live_through(specs, policy, events):
     with tempfile.TemporaryDirectory() as folder:
         world = World(Path(folder), specs, policy)
         try:
-            robot = SimRobot(world.load())
+            robot = Reader(world.load())
         except Invalid:
             reject()  # by chance all of it could never be active together
         time = 0.0
@@ -193,6 +194,25 @@ def live_through(specs, policy, events):
         watch = Watch(robot, world)
         robot.run(lambda r: watch.invariants() and r.now >= time + REST, time + 2 * REST)
         at_rest(robot, world)
+
+
+class Reader(SimRobot):
+    """Keeps what the last pass has read."""
+
+    def inputs(self) -> Inputs:
+        self.read = super().inputs()
+        return self.read
+
+
+def same_as_anew(read: Inputs, found: Decision) -> None:
+    """What is kept from one pass for the next one changes nothing but the time that it takes."""
+    anew = decide(replace(read, memory=replace(read.memory, hand=None, admitted=None)))
+    assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
+    assert found.begin == anew.begin
+    assert found.memory == replace(anew.memory, admitted=found.memory.admitted)
+    assert dict(found.to_probe) == dict(anew.to_probe)
+    assert found.deadline == anew.deadline
+    assert found.violations == anew.violations
 
 
 class World:
@@ -289,6 +309,7 @@ class Watch:
         self.begun: set[tuple] = set()
 
     def invariants(self) -> bool:
+        same_as_anew(self.robot.read, self.robot.decision)
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
         told = (

@@ -8,10 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 from rorg.cli.context import Context
-from rorg.core.decide import Decision, Inputs, Target, decide
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
+from rorg.core.schedule import Target
 from rorg.daemon.snapshot import restore, snapshot
 from rorg.host.contents import Contents
 from rorg.model.catalog import Catalog
@@ -33,14 +34,14 @@ def decision(context: Context, catalog: Catalog) -> Decision:
         allowed = {(n, "interlock"): ProbeResult("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
         return decide(
             Inputs(
-                desired,
-                document.requests,
-                document.restarts,
-                observed,
-                allowed,
-                memory,
-                0.0,
-                owner,
+                desired=desired,
+                requests=document.requests,
+                restarts=document.restarts,
+                observed=observed,
+                results=allowed,
+                memory=memory,
+                now=0.0,
+                owner=owner,
                 holds=document.holds,
                 suspended=document.suspended,
                 wall=time.time(),

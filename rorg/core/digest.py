@@ -48,13 +48,14 @@ class Rules:
     """Whichever side declared them."""
 
 
-def labels(owner: str, service: str, spec: Spec, rules: Rules, previous: str = "") -> Mapping[str, str]:
-    """What marks a container as ours and says what it was created from, and in the place of which one."""
+def labels(owner: str, service: str, spec: Spec, made_from: str, rules: Rules, previous: str = "") -> Mapping[str, str]:
+    """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
+    the place of which one."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
         LABEL_SERVICE: service,
-        LABEL_SPEC: digest(spec),
+        LABEL_SPEC: made_from,
         LABEL_DECLARED: canonical(declared_fields(spec)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
         **({LABEL_PREVIOUS: previous} if previous else {}),

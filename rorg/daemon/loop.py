@@ -11,9 +11,8 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.former import Kept
 from rorg.core.observed import Container
+from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
-from rorg.core.rollout import refuse
-from rorg.core.transitions import finish
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.daemon.snapshot import restore
@@ -177,10 +176,8 @@ class Loop:
                 self.wakes.again()
 
     def _take_outcomes(self) -> None:
-        for outcome in self.workers.take():
-            self.memory = finish(self.memory, outcome.action, outcome.error, self.clock())
-            if outcome.refused:
-                self.memory = refuse(self.memory, outcome.action, outcome.error)
+        if outcomes := self.workers.take():
+            self.memory = finish(self.memory, outcomes, self.clock())
 
     # -- what the loop's parts ask -----------------------------------------------------------------------------
 

@@ -6,8 +6,9 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.decide import FRESH, Target
+from rorg.core.decide import FRESH
 from rorg.core.memory import ProbeResult
+from rorg.core.schedule import Target
 from rorg.probes.ask import CannotAsk
 
 LONGEST = 3600.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
+from rorg.core.schedule import Target
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.model.catalog import Probe
