@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 
 from rorg.core.admission import admission_for, admit
 from rorg.core.check import check
@@ -104,7 +105,7 @@ def decide(inputs: Inputs) -> Decision:
         memory = forget(memory, planned.looked_at, {n for n in planned.looked_at if busy(planned, n)})
     violations = tuple(check(planned))
     held_back = violations or situation.suspended
-    ready = [] if held_back else [action for *_, action in planned.turns]
+    ready = () if held_back else map(itemgetter(-1), planned.turns)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
     due = schedule(hand.schedule if hand else None, planned, inputs.asked)

@@ -13,11 +13,12 @@ from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_PREVIOUS, LABE
 from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def canonical(value: Any) -> str:
     """The one text form of a JSON value: sorted keys, no white space."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return _CANONICAL.encode(value)
 
 
 def digest(spec: Spec) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain, islice
 
 from rorg.core.memory import InFlight
 from rorg.core.plan import Action
@@ -22,7 +23,7 @@ class DispatchLimits:
 
 
 def select(
-    ready: Sequence[Action], in_flight: Mapping[str, InFlight], limits: DispatchLimits, now: float
+    ready: Iterable[Action], in_flight: Mapping[str, InFlight], limits: DispatchLimits, now: float
 ) -> list[Action]:
     """Actions to begin now. `ready` are those that follow nothing, urgent ones first, then the higher priority."""
     busy = [f.action for f in in_flight.values() if now - f.since < STUCK]
@@ -30,12 +31,14 @@ def select(
         True: limits.urgent - sum(a.urgent for a in busy),
         False: limits.bulk - sum(not a.urgent for a in busy),
     }
-    if any(a.urgent for a in (*busy, *ready[:1])):
+    ready = iter(ready)
+    first = [*islice(ready, 1)]
+    if any(a.urgent for a in (*busy, *first)):
         # What somebody waits for takes three times as long beside two calls of bulk work as beside one.
         room[False] = min(room[False], 1 - sum(not a.urgent for a in busy))
     left = limits.most - len(in_flight)
     chosen: list[Action] = []
-    for action in ready:
+    for action in chain(first, ready):
         if left <= 0 or (room[False] <= 0 and (not action.urgent or room[True] <= 0)):
             break
         if room[action.urgent] > 0:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
+from rorg.core.changes import changed_keys
 from rorg.core.content import noted
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
@@ -27,10 +28,10 @@ class Followed:
     results: ProbeResults
     in_flight: Collection[str]
     booted_at: str
-    settled: Mapping[str, Progress]
-    """Memory that another look at the same would not change."""
+    progress: Mapping[str, Progress]
     restless: frozenset[str]
-    """Services whose memory changes with the time alone."""
+    """Services whose memory another look might change though nothing else has: it has just changed, or does so with the
+    time alone."""
 
 
 def follow(
@@ -55,7 +56,7 @@ def follow(
     progress = {**memory.progress}
     for name in memory.progress.keys() - desired.digests.keys() - by_service.keys():
         del progress[name]
-    settled, restless = ({**kept.settled}, set(kept.restless)) if kept else ({}, set[str]())
+    restless = set(kept.restless) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
     for name in names:
         service, before = services[name], memory.of(name)
@@ -69,22 +70,21 @@ def follow(
             booted_at=booted_at,
         )
         step = _one(before, service, desired, seen)
-        if step is before and name in memory.progress:
-            settled[name] = step
-        else:
-            settled.pop(name, None)
+        same = step is before and name in memory.progress
+        if not same:
             progress[name], changed = step, True
-        (restless.add if _changes_by_itself(step, service, seen) else restless.discard)(name)
+        (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)
+    memory = replace(memory, progress=progress) if changed else memory
     followed = Followed(
         desired=desired,
         wanted=wanted,
         results=results,
         in_flight=frozenset(memory.in_flight),
         booted_at=booted_at,
-        settled=settled,
+        progress=memory.progress,
         restless=frozenset(restless),
     )
-    return (replace(memory, progress=progress) if changed else memory), followed
+    return memory, followed
 
 
 def renew_all(memory: Memory, desired: Desired) -> Memory:
@@ -96,10 +96,8 @@ def renew_all(memory: Memory, desired: Desired) -> Memory:
 def _to_look_at(
     kept: Followed, memory: Memory, desired: Desired, results: ProbeResults, touched: Collection[str]
 ) -> set[str]:
-    settled, before = kept.settled, kept.results
-    names = {n for n, step in memory.progress.items() if settled.get(n) is not step}
-    names |= {key[0] for key, found in results.items() if before.get(key) is not found}
-    names |= {key[0] for key in before if key not in results}
+    names = changed_keys(kept.progress, memory.progress)
+    names |= {name for name, _ in changed_keys(kept.results, results) | (kept.results.keys() - results.keys())}
     names |= kept.in_flight ^ memory.in_flight.keys()
     names.update(touched, kept.restless)
     for name in touched:

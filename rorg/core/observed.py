@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rorg.core.changes import changed_items
+
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
 LABEL_SPEC = "rorg.io/spec"
@@ -95,9 +97,7 @@ class Observed:
         """Services whose containers are others, or otherwise, than before. What is the same needs no sorting again."""
         if before is self:
             return set()
-        then, now = set(map(id, before.containers)), set(map(id, self.containers))
-        changed = {c.service for c in self.containers if id(c) not in then}
-        changed |= {c.service for c in before.containers if id(c) not in now}
+        changed = {c.service for c in changed_items(before.containers, self.containers)}
         if self._by_service is None:
             found = {**before.by_service()}
             for name in changed:

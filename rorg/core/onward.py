@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields
 from itertools import chain
 from operator import attrgetter
 
+from rorg.core.changes import changed_keys
 from rorg.core.desired import Situation
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.core.planner import NOTHING, Planner, ServicePlan, in_order, leave_at_once
@@ -128,10 +129,7 @@ def _differs(before: Situation, now: Situation) -> bool:
 
 def _changed(before: Situation, now: Situation) -> set[str]:
     """Services of whom something else is remembered."""
-    then = before.memory.progress
-    if then is now.memory.progress:
-        return set()
-    return {n for n, step in now.memory.progress.items() if then.get(n) is not step and n in now.desired.digests}
+    return changed_keys(before.memory.progress, now.memory.progress) & now.desired.digests.keys()
 
 
 def _lock(situation: Situation, name: str) -> str | None:
