@@ -22,7 +22,7 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
-from rorg.daemon.snapshot import restore, snapshot
+from rorg.daemon.snapshot import Snapshots, restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Hold, Request
@@ -178,6 +178,24 @@ def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
 
 
+def test_what_a_cold_start_costs_grows_with_its_size(tmp_path):
+    assert planned(tmp_path / "large", 80) <= 2.3 * planned(tmp_path / "small", 40)
+
+
+def planned(folder: Path, count: int) -> int:
+    """How often a service is planned until so many, in chains of five that need one another, run from nothing."""
+    names = [f"s{n:03}" for n in range(count)]
+    specs = {n: {"needs": names[i - 1 : i] if i % 5 else [], "always_on": i % 5 == 4} for i, n in enumerate(names)}
+    robot, costs = SimRobot(load_or_raise(write_tree(folder, specs))), []
+
+    def up(robot: SimRobot) -> bool:
+        costs.append(len(robot.decision.looked_at))
+        return len(robot.active()) == count and robot.decision.plan.empty
+
+    robot.run(up, 10 * count)
+    return sum(costs)
+
+
 def live_through(specs, policy, events):
     with tempfile.TemporaryDirectory() as folder:
         world = World(Path(folder), specs, policy)
@@ -307,9 +325,11 @@ class Watch:
         self.robot, self.world = robot, world
         self.shed: tuple = ()
         self.begun: set[tuple] = set()
+        self.passes, self.snapshots = 0, Snapshots()
 
     def invariants(self) -> bool:
         same_as_anew(self.robot.read, self.robot.decision)
+        self.published()
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
         told = (
@@ -331,6 +351,14 @@ class Watch:
                 self.beginning(name, flight.action)
         self.shedding()
         return True
+
+    def published(self) -> None:
+        """Now and then, as a loop does it. What is kept of it says the same as what is written anew."""
+        self.passes += 1
+        self.snapshots.note(self.robot.decision)
+        if self.passes % 3 == 0:
+            text = self.snapshots.text(self.robot.decision, {"pid": 1})
+            assert json.loads(text) == json.loads(json.dumps(snapshot(self.robot.decision, {"pid": 1})))
 
     def beginning(self, name: str, action: Action) -> None:
         """An action is begun just now."""

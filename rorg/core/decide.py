@@ -79,8 +79,10 @@ class Decision:
     """Restarts that were asked for, and done."""
     confirmed: tuple[str, ...] = ()
     """Confirmed removals that are done, or void."""
-    looked_at: int = 0
-    """Services that were planned in this pass; the others' plans are those of the last one."""
+    looked_at: tuple[str, ...] = ()
+    """Services that were planned in this pass; the others are as at the last one."""
+    whole: bool = True
+    """All were."""
 
 
 def decide(inputs: Inputs) -> Decision:
@@ -125,7 +127,8 @@ def decide(inputs: Inputs) -> Decision:
         holds=assessed.holds,
         served=assessed.served,
         confirmed=ended,
-        looked_at=len(planned.looked_at),
+        looked_at=planned.looked_at,
+        whole=planned.looked_at is planned.names,
     )
 
 

@@ -63,7 +63,7 @@ class Planned:
 
 
 def plan_all(situation: Situation) -> Planned:
-    names = in_order(situation)
+    names = tuple(in_order(situation))
     places = {name: place for place, name in enumerate(names)}
     planner = Planner(situation, places, None)
     for name in names:
@@ -80,7 +80,7 @@ def plan_all(situation: Situation) -> Planned:
         leaving=frozenset(planner.leaving),
         restless=frozenset(n for n, p in planner.plans.items() if p.restless),
         turns=turns,
-        looked_at=tuple(names),
+        looked_at=names,
     )
 
 
