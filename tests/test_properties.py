@@ -178,6 +178,22 @@ def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
 
 
+def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
+    specs = {
+        "lidar": {"always_on": True, "exclusive": ["can"], "interlock": {"file": "/allow"}},
+        "mapper": {"always_on": True},
+        "camera": {"always_on": True},
+    }
+    robot = Reader(load_or_raise(write_tree(tmp_path, specs)))
+    robot.settle()
+    robot.locked.add("lidar")
+    robot.faults.fail["remove", "camera"] = ["device or resource busy"] * 3
+    robot.at(20.0, robot.locked.clear)
+    specs = {"mapper": {"always_on": True}, "arm": {"always_on": True, "exclusive": ["can"]}}
+    robot.declare(load_or_raise(write_tree(tmp_path, specs)))
+    robot.run(lambda r: same_as_anew(r.read, r.decision) or (r.idle and r.active() == {"mapper", "arm"}))
+
+
 def test_what_a_cold_start_costs_grows_with_its_size(tmp_path):
     assert planned(tmp_path / "large", 80) <= 2.3 * planned(tmp_path / "small", 40)
 

@@ -128,7 +128,7 @@ def decide(inputs: Inputs) -> Decision:
         served=assessed.served,
         confirmed=ended,
         looked_at=planned.looked_at,
-        whole=planned.looked_at is planned.names,
+        whole=planned.whole,
     )
 
 

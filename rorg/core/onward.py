@@ -18,7 +18,7 @@ from operator import attrgetter
 from rorg.core.changes import changed_keys
 from rorg.core.desired import Situation
 from rorg.core.plan import Action, Plan, Waiting
-from rorg.core.planner import NOTHING, Planner, ServicePlan, in_order, leave_at_once
+from rorg.core.planner import NOTHING, Planner, ServicePlan, in_order, leave_at_once, undeclared
 
 Turn = tuple[bool, int, int, Action]
 """(not urgent, -priority, place, what may be begun now): sorted, who comes first."""
@@ -41,6 +41,11 @@ class Planned:
     turns: Sequence[Turn]
     looked_at: tuple[str, ...]
     """Services that were planned in this pass."""
+
+    @property
+    def whole(self) -> bool:
+        """All services were planned in this pass."""
+        return self.looked_at is self.names
 
     def plan(self) -> Plan:
         """The whole of it. While the engine does not tell what is there, nothing is done."""
@@ -86,12 +91,9 @@ def plan_all(situation: Situation) -> Planned:
 
 def plan_on(kept: Planned | None, situation: Situation, touched: Collection[str]) -> Planned:
     """`touched` are services whose containers are others, or otherwise, than when the plan in hand was made."""
-    if (
-        kept is None
-        or not situation.observed.complete
-        or _differs(kept.situation, situation)
-        or any(n not in situation.desired.digests for n in touched)
-    ):
+    # What no manifest declares is rare, and may be in anybody's way.
+    strange = bool(undeclared(situation)) or any(n not in situation.desired.digests for n in touched)
+    if kept is None or strange or not situation.observed.complete or _differs(kept.situation, situation):
         return plan_all(situation)
     changed = _changed(kept.situation, situation) | set(touched)
     leaving = kept.leaving
@@ -149,7 +151,7 @@ def _again(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[str
         last, name = place, kept.names[place]
         before, now = kept.plans[name], planner.plan(name)
         found.append(name)
-        if (bool(before.actions), before.unready) != (bool(now.actions), now.unready) and name in planner.services:
+        if (bool(before.actions), before.unready) != (bool(now.actions), now.unready):
             for other in neighbours(planner.s, name):
                 if places.get(other, -1) > place:
                     heapq.heappush(pending, places[other])

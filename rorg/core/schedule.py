@@ -50,7 +50,7 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
     situation = planned.situation
     engaged = situation.memory.pressure.engaged
     names: Collection[str] = planned.looked_at
-    if kept is None or kept.engaged != engaged:
+    if kept is None or planned.whole or kept.engaged != engaged:
         times, targets, names = {}, {}, planned.names
     else:
         times, targets = {**kept.times}, {**kept.targets}
