@@ -13,8 +13,8 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 from conftest import free_port, wait_for
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
+from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
