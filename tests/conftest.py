@@ -76,6 +76,8 @@ class Dockerd:
                 self.host,
                 "--bridge=none",
                 "--iptables=false",
+                "--exec-opt",
+                "native.cgroupdriver=cgroupfs",
                 "--add-runtime",
                 f"hang={hang}",
             ],
@@ -299,6 +301,19 @@ def real_robot(request, tmp_path):
 @pytest.fixture
 def docker_robot(request, tmp_path):
     yield from _make_robot(request, tmp_path, "docker")
+
+
+@pytest.fixture
+def slice_of_its_own(dockerd):
+    """A control group: for tests that measure what they start, and nothing else of the machine."""
+    from slices import Slice
+
+    try:
+        found = Slice()
+    except OSError as error:
+        no_docker(f"no control group can be made here: {error}")
+    yield found
+    found.close()
 
 
 def _make_robot(request, tmp_path, kind):
