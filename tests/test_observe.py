@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 import threading
 
 from conftest import wait_for
 
 from rorg.core.observed import Container
 from rorg.engines.observe import Observer
+from rorg.engines.process.table import MARK, await_mark, boot_id, is_same, stat
 
 RUNNING, ENDED = (Container("c1", "camera", "camera", state) for state in ("running", "exited"))
 
@@ -55,3 +57,13 @@ def test_an_older_look_at_a_container_does_not_win():
 
 def test_an_older_list_does_not_win():
     assert overtaken("sync") == "exited"
+
+
+def test_a_program_that_just_began_is_known_as_ours():
+    """Of five that are looked at as soon as they can be, one is in the middle of exec, where it has no environment."""
+    for _ in range(100):
+        child = subprocess.Popen(["/bin/sh", "-c", "read line; true"], stdin=subprocess.PIPE, env={MARK: "ours"})
+        await_mark(child, "ours")
+        facts = stat(child.pid)
+        assert facts and is_same(child.pid, facts[2], boot_id(), "ours")
+        child.communicate()

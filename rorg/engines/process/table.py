@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import time
 from functools import cache
 from pathlib import Path
 
 MARK = "RORG_CONTAINER"
 """Environment variable that every process we start inherits: the id of its container."""
+BEGIN = 5.0
+"""Seconds within which a child is past its exec, however busy the machine is."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
 
@@ -55,6 +59,14 @@ def _marked(pid: int, container: str) -> bool:
     except OSError:
         return False
     return f"{MARK}={container}".encode() in environment
+
+
+def await_mark(child: subprocess.Popen[bytes], container: str) -> None:
+    """Returns when a child that was just started carries its mark, or has ended. In the middle of exec a process has
+    no environment that can be read: it would be taken for a stranger, and its run for ended."""
+    deadline = time.monotonic() + BEGIN
+    while not _marked(child.pid, container) and child.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.001)
 
 
 def signal_group(leader: int, started: int, boot: str, container: str, number: int) -> bool:
