@@ -166,8 +166,8 @@ def cpp_programs(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("cpp")
     compile_all(
         [
-            [ROOT / f"clients/cpp/{name}.cpp", "-o", folder / name.partition("/")[2], "-static", *WARNINGS]
-            for name in ("examples/tour", "tests/calls", "tests/latency")
+            [ROOT / "clients/cpp/examples/tour.cpp", "-O1", "-static", *WARNINGS, "-o", folder / "tour"],
+            [ROOT / "clients/cpp/tests/calls.cpp", "-static", *WARNINGS, "-o", folder / "calls"],
         ]
     )
     return folder
@@ -230,11 +230,19 @@ def pytest_runtest_makereport(item, call):
         _ran[kind] += 1
 
 
-def pytest_terminal_summary(terminalreporter):
+def _cause(report: pytest.TestReport) -> str:
+    """What counts as one failure: a test, or a fixture that several could not be set up with."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    shared = report.when == "setup" and crash is not None
+    return f"{crash.path}:{crash.lineno}" if shared else report.nodeid
+
+
+def pytest_terminal_summary(terminalreporter, exitstatus):
     path = os.environ.get("RORG_TEST_FAILED")
-    failed = {r.nodeid for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())}
-    if path and failed:
-        Path(path).write_text("".join(f"{name}\n" for name in sorted(failed)))
+    if path and exitstatus == pytest.ExitCode.TESTS_FAILED:
+        reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
+        causes = {r.nodeid: _cause(r) for r in reports}
+        Path(path).write_text("".join(f"{cause}\t{test}\n" for test, cause in sorted(causes.items())))
     counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
     if not _ran["docker"]:
