@@ -29,7 +29,7 @@ class SlowAnswers:
         self.first = False
         if slow:
             self.asked.set()
-            assert self.go.wait(10)
+            assert self.go.wait(60)
         return found
 
     def list(self) -> list[Container]:
@@ -47,7 +47,7 @@ def overtaken(slow_question: str) -> str:
     engine.state = ENDED
     observer.refresh("c1")
     engine.go.set()
-    asking.join(10)
+    asking.join(60)
     return observer.snapshot().containers[0].state
 
 
