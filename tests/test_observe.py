@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import threading
 
+import psutil
 from conftest import wait_for
 
 from rorg.core.observed import Container
 from rorg.engines.observe import Observer
-from rorg.engines.process.table import MARK, await_mark, boot_id, is_same, stat
+from rorg.engines.process.table import MARK, await_program, boot_id, is_same, stat
 
 RUNNING, ENDED = (Container("c1", "camera", "camera", state) for state in ("running", "exited"))
 
@@ -59,11 +62,17 @@ def test_an_older_list_does_not_win():
     assert overtaken("sync") == "exited"
 
 
-def test_a_program_that_just_began_is_known_as_ours():
-    """Of five that are looked at as soon as they can be, one is in the middle of exec, where it has no environment."""
-    for _ in range(100):
-        child = subprocess.Popen(["/bin/sh", "-c", "read line; true"], stdin=subprocess.PIPE, env={MARK: "ours"})
-        await_mark(child, "ours")
+SHELL = 'trap : INT; "$@"; true'
+
+
+def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
+    """Looked at as soon as it can be, one of five is in the middle of exec, and has no environment; and signals in the
+    first milliseconds meet the shell's handlers."""
+    for _ in range(60):
+        child = subprocess.Popen(["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"], env={**os.environ, MARK: "ours"})
+        await_program(child, "ours")
         facts = stat(child.pid)
         assert facts and is_same(child.pid, facts[2], boot_id(), "ours")
-        child.communicate()
+        (program,) = psutil.Process(child.pid).children()
+        program.send_signal(signal.SIGINT)
+        child.wait(30)

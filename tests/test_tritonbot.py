@@ -224,7 +224,7 @@ def play(triton: RealRobot, steps, actions: list[dict], also: tuple[str, ...] = 
     triton.kill("behavioral")
     killed = time.monotonic()
     triton.wait(lambda: [r.requester for r in triton.requests()] == ["developer"])
-    assert time.monotonic() - killed < 10, "by its end, not by its lease of 30 s"
+    assert time.monotonic() - killed < 5, "by its end, not by its lease"
     triton.wait(lambda: triton.active() <= always)
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.process.log import read_log, read_log_from
-from rorg.engines.process.table import MARK, await_mark, boot_id, is_same, members, signal_group, stat
+from rorg.engines.process.table import MARK, await_program, boot_id, is_same, members, signal_group, stat
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError
 from rorg.manifest.container import ContainerOptions
@@ -221,7 +221,7 @@ class ProcessEngine:
                 cwd=self._cwd(record),
             )
         self._children[container] = child
-        await_mark(child, container)
+        await_program(child, container)
         facts = stat(child.pid)
         self._write(
             {
