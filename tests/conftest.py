@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parent.parent
 for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith("RORG_TEST_")]:
     del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
-# What is called python3 is this Python, not a script that looks for one: it would hear the signals that are meant for it.
+# What is called python3 is this Python, not a script that looks for one and hears the signals that are meant for it.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent), os.environ.get("PATH", os.defpath)])
 BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
