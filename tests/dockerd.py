@@ -8,7 +8,28 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 from conftest import BASE_IMAGE, ROOT, no_docker, wait_for
+
+ENOUGH = 12 << 30
+"""Bytes of memory with which images are kept in memory."""
+
+
+def memory() -> int:
+    """Bytes that may be had, on the machine and in our control group."""
+    limits = [psutil.virtual_memory().available]
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):
+        path = Path("/sys/fs/cgroup") / name
+        if path.exists() and (text := path.read_text().strip()).isdigit():
+            limits.append(int(text))
+    return min(limits)
+
+
+def clean_up() -> None:
+    """Removes what sessions left that were killed."""
+    for owner in Path("/tmp").glob("rorg-dockerd.*/owner"):
+        if not psutil.pid_exists(int(owner.read_text() or 0)):
+            Dockerd.clean(owner.parent)
 
 
 class Dockerd:
@@ -18,6 +39,11 @@ class Dockerd:
         self.folder = folder
         self.host = f"unix://{folder}/docker.sock"
         self.process: subprocess.Popen | None = None
+        (folder / "owner").write_text(str(os.getpid()))
+        (folder / "data").mkdir()
+        if memory() > ENOUGH:  # gigabytes of small files, written durably for nothing and removed one by one
+            what = ["mount", "-t", "tmpfs", "-o", "size=8g", "rorg-tests", folder / "data"]
+            subprocess.run(what, check=False, stderr=subprocess.DEVNULL)
 
     def start(self) -> None:
         # A runtime whose containers do not start while the file `hold` is there.
@@ -75,10 +101,14 @@ class Dockerd:
     def close(self) -> None:
         """Leaves nothing of it on the machine."""
         self.stop()
+        self.clean(self.folder)
+
+    @staticmethod
+    def clean(folder: Path) -> None:
         mounts = [line.split()[1] for line in Path("/proc/mounts").read_text().splitlines()]
-        for mount in sorted((m for m in mounts if m.startswith(f"{self.folder}/")), reverse=True):
+        for mount in sorted((m for m in mounts if m.startswith(f"{folder}/")), reverse=True):
             subprocess.run(["umount", "-l", mount], check=False)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Reachable(Dockerd):
