@@ -37,7 +37,7 @@ class ServiceView(TypedDict):
     exits: int
     pid: int
     crashes: int
-    rank: int
+    effective_priority: int
     held: str
     lowered: bool
     ros_nodes: list[str]
