@@ -6,9 +6,8 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from rorg.cli.options import Directory, EngineName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import confirm
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -60,7 +59,7 @@ def _consent(yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise Refused("apply the plan", "nobody was asked", "--yes")
-    if not typer.confirm("Apply?", err=True):
+    if not confirm("Apply?", err=True):
         raise Refused("apply the plan", "you said no")
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
@@ -57,7 +56,7 @@ def command(
     import yaml
 
     for entry in found:
-        typer.echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), nl=False)
+        echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), end="")
 
 
 def _events(context: object, name: str, most: int = 10) -> list[str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import typer
+import sys
 
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
@@ -19,7 +20,7 @@ def command(
     context = Context(state_dir, engine, directory, local=True)
     plan = context.decision(context.catalog()).plan
     if output == "table":
-        typer.echo(plan.text(), nl=False)
+        echo(plan.text(), end="")
     else:
         dump(plan.as_json(), output)
-    raise typer.Exit(int(Exit.OK if plan.empty else Exit.DIFFERENCES))
+    sys.exit(int(Exit.OK if plan.empty else Exit.DIFFERENCES))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import EngineName, Output, StateDirectory
+from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory
 
 KINDS = {
     "services": "services",
@@ -22,13 +20,13 @@ KINDS = {
 
 
 def command(
-    kind: Annotated[str, typer.Argument(help="services, groups, images or requests.")] = "services",
-    name: Annotated[str, typer.Argument(help="Only this one.")] = "",
-    directory: Annotated[Any, typer.Option("--manifests", help="Directory of manifests.", parser=str)] = None,
+    kind: Annotated[str, Argument(help="services, groups, images or requests.")] = "services",
+    name: Annotated[str, Argument(help="Only this one.")] = "",
+    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
-    watch: Annotated[bool, typer.Option("-w", "--watch", help="Go on showing changes.")] = False,
+    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Go on showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, requests."""
     import time

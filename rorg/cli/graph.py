@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import Directory, StateDirectory
+from rorg.cli.options import Directory, Option, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
     directory: Directory = None,
-    form: Annotated[str, typer.Option("-o", "--output", help="text, dot, mermaid or json.")] = "text",
+    form: Annotated[str, Option(names=("-o", "--output"), help="text, dot, mermaid or json.")] = "text",
     state_dir: StateDirectory = None,
 ) -> None:
     """Show who needs and who requests whom."""
@@ -31,7 +30,7 @@ def command(
             form,
         )
     else:
-        typer.echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
 
 
 def _text(catalog: Any, edges: list) -> list[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import End, EngineName, For, Reason, ServiceNames, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
@@ -32,7 +31,7 @@ def command(
         names = [held for name in services for held in client.hold(name, duration or 0.0, reason)]
     else:
         names = _write(context, services, duration, reason)
-    typer.echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
+    echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
 
 
 def _write(context: object, services: list[str], duration: float | None, reason: str) -> list[str]:

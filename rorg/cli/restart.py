@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import confirm, echo
 
 
 def command(
@@ -32,7 +31,7 @@ def command(
             names = client.restart(service, force=True)
     else:
         names = _write(context, service, yes)
-    typer.echo(f"restart of {', '.join(names)} asked for")
+    echo(f"restart of {', '.join(names)} asked for")
     if wait and client:
         active = [n for n in names if client.service(n)["wanted"]]
         client.wait(*active, timeout=timeout)
@@ -44,7 +43,7 @@ def _confirm(service: str, why: str) -> None:
 
     if not sys.stdin.isatty():
         raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
-    if not typer.confirm(f"{why}. Restart?", err=True):
+    if not confirm(f"{why}. Restart?", err=True):
         raise Refused(f"restart {service}", "you said no")
 
 

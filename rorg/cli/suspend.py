@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import End, For, Reason, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(duration: For = None, reason: Reason = "", end: End = False, state_dir: StateDirectory = None) -> None:
@@ -26,4 +25,4 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
     else:
         hold = None if end else Hold(time.time() + (duration or 0.0), reason)
         context.change(lambda document: replace(document, suspended=hold))
-    typer.echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")
+    echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")

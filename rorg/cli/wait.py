@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import ServiceNames, StateDirectory, Timeout
+from rorg.cli.output import echo
 
 
 def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDirectory = None) -> None:
@@ -12,4 +11,4 @@ def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDir
     from rorg.cli.context import Context
 
     Context(state_dir, None).serving(f"wait for {', '.join(services)}").wait(*services, timeout=timeout)
-    typer.echo(f"{', '.join(services)} ready")
+    echo(f"{', '.join(services)} ready")

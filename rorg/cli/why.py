@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import typer
-
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
@@ -32,7 +31,7 @@ def command(
         dump(found[0] if len(found) == 1 else found, output)
         return
     for entry in found:
-        typer.echo("\n".join(_lines(entry, sorted(dependants.get(entry["service"], [])))))
+        echo("\n".join(_lines(entry, sorted(dependants.get(entry["service"], [])))))
 
 
 def _found(context: Any, service: str) -> list[dict]:
