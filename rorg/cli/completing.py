@@ -60,9 +60,11 @@ def _is_service(command: str, words: list[str]) -> bool:
     before = words_before(declared, words)
     if before is None:
         return False
-    arguments = [p for p in declared if isinstance(p.declared, Argument)]
-    following = arguments[before] if before < len(arguments) else arguments[-1] if arguments else None
-    return following is not None and bool(following.declared.service) and (before < len(arguments) or following.many)
+    arguments = [(p.declared.service, p.many) for p in declared if isinstance(p.declared, Argument)]
+    if before >= len(arguments):
+        arguments = [(service, many) for service, many in arguments[-1:] if many]
+        before = 0
+    return any(service for service, _ in arguments[before : before + 1])
 
 
 def services(incomplete: str) -> list[str]:

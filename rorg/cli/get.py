@@ -76,21 +76,21 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
 
 
 def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
-    groups = context.catalog().groups
-    found = [g for g in groups.values() if name in ("", g.name)]
-    _there("group", name, found, groups)
-    rows = [{"name": g.name, "services": ",".join(g.services), "description": g.description} for g in found]
-    return rows, [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
+    groups = context.groups()
+    found = [g for g in groups if name in ("", g["name"])]
+    _there("group", name, found, {g["name"] for g in groups})
+    rows = [{**g, "services": ",".join(g["services"])} for g in found]
+    return rows, found
 
 
 def _images(context: Any, name: str) -> tuple[list[dict], Any]:
-    images = context.catalog().images
+    images = context.images()
     rows = [
-        {"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
-        for i in images.values()
-        if name in ("", i.name)
+        {"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]}
+        for i in images
+        if name in ("", i["name"])
     ]
-    _there("image", name, rows, images)
+    _there("image", name, rows, {i["name"] for i in images})
     return rows, None
 
 

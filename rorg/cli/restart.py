@@ -43,7 +43,7 @@ def _confirm(service: str, why: str) -> None:
 
     if not sys.stdin.isatty():
         raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
-    if not confirm(f"{why}. Restart?", err=True):
+    if not confirm(f"{why}. Restart?"):
         raise Refused(f"restart {service}", "you said no")
 
 
