@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,11 @@ def answered() -> bool:
     if not words or words[0] not in COMMANDS or incomplete.startswith("-") or not _is_service(words[0], words[1:]):
         return False
     found = services(incomplete)
-    if not found:
-        return False
     if shell == "zsh":
-        print("_arguments '*: :((" + "\n".join(f'"{name}"' for name in found) + "))'")
-    elif os.environ.get("_TYPER_COMPLETE_FISH_ACTION") != "is-args":
+        print("_arguments '*: :((" + "\n".join(f'"{name}"' for name in found) + "))'" if found else "_files")
+    elif os.environ.get("_TYPER_COMPLETE_FISH_ACTION") == "is-args":
+        sys.exit(not found)  # where nothing is offered, fish offers files
+    elif found:
         print("\n".join(found))
     return True
 

@@ -64,7 +64,7 @@ def _command(words: list[str]) -> None:
             return
     from rorg.cli.app import app
 
-    app()
+    app(prog_name="rorg")
 
 
 def _complete() -> None:
@@ -77,7 +77,7 @@ def _complete() -> None:
         from rorg.cli.app import app
 
         completion_init()
-        app()
+        app(prog_name="rorg")
 
 
 def _complain(text: str) -> None:

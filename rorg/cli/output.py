@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -73,12 +72,11 @@ COLOURS = {
 CODES = {"bold": "1", "dim": "2", "red": "31", "green": "32", "yellow": "33", "blue": "34", "magenta": "35"}
 
 
-def coloured_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str | None:
-    """The same for a terminal, with colours; None for one that takes no colours or where it does not fit."""
+def coloured_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], width: int) -> str | None:
+    """The same with colours, for a terminal; None where it does not fit into `width` columns."""
     cells, widths = _cells(rows, columns)
-    narrow = sum(widths) + 2 * (len(widths) - 1) > shutil.get_terminal_size().columns
-    plain = "NO_COLOR" in os.environ or os.environ.get("TERM", "dumb") in ("dumb", "unknown")
-    if narrow or plain or not all(c.isascii() and c.isprintable() for line in cells for c in line):
+    narrow = sum(widths) + 2 * (len(widths) - 1) > width
+    if narrow or not all(c.isascii() and c.isprintable() for line in cells for c in line):
         return None
     styles = [["bold"] * len(columns), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
     return "\n".join(
@@ -92,7 +90,7 @@ def _styled(text: str, style: str) -> str:
 
 
 def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title: str = "") -> Any:
-    """The same for any terminal, narrow ones too."""
+    """The same for any terminal: a narrow one, or one that takes no colours."""
     from rich.table import Table
     from rich.text import Text
 
@@ -123,7 +121,12 @@ def print_rows(
 
 
 def _on_terminal(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    text = coloured_table(rows, columns)
+    colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+    try:
+        width = int(os.environ.get("COLUMNS") or os.get_terminal_size(sys.stdout.fileno()).columns)
+    except (OSError, ValueError):
+        width = 0
+    text = coloured_table(rows, columns, width) if colours else None
     if text is not None:
         echo(text)
         return
