@@ -60,12 +60,14 @@ def differences(operations: Operations) -> dict[str, Any]:
     decision = operations.decision
     plan = with_calls_under_way(decision)
     about = about_tree(operations.loop.tree, operations.loop.leases.file)
+    catalog = decision.situation.desired.catalog
     return {
         "root": about["tree"]["root"],
-        "fingerprint": decision.situation.desired.catalog.fingerprint,
+        "fingerprint": catalog.fingerprint,
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
         "withheld": sorted(decision.situation.withheld),
+        "probed": sorted(name for name, service in catalog.services.items() if service.ready),
         "empty": plan.empty,
         "text": plan.text(),
         "plan": plan.as_json(),

@@ -143,6 +143,7 @@ class Differences(BaseModel):
     errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")
     requests_errors: list[str]
     withheld: list[str] = Field(description="Whose removal waits for a person's word.")
+    probed: list[str] = Field(description="Services that have a probe of their readiness.")
     empty: bool = Field(description="There is nothing to do, and nothing waits.")
     text: str
     plan: dict[str, Any]

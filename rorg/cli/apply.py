@@ -11,11 +11,6 @@ from rorg.cli.output import confirm, note
 if TYPE_CHECKING:
     from rorg.cli.context import Context
     from rorg.cli.differences import Differences
-    from rorg.core.decide import Decision
-
-
-SETTLED = 0.5
-"""Seconds that everything must be well on end before apply says so."""
 
 
 def command(
@@ -41,8 +36,10 @@ def command(
     if not shown.empty:
         _consent(yes)
     if owner is None:
+        from rorg.cli.alone import carry_out
+
         _confirm_here(context, shown)
-        _alone(context, wait, timeout)
+        carry_out(context, shown.decision, wait, timeout)
     else:
         _through(context, owner, shown, wait, timeout)
 
@@ -68,75 +65,6 @@ def _confirm_here(context: Context, shown: Differences) -> None:
         )
 
 
-def _alone(context: Context, wait: bool, timeout: float) -> None:
-    """Runs the loop here until there is nothing left to do, or nothing that helps."""
-    import threading
-
-    from rorg.cli.context import hopeless
-    from rorg.daemon.snapshot import snapshot
-    from rorg.daemon.wiring import make_loop
-    from rorg.errors import NotReady
-
-    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
-    view: dict[str, Any] = {"services": {}, "plan": {"waitings": []}}
-    timed_out = threading.Event()
-    timer = threading.Timer(timeout, lambda: (timed_out.set(), loop.stop()))
-    timer.daemon = True
-    timer.start()
-
-    good_since: list[float] = []
-
-    def finished(decision: Decision) -> bool:
-        """Bad, or good for SETTLED seconds on end: what crashes at its start does so within them."""
-        view.update(snapshot(decision, {}))
-        good = _good_or_bad(decision, view) if loop.tree.loaded else None
-        if good is None:
-            good_since.clear()
-        elif not good_since:
-            good_since.append(loop.clock())
-            threading.Timer(SETTLED, loop.wake).start()
-        return good is False or bool(good_since and loop.clock() - good_since[0] >= SETTLED)
-
-    loop.run(finished)
-    timer.cancel()
-    context.state.release()
-    failed = hopeless(view, view["services"])
-    late = {**_late(view), **failed}
-    for name, why in late.items():
-        note(f"{name} is not ready: {why}")
-    if timed_out.is_set() or failed or (late and wait):
-        raise NotReady(
-            "finish",
-            f"{len(late)} service(s) are not ready" + (f" after {timeout:g} s" if timed_out.is_set() else ""),
-            "`rorg describe SERVICE`",
-        )
-
-
-def _good_or_bad(decision: Decision, view: dict[str, Any]) -> bool | None:
-    """Whether all is done that can be; None while something goes on. What only takes its time is waited for, and what
-    may never be done is not."""
-    from rorg.cli.context import hopeless
-
-    if decision.memory.in_flight or decision.plan.actions:
-        return None
-    health = {s["health"] for s in view["services"].values()}
-    if "Degraded" in health or hopeless(view, view["services"]):
-        return False
-    if decision.situation.suspended:
-        return True
-    return None if "Progressing" in health or any(not w.code for w in decision.plan.waitings) else True
-
-
-def _late(view: dict[str, Any]) -> dict[str, str]:
-    """Wanted services that are not ready, with the reason."""
-    from rorg.cli.context import condition
-
-    ready = {
-        n: condition(s, "Ready") for n, s in view["services"].items() if s["health"] in ("Progressing", "Degraded")
-    }
-    return {name: found["message"] or found["reason"] for name, found in ready.items()}
-
-
 def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: bool, timeout: float) -> None:
     """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
     _follows(context, owner, shown)
@@ -155,7 +83,7 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
             context.serving("confirm the removal").call("PUT", "/v1/removals", {"services": left})
         if left:
             return f"the removal of {', '.join(left)} has not begun"
-        return _unfinished(view, wait)
+        return _unfinished(view, wait) or (_on_trust(view, shown.probed) if wait else "")
 
     context.wait("the running rorg", done, timeout)
 
@@ -174,6 +102,23 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
             + (f" and follows {followed}" if followed else ""),
             "to change that tree, or to stop it first",
         )
+
+
+def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
+    """Those of which nothing says that they are well but that they have just begun to run; empty without any."""
+    import time
+
+    from rorg.cli.context import SETTLED
+    from rorg.model.units import stamp
+
+    now = time.time()
+    since, until = stamp(now - SETTLED), stamp(now)
+    fresh = [
+        name
+        for name, s in view["services"].items()
+        if s["wanted"] and s["incarnation"] and since < s["started_at"] <= until and name not in probed
+    ]
+    return f"{', '.join(fresh)}: it has just begun" if fresh else ""
 
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:

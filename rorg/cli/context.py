@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
 
 
+SETTLED = 0.5
+"""Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
+`rorg apply` says so: what crashes at its start does so within them."""
+
+
 class Context:
     """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
 

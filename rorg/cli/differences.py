@@ -18,9 +18,13 @@ class Differences(NamedTuple):
     plan: dict[str, Any]
     empty: bool
     withheld: list[str]
+    probed: list[str]
+    """Services whose readiness a probe tells."""
     fingerprint: str
     told: bool
     """By the running rorg, which follows this tree."""
+    decision: Any = None
+    """Where it was computed here."""
 
 
 def differences(context: Context) -> Differences:
@@ -41,6 +45,7 @@ def differences(context: Context) -> Differences:
         plan=found["plan"],
         empty=found["empty"],
         withheld=found["withheld"],
+        probed=found["probed"],
         fingerprint=found["fingerprint"],
         told=True,
     )
@@ -74,6 +79,8 @@ def _computed(context: Context) -> Differences:
         plan=decision.plan.as_json(),
         empty=decision.plan.empty,
         withheld=sorted(decision.situation.withheld),
+        probed=sorted(name for name, service in catalog.services.items() if service.ready),
         fingerprint=catalog.fingerprint,
         told=False,
+        decision=decision,
     )
