@@ -13,7 +13,7 @@ from rorg.manifest.load import load_or_raise
 
 
 @pytest.mark.parametrize(
-    "text, expected",
+    ("text", "expected"),
     [
         ("FROM a", ["a"]),
         (

@@ -154,6 +154,12 @@ def certificate(folder, name: str, authority: str = "") -> None:
         )
 
 
+def ask_without_tls(port: int) -> int:
+    plain = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    plain.request("GET", "/v1/services")
+    return plain.getresponse().status
+
+
 def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
     for name, authority in (("authority", ""), ("stranger", ""), ("robot", "authority"), ("ada", "authority")):
         certificate(tmp_path, name, authority)
@@ -201,9 +207,7 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
             with pytest.raises((ssl.SSLError, OSError)):
                 ask(who)
         with pytest.raises((http.client.HTTPException, OSError)):
-            plain = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-            plain.request("GET", "/v1/services")
-            plain.getresponse()
+            ask_without_tls(port)
         assert ask("ada", "PUT", "/v1/requests/look", '{"services": ["camera"]}') == 200
         events = Client(str(tmp_path / "state/run/rorg.sock")).events(tail=50)
         assert any(e["kind"] == "request" and e["author"] == "ada" for e in events)

@@ -82,7 +82,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("spec, expected", CASES)
+@pytest.mark.parametrize(("spec", "expected"), CASES)
 def test_option_as_body(spec, expected):
     assert create_body(spec, {}) == {"Labels": {}, **expected}
 

@@ -67,11 +67,11 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
 
 def _errors(app: FastAPI) -> None:
     @app.exception_handler(RorgError)
-    async def told(request: Request, error: RorgError) -> JSONResponse:
+    async def told(_: Request, error: RorgError) -> JSONResponse:
         return answer(error)
 
     @app.exception_handler(RequestValidationError)
-    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+    async def invalid(_: Request, error: RequestValidationError) -> JSONResponse:
         first = error.errors()[0]
         where = ".".join(str(p) for p in first["loc"] if p not in ("body", "query", "path"))
         return problem(422, "invalid", "cannot read the request", f"{where or 'body'}: {first['msg']}")

@@ -19,7 +19,12 @@ from rorg.api.operations import Operations
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
-    async def restart(name: str, caller: Who, force: bool = False, requester: Requester = None) -> Response:
+    async def restart(  # caller_of reads the requester; here it is for the schema
+        name: str,
+        caller: Who,
+        force: bool = False,
+        requester: Requester = None,  # noqa: ARG001
+    ) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         generation = await asyncio.wrap_future(operations.restart(caller, name, force))
         return accepted(generation, {"services": list(operations.members(name))})

@@ -303,13 +303,11 @@ class Operations:
             changed.append(after != document)
             return after
 
+        def tell(done: Future[int]) -> None:
+            """Once the disk has it, by whom, and only when it changed anything."""
+            if done.exception() is None and any(changed):
+                self.loop.recorder.event(kind, f"{message} (by {caller.author})", author=caller.author, **more)
+
         future = self.committer.submit(note)
-        # Told once the disk has it, by whom, and only when it changed anything.
-        future.add_done_callback(
-            lambda f: (
-                f.exception() is None
-                and any(changed)
-                and self.loop.recorder.event(kind, f"{message} (by {caller.author})", author=caller.author, **more)
-            )
-        )
+        future.add_done_callback(tell)
         return future

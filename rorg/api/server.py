@@ -189,7 +189,7 @@ class Server:
     def _protocol(self, who: Callable[[socket.socket | None, Any], Caller]) -> Callable[[], asyncio.Protocol]:
         def make() -> asyncio.Protocol:
             made = Connection(self.config, self.uvicorn.server_state, {})
-            made.who, made.open = who, self._open  # type: ignore[method-assign]
+            made.who, made.open = who, self._open
             return made
 
         return make

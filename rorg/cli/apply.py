@@ -36,7 +36,7 @@ def command(
     if not shown.empty:
         _consent(yes)
     if owner is None:
-        from rorg.cli.alone import carry_out
+        from rorg.cli.carrying_out import carry_out
 
         _confirm_here(context, shown)
         carry_out(context, shown.decision, wait, timeout)

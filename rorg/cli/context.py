@@ -258,7 +258,7 @@ def unready(view: dict[str, Any], names: Iterable[str]) -> str:
             return f"{name} is not declared yet"
         if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
             if view.get("suspended"):
-                return view["suspended"]
+                return str(view["suspended"])
             found = condition(service, "Ready")
             waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
             return f"{name}: {service['held'] or '; '.join(waits) or found['message'] or found['reason']}"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import Option, Output, StateDirectory
 from rorg.cli.output import echo
+
+if TYPE_CHECKING:
+    from rorg.store.journal import Journal
 
 
 def command(
@@ -30,5 +33,5 @@ def command(
         echo(json.dumps(event) if output == "json" else line)
 
 
-def _last(journal: object, tail: int) -> list[dict]:
-    return journal.since(max(0, journal.last - tail))  # type: ignore[attr-defined]
+def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:
+    return journal.since(max(0, journal.last - tail))

@@ -48,7 +48,7 @@ def command(
         time.sleep(0.2)
 
 
-def _services(context: Any, name: str) -> tuple[list[dict], Any]:
+def _services(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     from rorg.cli.context import condition
     from rorg.cli.output import missing
 
@@ -75,7 +75,7 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
     return rows, list(services.values())
 
 
-def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
+def _groups(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     groups = context.groups()
     found = [g for g in groups if name in ("", g["name"])]
     _there("group", name, found, {g["name"] for g in groups})
@@ -83,7 +83,7 @@ def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
     return rows, found
 
 
-def _images(context: Any, name: str) -> tuple[list[dict], Any]:
+def _images(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     images = context.images()
     rows = [
         {"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]}
@@ -94,14 +94,14 @@ def _images(context: Any, name: str) -> tuple[list[dict], Any]:
     return rows, None
 
 
-def _there(kind: str, name: str, found: list, known: Any) -> None:
+def _there(kind: str, name: str, found: list[Any], known: Any) -> None:
     from rorg.cli.output import missing
 
     if name and not found:
         raise missing(kind, name, set(known))
 
 
-def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
+def _requests(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     requests = context.view()["requests"]
     found = [r for r in requests if name in ("", r["id"])]
     _there("request", name, found, {r["id"] for r in requests})

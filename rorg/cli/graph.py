@@ -7,6 +7,9 @@ from typing import Annotated, Any
 from rorg.cli.options import Directory, Option, StateDirectory
 from rorg.cli.output import echo
 
+Edge = tuple[str, str, str]
+"""From, to, and what it is: needs or requests."""
+
 
 def command(
     directory: Directory = None,
@@ -33,7 +36,7 @@ def command(
         echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
 
 
-def _text(catalog: Any, edges: list) -> list[str]:
+def _text(catalog: Any, edges: list[Edge]) -> list[str]:
     lines = []
     for name in sorted(catalog.services):
         targets = [f"{'needs' if k == 'needs' else 'requests'} {b}" for a, b, k in edges if a == name]
@@ -42,11 +45,11 @@ def _text(catalog: Any, edges: list) -> list[str]:
     return lines
 
 
-def _dot(catalog: Any, edges: list) -> list[str]:
+def _dot(catalog: Any, edges: list[Edge]) -> list[str]:
     nodes = [f'  "{n}"{" [style=bold]" if s.always_on else ""};' for n, s in sorted(catalog.services.items())]
     arrows = [f'  "{a}" -> "{b}"{" [style=dashed]" if k == "requests" else ""};' for a, b, k in edges]
     return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
 
 
-def _mermaid(catalog: Any, edges: list) -> list[str]:
+def _mermaid(_: Any, edges: list[Edge]) -> list[str]:
     return ["graph LR", *[f"  {a} {'-.->' if k == 'requests' else '-->'} {b}" for a, b, k in edges]]

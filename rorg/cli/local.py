@@ -5,28 +5,47 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
-from rorg.cli.context import Context
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
 from rorg.daemon.snapshot import restore, snapshot
+from rorg.engines.protocol import Engine
 from rorg.host.contents import Contents
 from rorg.model.catalog import Catalog
 from rorg.probes.ask import CannotAsk
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.state_dir import StateDir
 
 
-def decision(context: Context, catalog: Catalog) -> Decision:
+class Place(Protocol):
+    """Where a command looks: its Context."""
+
+    state: StateDir
+
+    @property
+    def engine_name(self) -> str: ...
+    @property
+    def root(self) -> Path: ...
+    def catalog(self) -> Catalog: ...
+    def document(self) -> RequestsDocument: ...
+    def engine(self) -> Engine: ...
+    def last(self) -> dict[str, Any] | None: ...
+    def published(self) -> dict[str, Any] | None: ...
+
+
+def decision(place: Place, catalog: Catalog) -> Decision:
     """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-    desired = desire(catalog, str(context.state.run), Contents().of(catalog, context.root))
-    document = context.document()
-    observed = Observed(tuple(context.engine().list()))
-    last = context.last() or {}
-    owner = last.get("instance") or context.state.instance(lambda: "")
+    desired = desire(catalog, str(place.state.run), Contents().of(catalog, place.root))
+    document = place.document()
+    observed = Observed(tuple(place.engine().list()))
+    last = place.last() or {}
+    owner = last.get("instance") or place.state.instance(lambda: "")
 
     def look(memory: Memory) -> Decision:
         # An interlock is asked when something is done; a plan that is only shown does not wait for it.
@@ -49,17 +68,17 @@ def decision(context: Context, catalog: Catalog) -> Decision:
         )
 
     # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
-    running = context.published()
-    memory = restore(running, time.monotonic()) if running else restore(context.last())
-    memory = replace(memory, kept=read_kept(context.state.path))
-    return look(_ready(context, look(memory), desired))
+    running = place.published()
+    memory = restore(running, time.monotonic()) if running else restore(place.last())
+    memory = replace(memory, kept=read_kept(place.state.path))
+    return look(_ready(place, look(memory), desired))
 
 
-def _ready(context: Context, first: Decision, desired: Desired) -> Memory:
+def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
     """What is ready, found by one look at each: this process has seen nothing run yet."""
     progress = dict(first.situation.memory.progress)
     containers = first.situation.observed.by_service()
-    ask = ProbeRunner(context.engine(), lambda name: next(iter(containers.get(name, [])), None))
+    ask = ProbeRunner(place.engine(), lambda name: next(iter(containers.get(name, [])), None))
     for name, step in progress.items():
         service = desired.catalog.services.get(name)
         ready = service.ready if service else None
@@ -71,14 +90,14 @@ def _ready(context: Context, first: Decision, desired: Desired) -> Memory:
     return Memory(progress, kept=first.memory.kept)
 
 
-def view(context: Context) -> dict[str, Any]:
+def view(place: Place) -> dict[str, Any]:
     """What a running rorg would publish."""
-    catalog = context.catalog()
+    catalog = place.catalog()
     return snapshot(
-        decision(context, catalog),
+        decision(place, catalog),
         {
             "pid": None,
-            "engine_name": context.engine_name,
-            "tree": {"root": str(context.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []},
+            "engine_name": place.engine_name,
+            "tree": {"root": str(place.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []},
         },
     )

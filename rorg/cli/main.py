@@ -72,7 +72,7 @@ def _complete() -> None:
     from rorg.cli.completing import answered
 
     if not answered():
-        from typer.completion import completion_init
+        from typer.completion import completion_init  # type: ignore[attr-defined]
 
         from rorg.cli.app import app
 

@@ -147,4 +147,4 @@ def _incarnation(context: Any, catalog: Any, requester: str) -> str | None:
             f"{requester} is {status.get('state', 'unknown')}, and a request belongs to a run of its requester",
             "to request it first, or to leave out --as",
         )
-    return status["incarnation"]
+    return str(status["incarnation"])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import Option, Output, StateDirectory
 from rorg.cli.output import echo
+
+if TYPE_CHECKING:
+    from rorg_client.types import Usage
 
 
 def command(
@@ -50,7 +53,7 @@ def command(
 COLUMNS = ("service", "state", "cpu", "memory", "priority", "why")
 
 
-def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) -> dict[str, Any]:
+def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
     """Rates between two looks at the usage, busiest first; and the machine in one line."""
     from rorg.model.units import format_memory
 
@@ -71,8 +74,8 @@ def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) ->
             }
         )
     rows.sort(key=lambda r: (-float(r["cpu"]), r["service"]))
-    machine, old = now["machine"], before["machine"]
-    cores = (machine["cpu_seconds"] - old["cpu_seconds"]) / seconds
+    machine = now["machine"]
+    cores = (machine["cpu_seconds"] - before["machine"]["cpu_seconds"]) / seconds
     pressure = status["pressure"]
     told = f"; pressure: {pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else ""
     return {

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 from rorg.cli.output import echo
+
+if TYPE_CHECKING:
+    from rorg_client.types import RequestView, Why
 
 
 def command(
@@ -34,12 +37,13 @@ def command(
         echo("\n".join(_lines(entry, sorted(dependants.get(entry["service"], [])))))
 
 
-def _found(context: Any, service: str) -> list[dict]:
+def _found(context: Any, service: str) -> list[Why]:
     """What the API would say, computed where no rorg serves."""
     from rorg.cli.context import condition
     from rorg.cli.output import missing
 
-    catalog, view, found = context.catalog(), context.view(), []
+    catalog, view = context.catalog(), context.view()
+    found: list[Why] = []
     names = catalog.members(service) or ((service,) if service in view["services"] else ())
     if not names:
         raise missing("service", service, {*catalog.services, *catalog.groups})
@@ -62,7 +66,7 @@ def _found(context: Any, service: str) -> list[dict]:
     return found
 
 
-def _lines(entry: dict, dependants: list[str]) -> list[str]:
+def _lines(entry: Why, dependants: list[str]) -> list[str]:
     name = entry["service"]
     lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link}" for depth, link in enumerate(entry["chain"])]
@@ -77,7 +81,7 @@ def _lines(entry: dict, dependants: list[str]) -> list[str]:
     return lines
 
 
-def _request(request: dict) -> str:
+def _request(request: RequestView) -> str:
     said = f"request '{request['id']}' of {request['requester']} names it"
     facts = [
         f"priority {request['priority']}" if request.get("priority") is not None else "",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from rorg.core.desired import Situation
 from rorg.core.plan import Action, Plan
+from rorg.core.situation import Situation
 
 STATES = {
     "start": ("created", "exited"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from rorg.core.admission import admission_for, admit
 from rorg.core.check import check
 from rorg.core.content import note_content
-from rorg.core.desired import Desired, Situation
+from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import evict
@@ -20,6 +20,7 @@ from rorg.core.pressure import Load
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.rollout import renew, try_out
+from rorg.core.situation import Situation
 from rorg.core.transitions import advance, begin, doubt_ends, forget
 from rorg.core.wanted import urgent
 from rorg.core.withheld import over, withhold
@@ -206,9 +207,10 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     found = {}
     for name, interlock in _all_interlocks(inputs.desired, inputs.observed).items():
         said = inputs.results.get((name, "interlock"))
-        fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
-        answer = said.message if fresh else f"{interlock} is being asked"
-        found[name] = "" if fresh and said.ok else answer
+        if said is None or inputs.now - said.at > interlock.interval + FRESH:
+            found[name] = f"{interlock} is being asked"
+        else:
+            found[name] = "" if said.ok else said.message
     return found
 
 
@@ -231,10 +233,8 @@ def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
     for name, step in memory.progress.items():
         service = situation.desired.catalog.services.get(name)
         if service and service.ready and step.running_since is not None and not step.ready:
-            times.append(
-                step.running_since
-                + (float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout)
-            )
+            delay = service.ready.delay
+            times.append(step.running_since + (service.ready.timeout if delay is None else delay))
         if service and (end := doubt_ends(step, service)) is not None:
             times.append(end)
     times += [lease.until for lease in memory.leases.values()]

@@ -40,7 +40,7 @@ ProbeResults = Mapping[tuple[str, str], ProbeResult]
 class Attempt:
     """Of one verb of one service."""
 
-    signature: tuple = ()
+    signature: tuple[object, ...] = ()
     """The action, and what was observed when it was begun."""
     count: int = 0
     """How often that same action was begun with nothing observed to change."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
@@ -14,8 +14,18 @@ LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
 
 
-def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
-    """What our labels say of a container, as fields of Container."""
+class Labelled(TypedDict):
+    """Those fields of Container that stand in its labels."""
+
+    service: str
+    digest: str
+    declared: str
+    rules: str
+    previous: str
+
+
+def from_labels(labels: Mapping[str, str]) -> Labelled:
+    """What our labels say of a container."""
     return {
         "service": labels.get(LABEL_SERVICE, ""),
         "digest": labels.get(LABEL_SPEC, ""),
@@ -87,9 +97,10 @@ class Observed:
 
     def by_service(self) -> dict[str, list[Container]]:
         """Containers of each service: alive ones first, then the last started. Found once, asked often in a pass."""
-        if self._by_service is None:
-            found: dict[str, list[Container]] = {}
-            for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
-                found.setdefault(container.service, []).append(container)
-            object.__setattr__(self, "_by_service", found)
-        return self._by_service  # type: ignore[return-value]
+        if self._by_service is not None:
+            return self._by_service
+        found: dict[str, list[Container]] = {}
+        for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
+            found.setdefault(container.service, []).append(container)
+        object.__setattr__(self, "_by_service", found)
+        return found

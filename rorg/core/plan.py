@@ -77,7 +77,8 @@ class Plan:
     def text(self) -> str:
         """The canonical text: what `rorg diff` prints and planner tests compare."""
         lines: list[str] = []
-        width = max((len(n.service) for n in (*self.actions, *self.waitings)), default=0)
+        named: list[Action | Waiting] = [*self.actions, *self.waitings]
+        width = max((len(n.service) for n in named), default=0)
         replaced = ""
         for action in self.actions:
             part = action.part_of == "replace"

@@ -7,10 +7,10 @@ waitings with a reason.
 
 from __future__ import annotations
 
-from rorg.core.desired import Situation
 from rorg.core.digest import rules_of
 from rorg.core.plan import Action, Plan, Waiting
 from rorg.core.reconcile import ReconcileSteps
+from rorg.core.situation import Situation
 from rorg.core.steps import Step, away
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
@@ -152,11 +152,8 @@ class _Planner:
         if locked:
             return (), Waiting(service.name, f"interlock: {locked}")
         begins = step.verb in ("start", "resume") or step.part_of
-        if (
-            self.s.closed
-            and begins
-            and self.s.priorities.get(service.name, 0) < self.desired.catalog.policy.pressure.admit
-        ):
+        limits = self.desired.catalog.policy.pressure
+        if self.s.closed and limits and begins and self.s.priorities.get(service.name, 0) < limits.admit:
             return (), Waiting(service.name, self.s.closed)
         if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
             return self.gate_start(service)  # what runs goes on until the new one can begin
@@ -219,7 +216,7 @@ class _Planner:
             return ""
         if step.running_since is None:
             return f"is not running ({step.error or 'ended'})"
-        seconds = None if ready is None else float(ready.target) if ready.kind == "delay" else ready.timeout
+        seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
         limit = "" if seconds is None else f" of {format_seconds(seconds)}"
         detail = f": {step.probe}" if step.probe else ""
         return f"is not ready ({format_seconds(self.s.now - step.running_since)}{limit}){detail}"
@@ -227,8 +224,8 @@ class _Planner:
     def deadline(self, need: str) -> float | None:
         """When a needed service becomes ready by the clock alone."""
         step, ready = self.s.memory.of(need), self.services[need].ready if need in self.services else None
-        if ready and ready.kind == "delay" and step.running_since is not None:
-            return step.running_since + float(ready.target)
+        if ready and ready.delay is not None and step.running_since is not None:
+            return step.running_since + ready.delay
         return None
 
     def gate_cease(self, service: Service) -> tuple[tuple[int, ...], Waiting | None]:

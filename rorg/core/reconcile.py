@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from rorg.core.content import changed
-from rorg.core.desired import Situation
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels, rules_of
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.core.rollout import candidate
+from rorg.core.situation import Situation
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service
@@ -93,7 +93,7 @@ class ReconcileSteps:
         steps = [stop(new, why, service)] if new and new.alive else []
         steps += [s for s in self.adjust(service, old, Difference()) if new is None or s.verb != "rename"]
         steps += self.run(service, old, steps)
-        left = [c for c, _ in stale if c is not old] + [new] * (new is not None)
+        left = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
         steps += [s for c in left for s in away(c, why, service) if s.verb == "remove" or c is not new]
         steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
         if left:

@@ -32,7 +32,7 @@ def patience(service: Service) -> float:
     """Seconds of running after which the trial ends, one way or the other."""
     if service.ready is None:
         return TRIAL
-    return max(TRIAL, float(service.ready.target)) if service.ready.kind == "delay" else service.ready.timeout
+    return service.ready.timeout if service.ready.delay is None else max(TRIAL, service.ready.delay)
 
 
 def asks(service: Service) -> bool:

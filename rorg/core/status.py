@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import candidate
+from rorg.core.situation import Situation
 from rorg.core.wanted import chain
 from rorg.model.catalog import Service
 
@@ -104,7 +104,7 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
         name: _status(
             situation,
             service,
-            (containers.get(name) or [None])[0],
+            next(iter(containers.get(name, ())), None),
             pending.get(name, ""),
             waiting.get(name, ""),
             (holds or {}).get(name, ""),
@@ -162,7 +162,7 @@ def _status(
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
         *_updated(situation, name),
     )
-    health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
+    health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(
         name,
         current.state if current else "none",
@@ -205,7 +205,7 @@ def _stalled(step: Progress) -> str:
     return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
-def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
+def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
     if not is_wanted:
         return "Idle"
     if ready:

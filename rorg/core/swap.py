@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.desired import Situation
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.rollout import asks, candidate, patience
+from rorg.core.situation import Situation
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 

@@ -133,11 +133,11 @@ def _ready(step: Progress, service: Service, found: ProbeResult | None, now: flo
         return replace(step, ready=False) if step.ready else step
     if service.ready is None:
         return replace(step, ready=True, was_ready=True) if not step.ready else step
-    if service.ready.kind == "delay":
+    if service.ready.delay is not None:
         # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
         return (
             replace(step, ready=True, was_ready=True)
-            if not step.ready and now >= step.running_since + float(service.ready.target)
+            if not step.ready and now >= step.running_since + service.ready.delay
             else step
         )
     if not _fits(found, step):

@@ -53,7 +53,8 @@ def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collect
     last = kept.catalog
     if last is not None and last is not catalog:
         held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
-        for name, what in {**last.services, **last.groups}.items():
+        declared: dict[str, Service | Group] = {**last.services, **last.groups}
+        for name, what in declared.items():
             found[name] = Former(
                 what,
                 tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),

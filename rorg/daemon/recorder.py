@@ -143,7 +143,11 @@ class Recorder:
             for s in r.services
             if s not in known
         )
-        self._when_new("unknown", found, lambda lines: [self.event("unknown-service", line) for line in lines], found)
+        self._when_new("unknown", found, self._unknown_names, found)
+
+    def _unknown_names(self, lines: Any) -> None:
+        for line in lines:
+            self.event("unknown-service", line)
 
     def _engine(self, observed: Any) -> None:
         if observed.complete:

@@ -80,7 +80,10 @@ def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
             said = {k: str(known.get(k) or "") for k in ("edition", "failed", "error", "proven")}
             content, loaded = known.get("content"), str(known.get("loaded") or "")
             update = Update(
-                **said,
+                edition=said["edition"],
+                failed=said["failed"],
+                error=said["error"],
+                proven=said["proven"],
                 run=loaded if isinstance(content, Mapping) else "",
                 content={str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {},
             )

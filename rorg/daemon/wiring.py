@@ -55,7 +55,7 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake, lambda service: loop.paused(service), DispatchLimits().most
     )
-    watcher = Watcher([tree.root, state.path], wakes.files_changed, _own_files(state))
+    watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
     # What outlives a restart of rorg is numbered by the time of day.
     loop = Loop(

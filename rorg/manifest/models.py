@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions, recreate, unchanging
-from rorg.manifest.option_parts import Device, Pairs, Strict, Words, texts
+from rorg.manifest.option_parts import Device, Pairs, Strict, Text, Words
 from rorg.manifest.policy import Idle, PolicySpec, Units
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -35,7 +35,7 @@ class Driver(Strict):
     """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
 
     devices: list[Device] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "recreate"})
-    groups: texts(check.GROUP) | None = recreate(
+    groups: list[Annotated[Text, check.GROUP]] | None = recreate(
         description="Extra groups inside the container, such as dialout or video."
     )
     realtime: bool = Field(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import shlex
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -83,14 +83,9 @@ Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what=
 Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memory")]
 
 
-def texts(item: Any) -> Any:
-    """A list of text or numbers of which each passes a check."""
-    return list[Annotated[Text, item]]
-
-
-def many(item: Any) -> Any:
-    """The same of text; one alone needs no list."""
-    return Annotated[list[Annotated[str, item]], BeforeValidator(_one_or_many)]
+T = TypeVar("T")
+Many = Annotated[list[T], BeforeValidator(_one_or_many)]
+"""A list; one alone needs no list."""
 
 
 class Ulimit(Strict):

@@ -19,7 +19,7 @@ def expand_groups(
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         graph[name] = []
-        for index, member in enumerate(source.spec.services):  # type: ignore[attr-defined]
+        for index, member in enumerate(source.spec.services):
             if member in sources:
                 graph[name].append(member)
             elif member not in services and member not in broken:
@@ -29,7 +29,7 @@ def expand_groups(
     cycle = find_cycle(graph)
     if cycle:
         source = sources[cycle[0]]
-        index = list(source.spec.services).index(cycle[1])  # type: ignore[attr-defined]
+        index = list(source.spec.services).index(cycle[1])
         diagnostics.append(
             Diagnostic(
                 source.where("spec", "services", index),
@@ -41,7 +41,7 @@ def expand_groups(
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
         members: list[str] = []
-        for member in sources[name].spec.services:  # type: ignore[attr-defined]
+        for member in sources[name].spec.services:
             members += groups[member].services if member in groups else [member] if member in services else []
         groups[name] = Group(
             name, tuple(dict.fromkeys(members)), sources[name].description, sources[name].where("metadata", "name")
@@ -67,13 +67,25 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     if not cycle:
         return []
     source = sources[cycle[0]]
-    written = [n.service for n in source.spec.needs]  # type: ignore[attr-defined]
+    written = [n.service for n in source.spec.needs]
     where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
     return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
 
 
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Services that would have to be active together and must not: one service's needs, or all that is always on."""
+    """Services that would have to be active together and must not: one service's needs, all that is always on, or what
+    standing requests add to that."""
+    roots = [s.name for s in catalog.services.values() if s.always_on]
+    diagnostics = _conflicting_needs(catalog, sources)
+    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
+        source = sources[a if catalog.services[a].always_on else b]
+        diagnostics.append(
+            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
+        )
+    return diagnostics + _conflicting_requests(catalog, roots)
+
+
+def _conflicting_needs(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
     diagnostics = []
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
@@ -95,12 +107,12 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
                     "fewer units, or `resources` in the Policy",
                 )
             )
-    roots = [s.name for s in catalog.services.values() if s.always_on]
-    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
-        source = sources[a if catalog.services[a].always_on else b]
-        diagnostics.append(
-            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
-        )
+    return diagnostics
+
+
+def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagnostic]:
+    """One standing request after the other, each on top of those that count as long as rorg runs."""
+    diagnostics, roots = [], list(always_on)
     for request in catalog.requests:
         before = closure(catalog.services, roots)
         if catalog.services[request.requester].meta:

@@ -52,6 +52,11 @@ class Probe:
     master: str = ""
     """URI of the ROS 1 master, for ros_*."""
 
+    @property
+    def delay(self) -> float | None:
+        """The seconds that are its whole answer, where it asks nobody; None of every other kind."""
+        return float(self.target) if self.kind == "delay" and not isinstance(self.target, tuple) else None
+
     def __str__(self) -> str:
         target = " ".join(self.target) if isinstance(self.target, tuple) else self.target
         return f"{self.kind} {target}"
@@ -105,7 +110,7 @@ class Service:
 
     @property
     def container_name(self) -> str:
-        return (self.spec or {}).get("container_name", self.name)
+        return str((self.spec or {}).get("container_name", self.name))
 
     @property
     def calls(self) -> bool:

@@ -22,8 +22,8 @@ def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
 def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[tuple[str, str]]:
     """Pairs among `names` that must not be active together; a conflict declared on one side counts for both."""
     chosen = set(names)
-    pairs = {tuple(sorted((n, c))) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
-    return sorted(p for p in pairs if p[0] != p[1])  # type: ignore[misc]
+    pairs = {(min(n, c), max(n, c)) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
+    return sorted(p for p in pairs if p[0] != p[1])
 
 
 def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:

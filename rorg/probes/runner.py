@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 
 from rorg.core.decide import Target
 from rorg.core.observed import Container
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
 from rorg.probes.ask import CannotAsk, ask_host
 
@@ -58,7 +58,7 @@ class ProbeRunner:
     def _log(self, service: str, probe: Probe, container: Container) -> str:
         incarnation, place = self._read.get(service, ("", ""))
         text, place = self.engine.log_since(container.id, place if incarnation == container.incarnation else "")
-        if re.search(str(probe.target), text.decode(errors="replace"), re.M):
+        if compiled(str(probe.target)).search(text.decode(errors="replace")):
             self._read.pop(service, None)
             return ""
         self._read[service] = (container.incarnation, place)

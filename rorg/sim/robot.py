@@ -6,6 +6,7 @@ import heapq
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from rorg.core.decide import Decision, Inputs, Target, decide
 from rorg.core.desired import Desired, desire
@@ -89,7 +90,7 @@ class SimRobot:
         for action in decision.begin:
             self.at(
                 self.now + self.engine.latency(action.verb, action.service),
-                lambda a=action, life=self.life: self._finish(a, life),
+                partial(self._finish, action, self.life),
             )
         return decision
 

@@ -107,12 +107,12 @@ class Client:
                 made.on_lost(on_lost)
             if wait is not None:
                 made.wait(wait)
-        except Error as error:
+        except Error:
             if made.arrived:
-                made.give_up(error)
+                made.give_up()
             raise
-        except BaseException as error:
-            made.give_up(error)
+        except BaseException:
+            made.give_up()
             raise
         return made
 

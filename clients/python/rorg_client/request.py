@@ -202,7 +202,7 @@ class Request(Kept):
         self.client.do(calls.release(self.id, self.requester))
         self._given_up = True
 
-    def give_up(self, error: BaseException) -> None:
+    def give_up(self) -> None:
         """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
         with contextlib.suppress(Error):
             self.release()
@@ -224,4 +224,4 @@ class Request(Kept):
         if error is None:
             self.release()
         else:
-            self.give_up(error)
+            self.give_up()

@@ -297,7 +297,7 @@ def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
 def update_body(options: Mapping[str, Any]) -> Body:
     """The body of POST /containers/ID/update. A memory limit moves the limit of memory and swap along, as create
     does by itself: the engine refuses a limit above the old one of both."""
-    body = create_body(options, {})["HostConfig"]
+    body: Body = create_body(options, {})["HostConfig"]
     if "Memory" in body and "MemorySwap" not in body:
         body["MemorySwap"] = 2 * body["Memory"] or -1
     return body

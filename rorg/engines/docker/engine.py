@@ -19,7 +19,7 @@ from docker.utils.socket import frames_iter
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.docker.body import live_options, update_body
-from rorg.engines.docker.create import create_container
+from rorg.engines.docker.create import create_container, post
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, Unreachable
@@ -72,7 +72,7 @@ class DockerEngine:
         with docker_errors("reach the engine"):
             options: dict[str, Any] = {"version": self._version or "auto", "timeout": timeout}
             api = docker.APIClient(self.base_url, **options) if self.base_url else docker.from_env(**options).api
-            self._version = api._version
+            self._version = api.api_version
         return api
 
     def _call(self, what: str, call: Callable[[docker.APIClient], Any]) -> Any:
@@ -135,8 +135,12 @@ class DockerEngine:
         api = self._connect(None)
         with docker_errors("follow the engine's events"):
             stream = api.events(decode=True, filters=filters)
-        closer = threading.Thread(target=lambda: (stop.wait(), stream.close()), daemon=True, name="events-closer")
-        closer.start()
+
+        def close() -> None:
+            stop.wait()
+            stream.close()
+
+        threading.Thread(target=close, daemon=True, name="events-closer").start()
         yield "", ""
         with docker_errors("follow the engine's events"):
             for event in stream:
@@ -174,7 +178,7 @@ class DockerEngine:
         """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws)."""
         for name, seconds in stop_sequence(signal, grace):
             try:
-                self._call(f"stop {container[:12]}", lambda api, name=name: api.kill(container, name))
+                self._kill("stop", container, name)
             except EngineError as error:
                 if error.kind in ("conflict", "gone"):
                     return
@@ -184,12 +188,15 @@ class DockerEngine:
         raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
 
     def signal(self, container: str, name: str) -> None:
-        self._call(f"signal {container[:12]}", lambda api: api.kill(container, name))
+        self._kill("signal", container, name)
+
+    def _kill(self, why: str, container: str, name: str) -> None:
+        self._call(f"{why} {container[:12]}", lambda api: api.kill(container, name))
 
     def _ended(self, container: str, seconds: float) -> bool:
         try:
             with docker_errors(f"wait for {container[:12]}"):
-                self.api().wait(container, timeout=seconds, condition="not-running")
+                self.api().wait(container, timeout=seconds, condition="not-running")  # type: ignore[arg-type]
             return True
         except Unreachable as error:
             if "timed out" in str(error):
@@ -211,11 +218,8 @@ class DockerEngine:
         self._call(f"rename {container[:12]} to {name}", lambda api: api.rename(container, name))
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
-        def post(api: docker.APIClient) -> None:
-            response = api._post_json(api._url("/containers/{0}/update", container), data=update_body(options))
-            api._raise_for_status(response)
-
-        self._call(f"update {container[:12]}", post)
+        body = update_body(options)
+        self._call(f"update {container[:12]}", lambda api: post(api, "/containers/{0}/update", container, body))
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         with docker_errors(f"read the logs of {container[:12]}"):
@@ -237,7 +241,7 @@ class DockerEngine:
         with docker_errors(f"run {command[0]} in {container[:12]}"):
             api = self.api()
             made = api.exec_create(container, list(command))["Id"]
-            stream = api.exec_start(made, socket=True)
+            stream: Any = api.exec_start(made, socket=True)
             stream._sock.settimeout(timeout)
             try:
                 output = b"".join(chunk for _, chunk in frames_iter(stream, tty=False))

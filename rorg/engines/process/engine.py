@@ -63,7 +63,7 @@ class ProcessEngine:
         self._lock = threading.RLock()
         self._changed: list[str] = []
         self._wake_read, self._wake_write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
-        self._children: dict[str, subprocess.Popen] = {}
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
         directory.mkdir(parents=True, exist_ok=True)
 
     def ping(self) -> str:
@@ -256,12 +256,10 @@ class ProcessEngine:
             )
         return command, environment
 
-    def _image_path(self, image: str) -> list[str]:
+    def _image_path(self, image: str) -> Sequence[str]:
         """Folders of programs that an image of the tree stands for here; `rorg build` notes them."""
-        try:
-            return json.loads((self.directory.parent / "process-images.json").read_text()).get(image, [])
-        except (OSError, ValueError):
-            return []
+        images: Mapping[str, Sequence[str]] = read_json(self.directory.parent / "process-images.json") or {}
+        return images.get(image, ())
 
     def _signal(self, container: str, number: int) -> bool:
         record = self._record(container)
