@@ -14,13 +14,26 @@ from rorg.api.callers import Who, needs
 from rorg.api.operations import Operations
 from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
+from rorg.api.status_models import EventView
 from rorg.errors import Busy
+
+
+class Lines(StreamingResponse):
+    """Lines of JSON, as long as there are any."""
+
+    media_type = "application/x-ndjson"
 
 
 def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The route."""
 
-    @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
+    @app.get(
+        "/v1/events",
+        dependencies=[needs("events")],
+        response_class=Lines,
+        responses={200: {"model": EventView, "description": "Lines of JSON, each one like this."}},
+        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
+    )
     async def events(
         caller: Who,
         cursor: Annotated[int | None, Query(ge=0)] = None,
@@ -38,11 +51,8 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         if mine or requester or caller.kind == "service":
             whose = requester or caller.requester
             allow_request(caller, whose, (), operations.catalog)
-        return StreamingResponse(
-            _lines(operations, place, follow, whose, changed),
-            media_type="application/x-ndjson",
-            headers={"rorg-cursor": str(place)},
-        )
+        lines = _lines(operations, place, follow, whose, changed)
+        return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
 async def _lines(

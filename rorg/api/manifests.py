@@ -193,6 +193,6 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
         generation = await asyncio.to_thread(manifests.delete, caller, kind, name, base, message)
         with contextlib.suppress(Busy):  # the tree is being written; what is withheld is told, and can be confirmed
             await reached(operations, generation, changed)
-            if name in operations.decision.situation.withheld:
+            if operations.withheld(kind, name):
                 generation = await asyncio.wrap_future(operations.confirm(caller, (name,)))
         return Response(status_code=204, headers={GENERATION: str(generation)})

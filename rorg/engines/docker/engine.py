@@ -22,7 +22,7 @@ from rorg.engines.docker.body import live_options, update_body
 from rorg.engines.docker.create import create_container, post
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
-from rorg.errors import EngineError, Unreachable
+from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 from rorg.host.processes import process_start
 
@@ -100,9 +100,8 @@ class DockerEngine:
         inspection too: then the row itself must do, lest one hung container hide all others."""
         try:
             return self.inspect(row["Id"], self._quick())
-        except Unreachable as error:
-            if "timed out" not in str(error):
-                raise
+        except TimedOut:
+            pass
         return Container(
             row["Id"],
             row["Names"][0].lstrip("/"),
@@ -198,10 +197,8 @@ class DockerEngine:
             with docker_errors(f"wait for {container[:12]}"):
                 self.api().wait(container, timeout=seconds, condition="not-running")  # type: ignore[arg-type]
             return True
-        except Unreachable as error:
-            if "timed out" in str(error):
-                return False
-            raise
+        except TimedOut:
+            return False
         except EngineError as error:
             if error.kind == "gone":
                 return True
@@ -311,13 +308,29 @@ def docker_errors(what: str) -> Iterator[None]:
                 raise EngineError(what, text, remedy, kind) from error
         raise EngineError(what, text) from error
     except (DockerException, requests.RequestException, urllib3.exceptions.HTTPError, OSError, ValueError) as error:
-        raise Unreachable(what, _reason(error), "`docker info` to see whether the engine runs") from error
+        remedy = "`docker info` to see whether the engine runs"
+        if _timed_out(error):
+            raise TimedOut(what, "timed out", remedy) from error
+        raise Unreachable(what, _reason(error), remedy) from error
+
+
+def _timed_out(error: BaseException) -> bool:
+    """Whether an error of the library means that the engine took too long. What it wraps may be its cause or context,
+    or only an argument."""
+    pending, seen = [error], set()
+    while pending:
+        found = pending.pop()
+        if isinstance(found, requests.Timeout | urllib3.exceptions.TimeoutError | TimeoutError):
+            return True
+        if id(found) not in seen:
+            seen.add(id(found))
+            more = (found.__cause__, found.__context__, getattr(found, "reason", None), *found.args)
+            pending += [e for e in more if isinstance(e, BaseException)]
+    return False
 
 
 def _reason(error: BaseException) -> str:
     text = str(error)
-    if "timed out" in text.lower():
-        return "timed out"
     match = re.search(r"(FileNotFoundError|ConnectionRefusedError|PermissionError)", text)
     known = {
         "FileNotFoundError": "its socket is not there",
