@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
@@ -59,18 +60,44 @@ async def _lines(
     operations: Operations, at: int, follow: bool, whose: str, changed: Callable[[], asyncio.Event]
 ) -> AsyncIterator[bytes]:
     """`whose`: the requester whose lines alone are told; empty for all lines."""
-    while True:
-        event = changed()
-        found = operations.loop.recorder.journal.since(at)
-        if found:
-            at = found[-1]["seq"]
-            told = _own(operations, found, whose) if whose else found
-            if told:
-                yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
-        elif not follow or operations.ending:
-            return
-        else:
-            await event.wait()
+    journal, written = operations.loop.recorder.journal, asyncio.Event()
+    end = journal.follow(_from_any_thread(written)) if follow else lambda: None
+    try:
+        while True:
+            # Both are looked at before the journal is read: what is written from here on wakes the wait below.
+            written.clear()
+            turn = changed()
+            found = journal.since(at)
+            if found:
+                at = found[-1]["seq"]
+                told = _own(operations, found, whose) if whose else found
+                if told:
+                    yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
+            elif not follow or operations.ending:
+                return
+            else:
+                await _either(written, turn)
+    finally:
+        end()
+
+
+def _from_any_thread(event: asyncio.Event) -> Callable[[], None]:
+    loop = asyncio.get_running_loop()
+
+    def tell() -> None:
+        with contextlib.suppress(RuntimeError):  # the server has ended
+            loop.call_soon_threadsafe(event.set)
+
+    return tell
+
+
+async def _either(*events: asyncio.Event) -> None:
+    waits = [asyncio.ensure_future(event.wait()) for event in events]
+    try:
+        await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waits:
+            wait.cancel()
 
 
 def _own(operations: Operations, entries: list[dict[str, Any]], whose: str) -> list[dict[str, Any]]:

@@ -140,6 +140,8 @@ class Operations:
     def listener(self, port: int) -> str:
         """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets, and asks the
         engine where nobody is known: a program may call before the loop has seen it run."""
+        if not self.loop.engine.local:
+            raise Missing(f"find who listens at port {port}", "the engine is on another machine")
         forebears = lineage(listening(port))
         runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
         if forebears and not runs.keys() & set(forebears):

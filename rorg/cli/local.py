@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from rorg.engines.protocol import Engine
 from rorg.errors import Unreachable
 from rorg.host.contents import Contents
 from rorg.model.catalog import Catalog
-from rorg.probes.ask import CannotAsk
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
 from rorg.store.requests_document import RequestsDocument
@@ -96,9 +94,8 @@ def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
         ready = service.ready if service else None
         if step.running_since is None:
             continue
-        with contextlib.suppress(CannotAsk):
-            if ready is None or ready.kind == "delay" or not ask((name, "ready"), Target(ready, step.incarnation, 0.0)):
-                progress[name] = replace(step, running_since=0.0, ready=True)
+        if ready is None or ready.kind == "delay" or ask((name, "ready"), Target(ready, step.incarnation, 0.0)).ok:
+            progress[name] = replace(step, running_since=0.0, ready=True)
     return Memory(progress, kept=first.memory.kept)
 
 
