@@ -27,8 +27,9 @@ class Place(Protocol):
     """Where a command looks: its Context."""
 
     state: StateDir
-    engine_name: str
 
+    @property
+    def engine_name(self) -> str: ...
     @property
     def root(self) -> Path: ...
     def catalog(self) -> Catalog: ...
