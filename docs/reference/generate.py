@@ -124,7 +124,7 @@ def exit_codes() -> str:
 
 
 def api() -> str:
-    """Every route with the operation of the table of rights that it belongs to."""
+    """Every route with the operation of the table of permissions that it belongs to."""
     text = NOTE + ABOUT_API
     document = openapi()
     for path, methods in document["paths"].items():

@@ -1,4 +1,4 @@
-"""Who gives way when not everything that is asked for can be: held services, conflicts, exclusive resources, budget.
+"""Who is preempted when not everything that is asked for can be: held services, conflicts, exclusive resources, budget.
 
 A pure function of what is asked now, with no memory: the same requests always give the same winners, so nothing flaps.
 """
@@ -19,7 +19,7 @@ PROTECTED = 101
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """The wanted set without what gives way; why that gave way; and every wanted service's effective priority."""
+    """The wanted set without what is preempted; why that is; and every wanted service's effective priority."""
 
     wanted: Wanted
     preempted: Mapping[str, str] = field(default_factory=dict)
@@ -50,7 +50,7 @@ def admission_for(
 
 def admit(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
     """`excluded` are services that must not be active now whoever asks, with the reason (held, or shed). What needs a
-    service that gives way gives way too; a meta-service never does."""
+    service that is preempted is preempted too; a meta-service never is."""
     budget = catalog.policy.budget
     admission = _contest(catalog, tuple(requests), excluded)
     if budget is None or budget.over != "queue" or not over_budget(catalog, admission.wanted):
@@ -74,7 +74,7 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
         without = wanted(catalog, requests, _all_out(catalog, dict(out), contests))
         undone = next(((c, w) for c in contests for w in c.winners if w not in without), None)
         if undone:
-            # Who asks for something does not give way to it: then nobody would ask for it any more.
+            # Who asks for something is not preempted by it: then nobody would ask for it any more.
             contests = [_turned_round(catalog, requests, out, *undone)]
         lost += [(-priority[c.loser], c) for c in contests]
         _all_out(catalog, out, contests)
@@ -226,7 +226,7 @@ def over_budget(catalog: Catalog, names: Collection[str]) -> str:
 
 def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
     """Requests that fit into the budget, the higher priority first, then the older; why the services of the others
-    wait. Only where the Policy says so: `over: queue`. What gives way takes no room."""
+    wait. Only where the Policy says so: `over: queue`. What is preempted takes no room."""
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
     rivals = _rivals(catalog) | set(excluded)
     names = set(_contest(catalog, (), excluded).wanted)
@@ -235,7 +235,7 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
     while (request := next((r for r in waiting if r.requester in names), None)) is not None:
         waiting.remove(request)
         asked = closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
-        # Only where there is somebody to give way to must it be found out who does.
+        # Only where there is somebody to be preempted by must it be found out who does.
         found = set(_contest(catalog, (*admitted, request), excluded).wanted) if asked & rivals else names | asked
         why = over_budget(catalog, found)
         if why and expected(catalog, found - names) != (0.0, 0):
@@ -255,7 +255,7 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
 
 
 def _rivals(catalog: Catalog) -> set[str]:
-    """Services that may have to give way to others, or others to them."""
+    """Services that may be preempted by others, or others by them."""
     services = catalog.services.values()
     return {n for s in services if s.conflicts or s.exclusive for n in (s.name, *s.conflicts)}
 

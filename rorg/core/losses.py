@@ -71,12 +71,12 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
     situation, step = decision.situation, decision.memory.of(name)
     if name not in situation.wanted:
         services = situation.desired.catalog.services
-        # It gives way itself, or what it is needed for does.
+        # It is preempted itself, or what it is needed for does.
         first = next(
             (n for n in (name, *situation.preempted) if n in situation.preempted and name in closure(services, [n])), ""
         )
         if first:
-            return _barred(decision, first), situation.preempted[first]
+            return _exclusion(decision, first), situation.preempted[first]
         return "ceased", "nothing wants it any more"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of == "replace" else "restarted"), action.reason
@@ -97,8 +97,8 @@ def _by_itself(step: Progress, run: str, action: Action | None) -> tuple[str, st
     return "ceased", "it does not run any more"
 
 
-def _barred(decision: Decision, name: str) -> str:
-    """Why a service gives way: it, or something that it needs, is held or was shed; else others go first."""
+def _exclusion(decision: Decision, name: str) -> str:
+    """Why a service is preempted: it, or something that it needs, is held or was shed; else others go first."""
     names = closure(decision.situation.desired.catalog.services, [name])
     if names & set(decision.holds):
         return "held"

@@ -31,7 +31,7 @@ class Situation:
     excluded: Collection[str] = frozenset()
     """Services that must not be active now, whoever asks."""
     priorities: Mapping[str, int] = field(default_factory=dict)
-    """How much each wanted service matters (see arbitrate)."""
+    """How much each wanted service matters (see admission)."""
     interlocks: Mapping[str, str] = field(default_factory=dict)
     """Services with an interlock: empty text where it allows touching them now, else why not."""
     lowered: frozenset[str] = frozenset()
