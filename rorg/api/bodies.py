@@ -24,6 +24,7 @@ Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
 
 
 def duration(value: str | None, field: str) -> float:
+    """Seconds of a duration in a body or a query; 0 where there is none. Raises Invalid."""
     try:
         seconds = parse_duration(value) if value is not None else 0.0
     except ValueError as error:

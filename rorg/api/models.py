@@ -11,10 +11,14 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
 
 
 class Body(BaseModel):
+    """What callers send; unknown fields are refused."""
+
     model_config = ConfigDict(extra="forbid")
 
 
 class PutRequest(Body):
+    """What is requested."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     reason: Short = ""
     priority: Annotated[int, Field(ge=0, le=100)] | None = None
@@ -22,17 +26,23 @@ class PutRequest(Body):
 
 
 class HoldBody(Body):
+    """For how long, and why."""
+
     duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
     reason: Short = ""
 
 
 class ConfirmBody(Body):
+    """A person's word that services go."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
         description="Exactly what is to go: services and groups whose removal is withheld."
     )
 
 
 class RequestView(BaseModel):
+    """A request that counts."""
+
     id: str
     requester: str
     services: list[str]
@@ -46,6 +56,8 @@ class RequestView(BaseModel):
 
 
 class ConditionView(BaseModel):
+    """One condition of a service, as Kubernetes has them."""
+
     type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
     status: str = Field(description="True, False or Unknown.")
     reason: str
@@ -75,28 +87,38 @@ class ServiceView(BaseModel):
 
 
 class GroupView(BaseModel):
+    """A name for several services."""
+
     name: str
     services: list[str]
     description: str
 
 
 class Held(BaseModel):
+    """The services that a change is about."""
+
     services: list[str]
     generation: int | None = Field(default=None, description="Of this change.")
 
 
 class Ready(BaseModel):
+    """Whether one service is ready."""
+
     ready: bool
     incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
     reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):
+    """How a wait ended."""
+
     ready: bool
     services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
 
 
 class Why(BaseModel):
+    """Why a service is active, or is not."""
+
     service: str
     wanted: bool
     state: str
@@ -106,22 +128,30 @@ class Why(BaseModel):
 
 
 class Listener(BaseModel):
+    """Who listens at a port."""
+
     port: int
     service: str
 
 
 class ServiceUsage(BaseModel):
+    """CPU seconds since its container began, and bytes of memory now."""
+
     cpu_seconds: float
     memory: int
 
 
 class Usage(BaseModel):
+    """What runs uses, and the machine."""
+
     at: float = Field(description="Seconds since the epoch.")
     services: dict[str, ServiceUsage]
     machine: dict[str, float]
 
 
 class ManifestView(BaseModel):
+    """A manifest of the tree."""
+
     kind: str
     name: str
     file: str = Field(description="Relative to the tree.")
@@ -130,6 +160,8 @@ class ManifestView(BaseModel):
 
 
 class PutManifest(Body):
+    """A manifest to write, and the version that it takes the place of."""
+
     text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
     base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
     message: Short = ""

@@ -18,6 +18,8 @@ from rorg.api.operations import Operations
 
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
+    """The routes of restarts, holds, the suspension and removals."""
+
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
     async def restart(  # caller_of reads the requester; here it is for the schema
         name: str,

@@ -21,6 +21,7 @@ from rorg.api.operations import Operations
 
 
 def add_reading(app: FastAPI, operations: Operations) -> None:
+    """The routes that change nothing."""
     read = [needs("read")]
 
     def text(value: Any) -> Response:

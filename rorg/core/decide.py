@@ -74,6 +74,8 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
+    """What one pass has found, and what is to be begun."""
+
     situation: Situation
     plan: Plan
     begin: tuple[Action, ...]

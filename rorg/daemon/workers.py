@@ -23,6 +23,8 @@ PATIENCE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
+    """What came of an action."""
+
     action: Action
     error: str = ""
     """Empty when it went well."""

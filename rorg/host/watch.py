@@ -17,6 +17,8 @@ STEP = 100
 
 
 class Watcher:
+    """Wakes the loop when something changes below these paths."""
+
     def __init__(self, paths: list[Path], wake: Callable[[], None], ignore: Callable[[str], bool]) -> None:
         self.paths, self.wake, self.ignore = paths, wake, ignore
         self._stop = threading.Event()

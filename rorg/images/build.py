@@ -28,6 +28,8 @@ class Builder(Protocol):
 
 @dataclass(frozen=True)
 class Result:
+    """What became of one image."""
+
     image: str
     outcome: str
     """built, imported, present, pulled, failed or skipped."""

@@ -50,6 +50,8 @@ writes the exit code in one step. The service runs in the foreground: a shell's 
 
 
 class ProcessEngine:
+    """Services as sessions of plain processes; see Engine."""
+
     name = "process"
     capabilities = Capabilities(
         isolation=False,
