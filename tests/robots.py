@@ -246,7 +246,7 @@ class RealRobot(VirtualRobot):
     def drift(self, verb: str, service: str, *args) -> None:
         getattr(self.engine, verb)(self.container(service).id, *args)
         if self.kind == "process" and verb in ("pause", "resume"):
-            self.engine._tell(self.container(service).id)
+            self.engine.changes.tell(self.container(service).id)
 
     def close(self) -> None:
         if self.loop:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rorg.engines.docker.body import OPTIONS, create_body, live_options, update_body
+from rorg.engines.docker.body import OPTIONS, create_body
+from rorg.engines.docker.live import live_options, update_body
 from rorg.manifest.container import ContainerOptions
 
 NOT_SENT = {"env_file"}

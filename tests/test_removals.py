@@ -117,6 +117,26 @@ def test_only_what_was_shown_is_confirmed(robot):
     assert "core" in withheld(robot) and "core" in robot.states()
 
 
+def test_deleting_an_image_confirms_nothing_of_a_service_of_its_name(tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    robot.declare(TREE)
+    try:
+        robot.request("panel", id="tour")
+        robot.wait(lambda: robot.active() == {"core", "panel"} and robot.quiet())
+        client = robot.client()
+        text = "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: panel}\nspec: {import: 'true'}\n"
+        found = client.put_manifest("Image", "panel", text, None)
+        misspell(robot, "panel", "panle")
+        robot.wait(lambda: withheld(robot) == {"panel"})
+        client.delete_manifest("Image", "panel", found["digest"])
+        assert robot.file.now().removals == ()
+        assert client.service("panel")["withheld"] and robot.active() == {"core", "panel"}
+        client.call("PUT", "/v1/removals", {"services": ["panel"]})
+        robot.wait(lambda: robot.active() == set())
+    finally:
+        robot.close()
+
+
 @pytest.fixture
 def virtual(tmp_path):
     return VirtualRobot(tmp_path)

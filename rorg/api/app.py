@@ -13,10 +13,9 @@ from starlette.exceptions import HTTPException
 
 from rorg import __version__
 from rorg.api.events import add_events
+from rorg.api.inputs import unreadable
 from rorg.api.manifests import add_manifests
-from rorg.api.models import (
-    Problem,
-)
+from rorg.api.models import Problem
 from rorg.api.operating import add_operating
 from rorg.api.operations import Operations
 from rorg.api.problems import answer, problem
@@ -70,9 +69,7 @@ def _errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(_: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
-        where = ".".join(str(p) for p in first["loc"] if p not in ("body", "query", "path"))
-        return problem(422, "invalid", "cannot read the request", f"{where or 'body'}: {first['msg']}")
+        return answer(unreadable(error.errors()))
 
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> JSONResponse:

@@ -32,6 +32,16 @@ class HoldBody(Body):
     reason: Short = ""
 
 
+class HoldsBody(Body):
+    """Several services at once: for how long, and why."""
+
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
+    duration: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None, description="How long, such as 10m; null ends their holds."
+    )
+    reason: Short = ""
+
+
 class ConfirmBody(Body):
     """A person's word that services go."""
 
@@ -58,7 +68,9 @@ class RequestView(BaseModel):
 class ConditionView(BaseModel):
     """One condition of a service, as Kubernetes has them."""
 
-    type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
+    type: str = Field(
+        description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried."
+    )
     status: str = Field(description="True, False or Unknown.")
     reason: str
     message: str
@@ -83,6 +95,7 @@ class ServiceView(BaseModel):
     held: str
     lowered: bool
     ros_nodes: list[str]
+    withheld: str = Field(description="Why it is still there though no manifest declares it any more.")
     conditions: list[ConditionView]
 
 
@@ -92,6 +105,14 @@ class GroupView(BaseModel):
     name: str
     services: list[str]
     description: str
+
+
+class ImageView(BaseModel):
+    """An image of the tree."""
+
+    name: str
+    context: str | None = Field(description="Absolute directory of the build; null where nothing is built.")
+    dockerfile: str
 
 
 class Held(BaseModel):
@@ -116,15 +137,26 @@ class WaitResult(BaseModel):
     services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
 
 
+class Link(BaseModel):
+    """A service, and why it is wanted."""
+
+    service: str
+    kind: str = Field(description="always_on, meta, requested or needed.")
+    by: str = Field(description="The service that requests or needs it.")
+    request: str = Field(description="The id of the request.")
+    text: str = Field(description="The same, for people.")
+
+
 class Why(BaseModel):
-    """Why a service is active, or is not."""
+    """Why a service is active, or why not."""
 
     service: str
     wanted: bool
     state: str
-    chain: list[str]
-    requests: list[RequestView]
-    waits: list[str]
+    chain: list[Link] = Field(description="From the service to a root; empty when it is not wanted.")
+    requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
+    needed_by: list[str] = Field(description="Services that declare that they need it.")
+    waits: list[str] = Field(description="Why what would be done with it is not done now.")
 
 
 class Listener(BaseModel):
@@ -141,12 +173,23 @@ class ServiceUsage(BaseModel):
     memory: int
 
 
+class MachineUsage(BaseModel):
+    """Of the whole machine; memory in bytes, `*_some` percent of time (PSI, avg10)."""
+
+    cpu_seconds: float = Field(description="Of all processes since it booted.")
+    cores: int
+    memory: int = Field(description="In use.")
+    memory_total: int
+    cpu_some: float
+    memory_some: float
+
+
 class Usage(BaseModel):
     """What runs uses, and the machine."""
 
     at: float = Field(description="Seconds since the epoch.")
     services: dict[str, ServiceUsage]
-    machine: dict[str, float]
+    machine: MachineUsage
 
 
 class ManifestView(BaseModel):
@@ -176,3 +219,7 @@ class Problem(BaseModel):
     code: str
     cause: str
     remedy: str
+    services: dict[str, Ready] | None = Field(default=None, description="Of not-ready: how each service is.")
+    confirm: list[str] | None = Field(
+        default=None, description="Of refused: the services that it would touch, where `force` does it."
+    )

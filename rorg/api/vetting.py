@@ -63,7 +63,7 @@ OPTIONS = frozenset(
 
 def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
     """Raises Forbidden when a service, which the caller is, writes more than it may into a manifest that it manages."""
-    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml")
+    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml", Path())
     if source is None or not isinstance(source.spec, ServiceSpec):
         return  # that it is wrong is told where manifests are checked
     found = list(_beyond(source.spec, catalog.services[caller.service], catalog))

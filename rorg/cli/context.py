@@ -147,14 +147,14 @@ class Context:
 
     def view(self) -> dict[str, Any]:
         """The published state of the running rorg; computed the same way when none runs."""
-        live = self.live()
-        if live:
-            self._remark(live)
-            return live
-        self._here("compute how it is")
-        from rorg.cli.local import view
+        found = self.live()
+        if not found:
+            self._here("compute how it is")
+            from rorg.cli.local import view
 
-        return view(self)
+            found = view(self)
+        self._remark(found)
+        return found
 
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""

@@ -39,6 +39,7 @@ CLIENT_CODES = {
     "refused": Exit.REFUSED,
     "not-ready": Exit.NOT_READY,
     "unreachable": Exit.UNREACHABLE,
+    "busy": Exit.UNREACHABLE,
     "internal": Exit.INTERNAL,
 }
 """What the API answers, as exit codes."""

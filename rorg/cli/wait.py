@@ -10,6 +10,9 @@ from rorg.cli.options import ServiceNames, StateDirectory, Timeout
 def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDirectory = None) -> None:
     """Return when services, and all that they need, are ready; exit 4 with the reason if they do not get so."""
     from rorg.cli.context import Context
+    from rorg.cli.operating import operating
 
-    Context(state_dir, None).serving(f"wait for {', '.join(services)}").wait(*services, timeout=timeout)
+    robot = operating(Context(state_dir, None))
+    robot.waiting(f"wait for {', '.join(services)}")
+    robot.wait(services, timeout)
     typer.echo(f"{', '.join(services)} ready")

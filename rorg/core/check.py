@@ -70,11 +70,8 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
-    if (
-        name in situation.wanted
-        and action.verb in ("pause", "remove", "stop")
-        and not (action.part_of or action.reason in ("a second container of this service", "the engine calls it dead"))
-    ):
+    ends = action.verb in ("pause", "remove", "stop")
+    if name in situation.wanted and ends and not (action.part_of or action.surplus):
         return [f"{action}, which is wanted"]
     return []
 

@@ -45,6 +45,9 @@ class Action:
     priority: int = 50
     part_of: str = ""
     """"replace" or "restart" for the actions that do that together."""
+    surplus: bool = False
+    """Its container is not the one by which its service is active: a second one, or one that the engine calls dead. It
+    goes though the service is wanted."""
 
     def __str__(self) -> str:
         return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({_why(self)})"

@@ -126,6 +126,7 @@ class _Planner:
                     urgent=self.is_urgent(name, step),
                     priority=service.priority,
                     part_of=step.part_of,
+                    surplus=step.surplus,
                 )
             )
 

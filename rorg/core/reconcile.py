@@ -158,7 +158,8 @@ class ReconcileSteps:
         steps: list[Step] = []
         for container, diff in stale:
             reason = "changed" if diff.recreate else "a second container of this service"
-            steps += away(container, reason if keep else "not wanted", service, volumes=not keep)
+            way = away(container, reason if keep else "not wanted", service, volumes=not keep)
+            steps += [replace(step, surplus=keep and not diff.recreate) for step in way]
         return steps
 
     def adjust(self, service: Service, container: Container, diff: Difference) -> list[Step]:
@@ -255,7 +256,7 @@ class ReconcileSteps:
         if container.active:
             return []
         if container.state == "dead":
-            return [Step("remove", container, "the engine calls it dead")]
+            return [Step("remove", container, "the engine calls it dead", surplus=True)]
         step = self.s.memory.of(service.name)
         if step.over(service, container) and self.s.restarts.get(service.name) != container.incarnation:
             return []

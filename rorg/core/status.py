@@ -12,7 +12,7 @@ from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import candidate
 from rorg.core.situation import Situation
-from rorg.core.wanted import chain
+from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
 
 
@@ -58,6 +58,8 @@ class Status:
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
     withheld: str = ""
     """Why it is still there though no manifest declares it any more."""
+    chain: tuple[Link, ...] = ()
+    """Why it is wanted: from it to a root. Empty when it is not."""
 
     def condition(self, kind: str) -> Condition:
         """Its condition of this type; "Unknown" for one that it does not have."""
@@ -144,10 +146,11 @@ def _status(
 ) -> Status:
     name = service.name
     causes = situation.wanted.get(name, ())
+    links = tuple(Link(s, c) for s, c in reversed(chain(situation.wanted, name)))
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
     why = why or held or situation.preempted.get(name, "")
     if service.meta:
-        return Status(name, "meta", "Synced", "Healthy", True, why)
+        return Status(name, "meta", "Synced", "Healthy", True, why, chain=links)
     step = situation.memory.of(name)
     known = situation.observed.complete
     ready, reason, message = _readiness(situation, service, current, waiting, actions)
@@ -158,7 +161,7 @@ def _status(
             "Requested",
             str(bool(causes)),
             "Wanted" if causes else "NotWanted",
-            " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name))),
+            " <- ".join(map(str, links)),
         ),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
@@ -183,6 +186,7 @@ def _status(
         held,
         name in situation.lowered,
         ros_nodes(service),
+        chain=links,
     )
 
 

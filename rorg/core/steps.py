@@ -22,6 +22,8 @@ class Step:
     fields: tuple[str, ...] = ()
     args: Mapping[str, Any] = field(default_factory=dict)
     part_of: str = ""
+    surplus: bool = False
+    """See Action."""
 
 
 def away(container: Container, reason: str, service: Service | None = None, volumes: bool = False) -> list[Step]:

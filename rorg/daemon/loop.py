@@ -146,7 +146,8 @@ class Loop:
             # What is left of this pass can wait; a worker that has to share the interpreter with it begins later.
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
-        self.ros.look(decision.situation)
+        if self.engine.local:  # who refuses connections on this machine is no node of another one
+            self.ros.look(decision.situation)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
@@ -198,12 +199,16 @@ class Loop:
         )
 
     def use(self) -> dict[str, tuple[float, int]]:
-        """(CPU seconds since it began, bytes) of each service that is alive."""
+        """(CPU seconds since it began, bytes) of each service that is alive, all its containers together."""
         alive = [c for c in self.observer.snapshot().containers if c.alive]
-        usage = self.engine.usage(alive)
-        return {c.service: (usage[c.id].cpu, usage[c.id].memory) for c in alive if c.id in usage}
+        usage, found = self.engine.usage(alive), dict[str, tuple[float, int]]()
+        for container in alive:
+            if container.id in usage:
+                used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
+                found[container.service] = cpu + used.cpu, memory + used.memory
+        return found
 
     def paused(self, service: str) -> None:
         """A service was just paused."""
-        if self.engine.capabilities.isolation:
+        if self.engine.capabilities.isolation and self.engine.local:
             reclaim_paused(self.tree.desired.catalog.services.get(service), self.container_of(service), self.recorder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -27,6 +28,8 @@ MOUNTS_REST = 0.5
 Stats = tuple[tuple[str | int, ...], ...]
 """Of files: name, time, size and inode."""
 Stamp = tuple[Stats, Stats, Stats]
+MOST_FOLDERS = 4000
+"""Directories that are watched: the kernel has few watches, and others need some too."""
 
 
 class Tree:
@@ -69,6 +72,17 @@ class Tree:
             _stats(sorted(self._inputs.files)),
             _stats([*strays, *_below(sorted(self._inputs.mounted))]),
         )
+
+    def folders(self) -> list[Path]:
+        """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to."""
+        top, found = os.path.realpath(self.root), [self.root]
+        with contextlib.suppress(OSError):
+            found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and p.is_dir())
+        found += sorted(path.parent for path in self._inputs.files)
+        found += [p for p in _below(sorted(self._inputs.mounted)) if p.is_dir() and not p.is_symlink()]
+        found += sorted(path.parent for path in self._inputs.mounted)
+        inside = (p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and p.is_dir())
+        return list(itertools.islice(inside, MOST_FOLDERS))
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is

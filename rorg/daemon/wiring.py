@@ -42,7 +42,8 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
     sampler = Sampler(
         Meter(clock),
-        lambda: limits.step if (limits := loop.limits()) else None,
+        # This machine's load says nothing of an engine's on another one.
+        lambda: limits.step if engine.local and (limits := loop.limits()) else None,
         lambda load: loop.load_matters(load),
         lambda: loop.use(),
         wakes.wake,
@@ -55,7 +56,7 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake, lambda service: loop.paused(service), DispatchLimits().most
     )
-    watcher = Watcher([tree.root, state.path], wakes.files_changed, _own_files(state))
+    watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
     # What outlives a restart of rorg is numbered by the time of day.
     loop = Loop(

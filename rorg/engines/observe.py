@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
-from rorg.engines.protocol import Engine
+from rorg.engines.protocol import Observation
 from rorg.errors import RorgError
 
 RETRY = (0.2, 0.5, 1.0, 2.0)
@@ -20,7 +20,7 @@ RETRY = (0.2, 0.5, 1.0, 2.0)
 class Observer:
     """Keeps the cache in a thread of its own, so that a pass never waits for the engine."""
 
-    def __init__(self, engine: Engine, wake: Callable[[], None], resync: Callable[[], float]) -> None:
+    def __init__(self, engine: Observation, wake: Callable[[], None], resync: Callable[[], float]) -> None:
         self.engine, self.wake, self.resync = engine, wake, resync
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,11 +12,19 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
+from rorg.manifest.files import read_text
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+UNEXPECTED = "cannot be understood"
+
+
+def unexpected(where: Where, bug: Exception) -> Diagnostic:
+    """For what nobody thought of: whatever a file says, the robot goes on with what it said before."""
+    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "to report this")
 
 
 @dataclass(frozen=True)
@@ -30,6 +39,8 @@ class Source:
     spec: Any
     """The validated model of its kind, one of SPECS."""
     path: Path
+    root: Path
+    """The directory of the tree that it is in."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -57,7 +68,9 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     """Manifests among that: most likely the folder is misspelt."""
     strays = []
     for path in stray_files(root):
-        if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+        with contextlib.suppress(OSError):
+            if not re.search(r"^apiVersion: rorg/", read_text(path, root), re.M):
+                continue
             message = f"a manifest in '{path.parent.name}/', which is not read"
             strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
     return strays
@@ -78,14 +91,17 @@ def read_tree(
         if path in (overlay or {}) and text is None:
             continue
         try:
-            texts[path] = path.read_text(encoding="utf-8", errors="replace") if text is None else text
+            texts[path] = read_text(path, root) if text is None else text
         except OSError as error:
             diagnostics.append(
                 Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or delete it")
             )
             broken.add(path.stem)
     for path, text in texts.items():
-        source, found = read_source(text, path, str(path))
+        try:
+            source, found = read_source(text, path, str(path), root)
+        except Exception as bug:
+            source, found = None, [unexpected(Where(str(path)), bug)]
         diagnostics += found
         if source:
             folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
@@ -100,7 +116,7 @@ def read_tree(
     return sources, diagnostics, broken
 
 
-def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[Diagnostic]]:
+def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | None, list[Diagnostic]]:
     """One file's manifest, or None with the reasons."""
     document, found = read_yaml(text, file)
     if document is None:
@@ -113,13 +129,13 @@ def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[D
     kind = document.value.get("kind")
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
-    if kind not in SPECS or "spec" not in document.value:
+    if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None, found
     spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:
         return None, found + more
     meta = envelope.metadata
-    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path), []
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
 
 
 def _validate(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.inputs import Inputs, inputs
-from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
-from rorg.model.catalog import DEVELOPER, EVERY, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
+from rorg.model.catalog import (
+    DEVELOPER,
+    EMPTY,
+    EVERY,
+    Budget,
+    Catalog,
+    Group,
+    Image,
+    Policy,
+    Request,
+    Service,
+    Thresholds,
+)
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
@@ -51,7 +64,10 @@ def load(
     by_kind, more = _by_kind(sources)
     diagnostics += more
     found(inputs(root, by_kind))
-    catalog, more = _catalog(by_kind, broken)
+    try:
+        catalog, more = _catalog(by_kind, broken)
+    except Exception as bug:
+        catalog, more = EMPTY, [unexpected(Where(str(root)), bug)]
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
@@ -135,7 +151,7 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
             diagnostics.append(
                 Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
             )
-        services[name], found = render(source, merged.get(wanted, merged[COMMON]), policy)
+        services[name], found = _rendered(source, merged.get(wanted, merged[COMMON]), policy)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
@@ -163,6 +179,13 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += _image_problems(images, by_kind.get("Image", {}))
     return catalog, diagnostics
+
+
+def _rendered(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[Diagnostic]]:
+    try:
+        return render(source, profile, policy)
+    except Exception as bug:
+        return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
 
 
 def _resolve(
@@ -276,7 +299,7 @@ def _image(source: Source) -> Image:
 def _image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:
     diagnostics = []
     for name, image in images.items():
-        if image.context and not (Path(image.context) / image.dockerfile).is_file():
+        if image.context and not os.path.isfile(os.path.join(image.context, image.dockerfile)):
             where: Where = sources[name].where("spec", "context")
             diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
     return diagnostics

@@ -22,7 +22,9 @@ def built_in_profiles() -> dict[str, Source]:
     """The profiles that come with rorg: common, plain, ros1, ros2."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
-        source, diagnostics = read_source(path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}")
+        source, diagnostics = read_source(
+            path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}", path.parent
+        )
         if source is None:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
         found[source.name] = source

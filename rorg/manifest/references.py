@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from graphlib import CycleError, TopologicalSorter
+from collections.abc import Mapping
+from graphlib import TopologicalSorter
 
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Catalog, Group, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
-from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.graph import closure, conflicting, cycles, overbooked
 
 
 def expand_groups(
@@ -26,17 +26,13 @@ def expand_groups(
                 where = source.where("spec", "services", index)
                 known = {*services, *sources}
                 diagnostics.append(Diagnostic(where, f"unknown service '{member}'", nearest(member, known)))
-    cycle = find_cycle(graph)
-    if cycle:
+    rings = cycles(graph)
+    for cycle in rings:
         source = sources[cycle[0]]
         index = list(source.spec.services).index(cycle[1])
-        diagnostics.append(
-            Diagnostic(
-                source.where("spec", "services", index),
-                f"groups contain each other: {' -> '.join(cycle)}",
-                "to break the cycle",
-            )
-        )
+        where, what = source.where("spec", "services", index), f"groups contain each other: {' -> '.join(cycle)}"
+        diagnostics.append(Diagnostic(where, what, "to break the cycle"))
+    if rings:
         return {}, diagnostics
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
@@ -49,27 +45,16 @@ def expand_groups(
     return groups, diagnostics
 
 
-def find_cycle(graph: Mapping[str, Iterable[str]]) -> list[str] | None:
-    """A cycle as a path whose first and last name are the same, in the direction of the edges; None without one."""
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        # graphlib gives the path from a predecessor to its successor; our edges point the other way.
-        path = list(reversed(error.args[1]))
-        start = path.index(min(path[:-1]))
-        return path[start:-1] + path[:start] + [path[start]]
-    return None
-
-
 def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
     """A service that needs itself, through others or directly, can never start."""
-    cycle = find_cycle({s.name: s.needs for s in services.values()})
-    if not cycle:
-        return []
-    source = sources[cycle[0]]
-    written = [n.service for n in source.spec.needs]
-    where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
-    return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
+    diagnostics = []
+    for cycle in cycles({s.name: s.needs for s in services.values()}):
+        source = sources[cycle[0]]
+        written = [n.service for n in source.spec.needs]
+        where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
+        what = f"services need each other: {' -> '.join(cycle)}"
+        diagnostics.append(Diagnostic(where, what, "to drop one of these needs"))
+    return diagnostics
 
 
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:

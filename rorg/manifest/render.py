@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source
+from rorg.manifest.files import read_text
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
@@ -212,7 +213,7 @@ def _security(source: Source, values: list[str], diagnostics: list[Diagnostic]) 
         kind, _, name = value.partition("=") if "=" in value else value.partition(":")
         if kind == "seccomp" and name not in ("unconfined", "builtin"):
             try:
-                profile = json.loads((source.directory / name).read_text(encoding="utf-8"))
+                profile = json.loads(read_text(source.directory / name, source.root))
             except (OSError, ValueError) as error:
                 where = source.where("spec", "container", "security_opt", index)
                 why = getattr(error, "strerror", None) or "not JSON"
@@ -254,7 +255,7 @@ def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagno
     found: dict[str, str] = {}
     for index, name in enumerate(options["env_file"]):
         try:
-            lines = (source.directory / name).read_text(encoding="utf-8").splitlines()
+            lines = read_text(source.directory / name, source.root).splitlines()
         except OSError as error:
             where = source.where("spec", "container", "env_file", index)
             diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", "to create it"))

@@ -102,7 +102,7 @@ class SimRobot:
     def _finish(self, action: Action, life: int) -> None:
         error, refused = "", False
         try:
-            perform(self.engine, action)  # type: ignore[arg-type]
+            perform(self.engine, action)
         except RorgError as failed:
             error, refused = failed.why, said_no(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))

@@ -58,14 +58,26 @@ class RequestView(TypedDict):
     expires_in: float | None
 
 
+class Link(TypedDict):
+    """A service, and why it is wanted: `kind` is always_on, meta, requested (`by` a service, with a `request`'s id) or
+    needed (`by` a service); `text` is the same for people."""
+
+    service: str
+    kind: str
+    by: str
+    request: str
+    text: str
+
+
 class Why(TypedDict):
-    """Why a service is active, or why not."""
+    """Why a service is active, or why not. `chain` leads from it to a root; `needed_by` are services."""
 
     service: str
     wanted: bool
     state: str
-    chain: list[str]
+    chain: list[Link]
     requests: list[RequestView]
+    needed_by: list[str]
     waits: list[str]
 
 
