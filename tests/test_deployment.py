@@ -178,7 +178,8 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
         f"127.0.0.1:{port}",
     ]
     refused = subprocess.run(base, capture_output=True, text=True)
-    assert refused.returncode == 2 and "only served with TLS and client certificates" in refused.stderr
+    assert refused.returncode == 2
+    assert "only served with TLS and client certificates" in refused.stderr
     process = subprocess.Popen(
         [
             *base,

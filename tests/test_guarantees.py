@@ -38,7 +38,8 @@ def test_a_container_without_our_label_is_never_touched(docker_robot):
         robot.declare({"mapper": {"always_on": True}})
         robot.settle()
         state = api.inspect_container(stranger)["State"]
-        assert state["Running"] and not state["Paused"]
+        assert state["Running"]
+        assert not state["Paused"]
     finally:
         api.remove_container(stranger, force=True)
 

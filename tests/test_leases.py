@@ -263,7 +263,8 @@ def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
     stepped.step()
     decision = stepped.loop.decision
     assert "try to mend it" in decision.situation.suspended
-    assert decision.plan.actions and not decision.begin
+    assert decision.plan.actions
+    assert not decision.begin
     stepped.file.path.write_text("requests: [{id: x, services: [camera]}]\n")
     stepped.step()
     assert not stepped.loop.decision.situation.suspended

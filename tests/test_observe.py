@@ -72,7 +72,8 @@ def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
         child = subprocess.Popen(["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"], env={**os.environ, MARK: "ours"})
         await_program(child, "ours")
         facts = stat(child.pid)
-        assert facts and is_same(child.pid, facts[2], boot_id(), "ours")
+        assert facts
+        assert is_same(child.pid, facts[2], boot_id(), "ours")
         (program,) = psutil.Process(child.pid).children()
         program.send_signal(signal.SIGINT)
         child.wait(30)

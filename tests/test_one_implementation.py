@@ -237,5 +237,7 @@ def test_a_command_does_the_same_with_a_running_rorg_and_without(twice, line):
 def test_what_would_wait_for_nobody_exits_3_and_changes_nothing(twice, line):
     found, _, _ = twice
     told = found.once(words_of(line))
-    assert told["code"] == 3 and "no rorg runs" in told["err"] and not told["out"]
+    assert told["code"] == 3
+    assert "no rorg runs" in told["err"]
+    assert not told["out"]
     assert told["file"] == normal(found.before, found.before)

@@ -43,7 +43,8 @@ def same(name: str, words: list[str], environment: dict[str, str]) -> bool:
     if found is None:
         return False
     other = by_typer(name, words, environment)
-    assert found == other and {k: type(v) for k, v in found.items()} == {k: type(v) for k, v in other.items()}
+    assert found == other
+    assert {k: type(v) for k, v in found.items()} == {k: type(v) for k, v in other.items()}
     return True
 
 

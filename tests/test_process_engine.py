@@ -95,14 +95,16 @@ def test_the_log_of_a_program_that_never_stops_talking_is_kept_small(engine):
         time.sleep(0.02)
     wait_for(lambda: log.stat().st_blocks * 512 <= KEPT + SLACK, what="the log to be trimmed")
     stop.set()
-    assert log.stat().st_size > 48 << 20 and most < 30 << 20
+    assert log.stat().st_size > 48 << 20
+    assert most < 30 << 20
     last = 48 << 14
     assert numbers(seen) == list(range(1, last + 1)), "a probe that goes on reading misses nothing"
     assert b"now serving" in seen
     wait_for(lambda: b"the end" in followed[-1])
     assert numbers(b"".join(followed)) == list(range(1, last + 1)), "nor does who follows"
     kept = numbers(b"".join(engine.logs(container, False, None)))
-    assert kept == list(range(kept[0], last + 1)) and len(kept) * 64 > KEPT - (1 << 17)
+    assert kept == list(range(kept[0], last + 1))
+    assert len(kept) * 64 > KEPT - (1 << 17)
     assert numbers(engine.log_since(container, "")[0]) == kept
     assert list(engine.logs(container, False, 1)) == [b"the end\n"]
 
@@ -112,12 +114,14 @@ def test_who_is_behind_goes_on_with_the_next_whole_line(tmp_path):
     with log.open("ab", buffering=0) as file:
         file.write(b"".join(b"%-62d.\n" % n for n in range(1 << 18)))
         reading, behind = read_log(log, True, 1), read_log(log, True, None)
-        assert next(reading).startswith(b"262143 ") and next(behind).startswith(b"0 ")
+        assert next(reading).startswith(b"262143 ")
+        assert next(behind).startswith(b"0 ")
         trim_log(log)
         file.write(b"after\n")
         assert next(reading) == b"after\n"
     lines = b"".join(read_log(log, False, None)).splitlines()
-    assert lines[-1] == b"after" and all(re.fullmatch(rb"\d+ +\.", line) for line in lines[:-1])
+    assert lines[-1] == b"after"
+    assert all(re.fullmatch(rb"\d+ +\.", line) for line in lines[:-1])
     assert log.stat().st_blocks * 512 <= KEPT + SLACK
 
 

@@ -380,7 +380,8 @@ class Watch:
         """An action is begun just now."""
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
-        assert not situation.suspended and situation.observed.complete
+        assert not situation.suspended
+        assert situation.observed.complete
         assert name not in robot.locked or action.verb in ("create", "rename"), f"{action} against its interlock"
         if action.verb in ("start", "resume"):
             assert name not in robot.decision.holds
@@ -391,7 +392,8 @@ class Watch:
             need = action.reason.split()[0]
             run = next(c for c in robot.engine.list() if c.service == name)
             since = [at for at, verb, other in robot.engine.calls if (verb, other) == ("start", need)]
-            assert len(since) > 1 and iso(since[-1]) > run.started_at, f"{need} was not restarted"
+            assert len(since) > 1, f"{need} was not restarted"
+            assert iso(since[-1]) > run.started_at, f"{need} was not restarted"
 
     def alone(self, name: str) -> None:
         """Nothing that is alive stands against its beginning."""
@@ -409,7 +411,8 @@ class Watch:
         new, self.shed = [s.service for s in state.shed if s not in self.shed], state.shed
         services = self.robot.desired.catalog.services
         for shed in new:
-            assert not situation.suspended and not services[shed].protected
+            assert not situation.suspended
+            assert not services[shed].protected
             for name in situation.wanted:
                 assert shed not in services[name].needs, f"{name} needs {shed}"
             askers = {r.requester for r in self.robot.decision.settled.requests}

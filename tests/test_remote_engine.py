@@ -62,12 +62,14 @@ def test_no_process_of_this_machine_is_taken_for_a_containers(remote, victim, tm
     remote.wait(lambda: {"filer", "idler"} <= remote.active())
     containers = remote.containers()
     assert {c.pid for c in containers} == {0}
-    assert remote.engine.usage(containers) == {} and remote.loop.use() == {}
+    assert remote.engine.usage(containers) == {}
+    assert remote.loop.use() == {}
     remote.release("idler")
     remote.wait(lambda: remote.states()["idler"] == "paused")
     filer = remote.container("filer").id
     code, _ = remote.engine.exec(filer, ["python3", "-S", "-c", "import signal; signal.pause()"], 0.5)
-    assert code == 124 and victim.poll() is None
+    assert code == 124
+    assert victim.poll() is None
     assert remote.engine.log_since(filer, "")[0] == b""
     with socket.create_server(("127.0.0.1", 0)) as listener, pytest.raises(Error, match="on another machine"):
         remote.client().call("GET", f"/v1/listeners/{listener.getsockname()[1]}")

@@ -137,7 +137,8 @@ def test_shells_complete_names(robot, line, names, running):
     assert set(rorg(robot, **bash(line)).stdout.split()) == names
     assert {said.split("\t")[0] for said in rorg(robot, **fish(line)).stdout.splitlines()} - {""} == names
     said = rorg(robot, **zsh(line)).stdout
-    assert all(f'"{name}"' in said for name in names) and said.startswith("_arguments" if names else "_files")
+    assert all(f'"{name}"' in said for name in names)
+    assert said.startswith("_arguments" if names else "_files")
     assert rorg(robot, **fish(line, "is-args"), code=0 if names else 1).stdout == ""
 
 
@@ -168,7 +169,8 @@ def test_diff_and_apply_tell_what_is_wrong_with_the_tree(robot):
     (robot.tree / "services/bad.yaml").write_text("x: [\n")
     for words in (("diff",), ("apply", "--yes")):
         said = rorg(robot, *words, code=2).stderr
-        assert "bad.yaml:2:1" in said and "rorg validate" in said, said
+        assert "bad.yaml:2:1" in said, said
+        assert "rorg validate" in said, said
 
 
 def test_diff_of_another_tree_is_computed_here(robot, tmp_path):
@@ -233,7 +235,8 @@ def test_a_table_on_a_terminal_looks_as_rich_draws_it():
     ]
     assert seen[:3] == seen[3:]
     for code, word in (("32", "running"), ("32", "Healthy"), ("2", "Idle"), ("1", "STATE")):
-        assert f"\x1b[{code}m{word}" in ours and f"\x1b[{code}m{word}" in said.getvalue()
+        assert f"\x1b[{code}m{word}" in ours
+        assert f"\x1b[{code}m{word}" in said.getvalue()
     assert coloured_table(rows, columns, 40) is None
 
 

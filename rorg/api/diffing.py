@@ -26,6 +26,8 @@ PATIENCE = 2.0
 
 
 def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The route by which commands see what would change."""
+
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff() -> Response:
         """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or

@@ -133,6 +133,7 @@ class Manifests:
 
 
 def digest(content: bytes) -> str:
+    """Of a manifest's text, by which an edit says what it began from."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 

@@ -11,10 +11,14 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
 
 
 class Body(BaseModel):
+    """What callers send; unknown fields are refused."""
+
     model_config = ConfigDict(extra="forbid")
 
 
 class PutRequest(Body):
+    """What is requested."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     reason: Short = ""
     priority: Annotated[int, Field(ge=0, le=100)] | None = None
@@ -22,11 +26,15 @@ class PutRequest(Body):
 
 
 class HoldBody(Body):
+    """For how long, and why."""
+
     duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
     reason: Short = ""
 
 
 class HoldsBody(Body):
+    """Several services at once: for how long, and why."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     duration: Annotated[str, Field(max_length=20)] | None = Field(
         default=None, description="How long, such as 10m; null ends their holds."
@@ -35,12 +43,16 @@ class HoldsBody(Body):
 
 
 class ConfirmBody(Body):
+    """A person's word that services go."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
         description="Exactly what is to go: services and groups whose removal is withheld."
     )
 
 
 class RequestView(BaseModel):
+    """A request that counts."""
+
     id: str
     requester: str
     services: list[str]
@@ -54,6 +66,8 @@ class RequestView(BaseModel):
 
 
 class ConditionView(BaseModel):
+    """One condition of a service, as Kubernetes has them."""
+
     type: str = Field(
         description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried."
     )
@@ -86,29 +100,39 @@ class ServiceView(BaseModel):
 
 
 class GroupView(BaseModel):
+    """A name for several services."""
+
     name: str
     services: list[str]
     description: str
 
 
 class ImageView(BaseModel):
+    """An image of the tree."""
+
     name: str
     context: str | None = Field(description="Absolute directory of the build; null where nothing is built.")
     dockerfile: str
 
 
 class Held(BaseModel):
+    """The services that a change is about."""
+
     services: list[str]
     generation: int | None = Field(default=None, description="Of this change.")
 
 
 class Ready(BaseModel):
+    """Whether one service is ready."""
+
     ready: bool
     incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
     reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):
+    """How a wait ended."""
+
     ready: bool
     services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
 
@@ -136,11 +160,15 @@ class Why(BaseModel):
 
 
 class Listener(BaseModel):
+    """Who listens at a port."""
+
     port: int
     service: str
 
 
 class ServiceUsage(BaseModel):
+    """CPU seconds since its container began, and bytes of memory now."""
+
     cpu_seconds: float
     memory: int
 
@@ -157,12 +185,16 @@ class MachineUsage(BaseModel):
 
 
 class Usage(BaseModel):
+    """What runs uses, and the machine."""
+
     at: float = Field(description="Seconds since the epoch.")
     services: dict[str, ServiceUsage]
     machine: MachineUsage
 
 
 class ManifestView(BaseModel):
+    """A manifest of the tree."""
+
     kind: str
     name: str
     file: str = Field(description="Relative to the tree.")
@@ -171,6 +203,8 @@ class ManifestView(BaseModel):
 
 
 class PutManifest(Body):
+    """A manifest to write, and the version that it takes the place of."""
+
     text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
     base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
     message: Short = ""

@@ -32,6 +32,7 @@ async def _seen(operations: Operations, caller: Caller, changed: Callable[[], as
 
 
 def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The routes of requests."""
     request = [needs("request")]
 
     @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)

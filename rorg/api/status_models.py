@@ -30,6 +30,8 @@ class TreeView(BaseModel):
 
 
 class EngineView(BaseModel):
+    """Whether the engine answers."""
+
     complete: bool = Field(description="Whether it is known what runs.")
     error: str = Field(description="Why it is not.")
 
@@ -57,12 +59,16 @@ class WaitingView(BaseModel):
 
 
 class PlanView(BaseModel):
+    """What is to be done, and what waits."""
+
     actions: list[ActionView]
     waitings: list[WaitingView]
     summary: str
 
 
 class PressureView(BaseModel):
+    """What is done against overload."""
+
     reason: str
     measures: list[str] = Field(description="In force, mildest first.")
     helpless: bool = Field(description="Nothing that rorg runs would help.")

@@ -224,10 +224,12 @@ def _known(engine: str) -> str:
 
 
 def is_ready(service: dict[str, Any]) -> bool:
+    """Of a service in a view."""
     return any(c["type"] == "Ready" and c["status"] == "True" for c in service["conditions"])
 
 
 def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
+    """One condition of a service in a view, empty where it has none of that kind."""
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
 
 

@@ -15,6 +15,7 @@ FORMS = ("table", "wide", "name", "yaml", "json")
 
 
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
+    """Raises Invalid for an output format that there is not."""
     if form not in allowed:
         raise Invalid(f"print as '{form}'", "there is no such form", "one of " + ", ".join(allowed))
 
@@ -143,4 +144,5 @@ def missing(what: str, name: str, known: Any) -> Invalid:
 
 
 def nearest_kind(kind: str, known: Any) -> str:
+    """Raises Invalid with the closest kind as its remedy."""
     raise missing("kind", kind, known)

@@ -142,6 +142,8 @@ def effective_priorities(catalog: Catalog, found: Wanted, requests: Collection[R
 
 @dataclass(frozen=True, slots=True)
 class Contest:
+    """One service that others keep from being active."""
+
     loser: str
     why: str
     winners: tuple[str, ...]

@@ -63,6 +63,8 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
+    """What one pass has found, and what is to be begun."""
+
     situation: Situation
     plan: Plan
     begin: tuple[Action, ...]

@@ -117,6 +117,8 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
+    """An action that a worker has, and since when, by the loop's clock."""
+
     action: Action
     since: float
 
@@ -140,6 +142,8 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
+    """All that a pass passes on to the next one."""
+
     progress: Mapping[str, Progress] = field(default_factory=dict)
     in_flight: Mapping[str, InFlight] = field(default_factory=dict)
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)

@@ -15,6 +15,8 @@ from rorg.core.rollout import refused
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
+    """What came of an action."""
+
     action: Action
     error: str = ""
     """Empty when it went well."""

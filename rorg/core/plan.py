@@ -70,6 +70,8 @@ class Waiting:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
+    """What is to be done and what waits, in the order in which it is to happen."""
+
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()
     alarm: float | None = None

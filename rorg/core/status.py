@@ -29,6 +29,8 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Status:
+    """How one service is."""
+
     service: str
     state: str
     """The engine's word for its container; `none` without one, `meta` for a meta-service."""
@@ -192,6 +194,7 @@ def _status(
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
+    """Names of the ROS nodes that it runs, as far as they are declared."""
     ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
 

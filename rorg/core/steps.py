@@ -46,6 +46,7 @@ def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
+    """Ends a run with the signal and the time that its service, or else its own label, declares."""
     spec = (service.spec if service else None) or declared_of(container.declared)
     return Step(
         "stop",

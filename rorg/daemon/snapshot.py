@@ -164,6 +164,7 @@ def _tries(known: Any, now: float) -> dict[str, Attempt]:
 
 
 def request_json(request: Request) -> dict[str, Any]:
+    """A request as the API shows it."""
     return {
         "id": request.id,
         "requester": request.requester,

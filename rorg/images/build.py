@@ -29,6 +29,8 @@ class Builder(Protocol):
 
 @dataclass(frozen=True)
 class Result:
+    """What became of one image."""
+
     image: str
     outcome: str
     """built, imported, present, pulled, failed or skipped."""

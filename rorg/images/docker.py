@@ -12,6 +12,8 @@ from rorg.model.catalog import Image
 
 
 class DockerBuilder:
+    """Builds with the engine that also runs what is built."""
+
     def __init__(self, engine: DockerEngine) -> None:
         self.api = engine.api()
 

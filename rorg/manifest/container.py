@@ -37,14 +37,17 @@ from rorg.manifest.scalars import Duration
 
 
 def recreate(**extra: Any) -> Any:
+    """A field whose change costs a new container."""
     return Field(default=None, json_schema_extra={"x-rorg-change": "recreate"}, **extra)
 
 
 def live(**extra: Any) -> Any:
+    """A field that the engine changes in place."""
     return Field(default=None, json_schema_extra={"x-rorg-change": "live"}, **extra)
 
 
 def unchanging(default: Any = None, **extra: Any) -> Any:
+    """A field whose change costs a running container nothing."""
     return Field(default=default, json_schema_extra={"x-rorg-change": "none"}, **extra)
 
 

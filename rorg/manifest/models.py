@@ -19,6 +19,8 @@ Priority = Annotated[int, Field(ge=0, le=100)]
 
 
 class Metadata(Strict):
+    """What a manifest is called."""
+
     name: Name
     description: str | None = None
     labels: Pairs = Field(default_factory=dict)
@@ -96,6 +98,8 @@ def _container_only(spec: ServiceSpec) -> list[str]:
 
 
 class ServiceSpec(Strict):
+    """A service: what runs, what it needs, and when it may end."""
+
     type: Literal["container", "meta"] = unchanging("container", description="meta: no container, always active.")
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
         description="An Image of this tree, or any reference that the engine knows."
@@ -175,6 +179,8 @@ class ServiceSpec(Strict):
 
 
 class GroupSpec(Strict):
+    """A name for several services."""
+
     services: Annotated[list[Name], Field(min_length=1)]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 def compiled(pattern: str) -> Any:
     """A pattern to search lines with: `^` and `$` are those of a line. Raises ValueError for what is none, or needs
     look-around or back-references, which take more than linear time."""
-    import re2  # type: ignore[import-untyped]  # only robots with a log probe pay for it
+    import re2  # only robots with a log probe pay for it
 
     options = re2.Options()
     options.log_errors = False

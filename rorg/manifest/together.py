@@ -26,6 +26,7 @@ Rule = Callable[[Options], Iterator[Clash]]
 
 
 def clashes(options: Options) -> list[Clash]:
+    """All that does not go together in one container."""
     return [clash for rule in RULES for clash in rule(options)]
 
 

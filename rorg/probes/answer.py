@@ -20,8 +20,10 @@ YES = Answer(True)
 
 
 def no(message: str) -> Answer:
+    """It was asked, and is not so."""
     return Answer(False, message)
 
 
 def cannot_ask(why: str) -> Answer:
+    """Nothing was learnt."""
     return Answer(False, f"cannot ask: {why}", asked=False)

@@ -45,6 +45,8 @@ HONOURED = {
 
 
 class ProcessEngine:
+    """Services as sessions of plain processes; see Engine."""
+
     name = "process"
     local = True
     capabilities = Capabilities(
