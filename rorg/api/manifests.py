@@ -139,32 +139,8 @@ def digest(content: bytes) -> str:
 
 def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The routes."""
-    manifests = Manifests(operations)
-    allowed = [needs("manifests")]
-
-    @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
-    def list_all(caller: Who) -> Response:
-        """Every manifest of the tree, with the digest of its text; a service sees those that it may manage."""
-        manifests.allow(caller, "Service", "")
-        return JSONResponse(
-            [
-                {
-                    "kind": kind,
-                    "name": name,
-                    "file": str(path.relative_to(manifests.root)),
-                    "digest": digest(content),
-                }
-                for (kind, name), (path, content) in sorted(manifests.all().items())
-                if caller.kind != "service" or manages(caller, kind, name, operations.catalog)
-            ]
-        )
-
-    @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
-    def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
-        """The text of a manifest. Its digest is the ETag."""
-        manifests.allow(caller, kind, name)
-        _, content = manifests.one(kind, name)
-        return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
+    manifests, allowed = Manifests(operations), [needs("manifests")]
+    _add_reading(app, manifests, allowed)
 
     @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
     def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
@@ -197,3 +173,29 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
             if operations.withheld(kind, name):
                 generation = await asyncio.wrap_future(operations.confirm(caller, (name,)))
         return Response(status_code=204, headers={GENERATION: str(generation)})
+
+
+def _add_reading(app: FastAPI, manifests: Manifests, allowed: list[Any]) -> None:
+    @app.get("/v1/manifests", dependencies=allowed, response_model=list[ManifestView])
+    def list_all(caller: Who) -> Response:
+        """Every manifest of the tree, with the digest of its text; a service sees those that it may manage."""
+        manifests.allow(caller, "Service", "")
+        return JSONResponse(
+            [
+                {
+                    "kind": kind,
+                    "name": name,
+                    "file": str(path.relative_to(manifests.root)),
+                    "digest": digest(content),
+                }
+                for (kind, name), (path, content) in sorted(manifests.all().items())
+                if caller.kind != "service" or manages(caller, kind, name, manifests.operations.catalog)
+            ]
+        )
+
+    @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
+    def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
+        """The text of a manifest. Its digest is the ETag."""
+        manifests.allow(caller, kind, name)
+        _, content = manifests.one(kind, name)
+        return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})

@@ -17,6 +17,7 @@ from rorg.api.operations import Operations
 def add_operating(app: FastAPI, operations: Operations) -> None:
     """The routes."""
     _add_holds(app, operations)
+    _add_suspension(app, operations)
 
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
     async def restart(  # caller_of reads the requester; here it is for the schema
@@ -28,17 +29,6 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         names, change = operations.restart(caller, name, force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
-
-    @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
-    async def suspend(body: HoldBody, caller: Who) -> Response:
-        """Change nothing for a time."""
-        seconds = seconds_of(body.duration, "duration")
-        return accepted(await asyncio.wrap_future(operations.suspend(caller, seconds, body.reason)))
-
-    @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
-    async def unsuspend(caller: Who) -> Response:
-        """Go on with what is asked for."""
-        return accepted(await asyncio.wrap_future(operations.suspend(caller, None, "")))
 
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
@@ -63,3 +53,16 @@ def _add_holds(app: FastAPI, operations: Operations) -> None:
     async def unhold(name: str, caller: Who) -> Response:
         """End the hold of a service, or of a group's."""
         return accepted(await asyncio.wrap_future(operations.hold(caller, [name], None, "")[1]))
+
+
+def _add_suspension(app: FastAPI, operations: Operations) -> None:
+    @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
+    async def suspend(body: HoldBody, caller: Who) -> Response:
+        """Change nothing for a time."""
+        seconds = seconds_of(body.duration, "duration")
+        return accepted(await asyncio.wrap_future(operations.suspend(caller, seconds, body.reason)))
+
+    @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
+    async def unsuspend(caller: Who) -> Response:
+        """Go on with what is asked for."""
+        return accepted(await asyncio.wrap_future(operations.suspend(caller, None, "")))

@@ -15,30 +15,15 @@ from rorg.api.operations import Operations
 from rorg.api.status_models import PlanView, StatusView
 
 
+def text(value: Any) -> Response:
+    """A value as JSON, unchecked: what is answered is made of the models' fields, and a test holds it to them."""
+    return Response(json.dumps(value), media_type="application/json")
+
+
 def add_reading(app: FastAPI, operations: Operations) -> None:
     """The routes."""
+    _add_services(app, operations)
     read = [needs("read")]
-
-    def text(value: Any) -> Response:
-        return Response(json.dumps(value), media_type="application/json")
-
-    @app.get("/v1/services", dependencies=read, response_model=list[ServiceView])
-    async def services() -> Response:
-        """How every service is."""
-        return Response(
-            b"[" + b",".join(operations.service_text(n) for n in operations.statuses()) + b"]",
-            media_type="application/json",
-        )
-
-    @app.get("/v1/services/{name}", dependencies=read, response_model=ServiceView)
-    async def service(name: str) -> Response:
-        """How one service is."""
-        return Response(operations.service_text(name), media_type="application/json")
-
-    @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
-    async def why(name: str) -> Response:
-        """Why a service, or each of a group, is active, or why not."""
-        return text(operations.why(name))
 
     @app.get("/v1/groups", dependencies=read, response_model=list[GroupView])
     async def groups() -> Response:
@@ -64,6 +49,28 @@ def add_reading(app: FastAPI, operations: Operations) -> None:
     async def plan() -> Response:
         """What is to be done, and what waits for what."""
         return text(operations.decision.plan.as_json())
+
+
+def _add_services(app: FastAPI, operations: Operations) -> None:
+    read = [needs("read")]
+
+    @app.get("/v1/services", dependencies=read, response_model=list[ServiceView])
+    async def services() -> Response:
+        """How every service is."""
+        return Response(
+            b"[" + b",".join(operations.service_text(n) for n in operations.statuses()) + b"]",
+            media_type="application/json",
+        )
+
+    @app.get("/v1/services/{name}", dependencies=read, response_model=ServiceView)
+    async def service(name: str) -> Response:
+        """How one service is."""
+        return Response(operations.service_text(name), media_type="application/json")
+
+    @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
+    async def why(name: str) -> Response:
+        """Why a service, or each of a group, is active, or why not."""
+        return text(operations.why(name))
 
     @app.get("/v1/listeners/{port}", dependencies=read, response_model=Listener)
     def listener(port: Annotated[int, Path(ge=1, le=65535)]) -> Response:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 from rorg.cli.output import echo
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
+    from rorg.model.catalog import Catalog
 
 
 def command(
@@ -31,30 +32,9 @@ def command(
         names = [service]
     else:
         raise missing("service", service, {*catalog.services, *catalog.groups})
-    found = []
-    for name in names:
-        declared, status = catalog.services[name], view["services"].get(name, {})
-        spec = {k: v for k, v in (declared.spec or {}).items() if k != "environment"}
-        spec["environment"] = sorted((declared.spec or {}).get("environment", {}))
-        found.append(
-            {
-                "name": name,
-                "description": declared.description,
-                "manifest": str(declared.where),
-                "needs": list(declared.needs),
-                "conflicts": list(declared.conflicts),
-                "always_on": declared.always_on,
-                "idle": {"action": declared.idle.action, "linger": declared.idle.linger},
-                "restart": declared.restart,
-                "priority": declared.priority,
-                "driver": declared.driver,
-                "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
-                "status": status,
-                "container": spec,
-                "sources": dict(declared.origins),
-                "events": _events(context, name),
-            }
-        )
+    found = [
+        {**_declared(catalog, name, view["services"].get(name, {})), "events": _events(context, name)} for name in names
+    ]
     if output != "table":
         dump(found[0] if len(found) == 1 else found, output)
         return
@@ -62,6 +42,29 @@ def command(
 
     for entry in found:
         echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), end="")
+
+
+def _declared(catalog: Catalog, name: str, status: dict[str, Any]) -> dict[str, Any]:
+    """A service as its manifest says, with how it is; of its environment the names alone."""
+    declared = catalog.services[name]
+    spec = {k: v for k, v in (declared.spec or {}).items() if k != "environment"}
+    spec["environment"] = sorted((declared.spec or {}).get("environment", {}))
+    return {
+        "name": name,
+        "description": declared.description,
+        "manifest": str(declared.where),
+        "needs": list(declared.needs),
+        "conflicts": list(declared.conflicts),
+        "always_on": declared.always_on,
+        "idle": {"action": declared.idle.action, "linger": declared.idle.linger},
+        "restart": declared.restart,
+        "priority": declared.priority,
+        "driver": declared.driver,
+        "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
+        "status": status,
+        "container": spec,
+        "sources": dict(declared.origins),
+    }
 
 
 def _events(context: Context, name: str, most: int = 10) -> list[str]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import Directory, EngineName, Option, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.api.server import Server
+    from rorg.daemon.loop import Loop
 
 Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
 
@@ -36,10 +40,6 @@ def command(
     tls_ca: Pem = None,
 ) -> None:
     """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API."""
-    import os
-    import signal
-    import sys
-    import threading
     import time
 
     from rorg.api.server import make_server
@@ -47,7 +47,6 @@ def command(
     from rorg.cli.output import note
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid
-    from rorg.host.systemd import Watchdog, notify
 
     context = Context(state_dir, engine, directory, local=True)
     if not context.root.is_dir():
@@ -64,6 +63,25 @@ def command(
     if listen:
         server.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
     server.start()
+    note(f"API on {server.directory / 'rorg.sock'}")
+    _run_until_told(loop, server)
+    context.state.release()
+    if loop.workers.hung:
+        import os
+        import sys
+
+        note(f"{len(loop.workers.hung)} engine call(s) had not ended; the next rorg sees what came of them")
+        sys.stderr.flush()
+        os._exit(0)  # the interpreter would wait for their threads
+
+
+def _run_until_told(loop: Loop, server: Server) -> None:
+    """Until SIGINT or SIGTERM. systemd hears when it begins to work, when it ends, and that it goes on."""
+    import os
+    import signal
+    import threading
+
+    from rorg.host.systemd import Watchdog, notify
 
     told, tell = os.pipe()
 
@@ -76,7 +94,6 @@ def command(
     threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os.write(tell, b"."))
-    note(f"API on {server.directory / 'rorg.sock'}")
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()
     notify("READY=1")
@@ -86,11 +103,6 @@ def command(
         notify("STOPPING=1")
         watchdog.stop()
         server.stop()
-    context.state.release()
-    if loop.workers.hung:
-        note(f"{len(loop.workers.hung)} engine call(s) had not ended; the next rorg sees what came of them")
-        sys.stderr.flush()
-        os._exit(0)  # the interpreter would wait for their threads
 
 
 def _tcp(listen: str, cert: Path | None, key: Path | None, authority: Path | None) -> tuple[str, int, Any]:

@@ -160,12 +160,7 @@ def _status(
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
         Condition("Ready", "Unknown" if not known else str(ready), reason, message),
-        Condition(
-            "Requested",
-            str(bool(causes)),
-            "Wanted" if causes else "NotWanted",
-            " <- ".join(map(str, links)),
-        ),
+        _requested(links),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
         *_updated(situation, name),
@@ -191,6 +186,11 @@ def _status(
         ros_nodes(service),
         chain=links,
     )
+
+
+def _requested(links: Sequence[Link]) -> Condition:
+    text = " <- ".join(map(str, links))
+    return Condition("Requested", str(bool(links)), "Wanted" if links else "NotWanted", text)
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:

@@ -91,13 +91,10 @@ class Leases:
                     if r.key in gone and _same(r, gone[r.key]) and self._renewals.get(r.key) == renewals.get(r.key)
                 )
                 self._ending |= dropped
+            left = [r for r in document.requests if r.key not in dropped]
             return replace(
                 document,
-                requests=tuple(
-                    replace(r, incarnation=bound[r.key]) if r.key in bound and r.incarnation is None else r
-                    for r in document.requests
-                    if r.key not in dropped
-                ),
+                requests=tuple(replace(r, incarnation=r.incarnation or bound.get(r.key)) for r in left),
                 restarts={n: at for n, at in document.restarts.items() if decision.served.get(n) != at},
                 removals=tuple(n for n in document.removals if n not in decision.confirmed),
             )
@@ -112,13 +109,16 @@ class Leases:
                 self._ending -= dropped
         for request, why in settled.dropped:
             if request.key in dropped:
-                self.recorder.event(
-                    "request-dropped",
-                    f"request '{request.id}' of {request.requester} dropped: {why}",
-                    service=request.requester,
-                    services=list(request.services),
-                    request=request.id,
-                )
+                self._tell_dropped(request, why)
+
+    def _tell_dropped(self, request: Request, why: str) -> None:
+        self.recorder.event(
+            "request-dropped",
+            f"request '{request.id}' of {request.requester} dropped: {why}",
+            service=request.requester,
+            services=list(request.services),
+            request=request.id,
+        )
 
 
 def _same(one: Request, other: Request) -> bool:
