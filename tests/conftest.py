@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -12,19 +13,47 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import witnesses
+from cpp_program import SANITIZERS, WARNINGS, compile_all
+
+if TYPE_CHECKING:
+    from dockerd import Dockerd
+
 ROOT = Path(__file__).parent.parent
-for _name in ("RORG_STATE_DIR", "RORG_ENGINE", "RORG_SOCKET", "RORG_ADDRESS", "RORG_RUN_DIR"):
-    os.environ.pop(_name, None)  # of whoever runs the tests: they are about robots of their own
+for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith("RORG_TEST_")]:
+    del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
+# What is called python3 is this Python, not a script that looks for one and hears the signals that are meant for it.
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent), os.environ.get("PATH", os.defpath)])
 BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
 
+# How long an example takes says nothing on a busy machine. CI meets the same examples each time, others meet new ones.
+_SLOW = [hypothesis.HealthCheck.too_slow]
+hypothesis.settings.register_profile("rorg", deadline=None, suppress_health_check=_SLOW)
+hypothesis.settings.register_profile(
+    "rorg-ci", deadline=None, suppress_health_check=_SLOW, derandomize=True, database=None, print_blob=True
+)
+hypothesis.settings.load_profile("rorg-ci" if os.environ.get("CI") else "rorg")
 
-def wait_for(condition, seconds: float = 20.0, what: str = "the condition"):
+
+def pytest_configure(config):
+    """Ended by SIGTERM, as by a CI that has enough, the session is interrupted: it ends its engines."""
+
+    def end(number: int, frame: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise KeyboardInterrupt("SIGTERM")
+
+    signal.signal(signal.SIGTERM, end)
+
+
+def wait_for(condition, seconds: float = 60.0, what: str = "the condition"):
     """Polls a condition with a deadline; returns its first true value."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
@@ -48,112 +77,28 @@ def no_docker(reason: str):
     pytest.skip(f"NO DOCKER ENGINE: {reason}")
 
 
-class Dockerd:
-    """A private daemon that can be killed and started again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.host = f"unix://{folder}/docker.sock"
-        self.process: subprocess.Popen | None = None
-
-    def start(self) -> None:
-        log = (self.folder / "dockerd.log").open("ab")
-        # A runtime whose containers do not start while the file `hold` is there.
-        hang = self.folder / "hang"
-        wait = f"while [ -e {self.folder}/hold ]; do sleep 0.05; done"
-        hang.write_text(f'#!/bin/sh\ncase " $* " in *" start "*) {wait};; esac\nexec runc "$@"\n')
-        hang.chmod(0o755)
-        self.process = subprocess.Popen(
-            [
-                "dockerd",
-                "--data-root",
-                f"{self.folder}/data",
-                "--exec-root",
-                f"{self.folder}/exec",
-                "--pidfile",
-                f"{self.folder}/pid",
-                "--host",
-                self.host,
-                "--bridge=none",
-                "--iptables=false",
-                "--add-runtime",
-                f"hang={hang}",
-            ],
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
-        wait_for(self.answers, 60, f"dockerd, see {self.folder}/dockerd.log")
-
-    def answers(self) -> bool:
-        if self.process is not None and self.process.poll() is not None:
-            raise RuntimeError((self.folder / "dockerd.log").read_text()[-2000:])
-        import docker
-
-        try:
-            return docker.APIClient(self.host, version="auto").ping()
-        except docker.errors.DockerException:
-            return False
-
-    def stop(self, kill: bool = False) -> None:
-        if self.process:
-            (self.process.kill if kill else self.process.terminate)()
-            self.process.wait(30)
-            self.process = None
-            pid = self.folder / "exec/containerd/containerd.pid"
-            if pid.exists():
-                # A killed daemon takes its containerd along, but not at once; the next one would wait for the dying.
-                wait_for(lambda: not os.path.exists(f"/proc/{pid.read_text().strip()}"), 30, "containerd to end")
-                pid.unlink()
-
-
-class Reachable(Dockerd):
-    """An engine that somebody else runs: used as it is, never stopped."""
-
-    def __init__(self, host: str) -> None:
-        self.host = host
-
-
 @pytest.fixture(scope="session")
-def dockerd(tmp_path_factory) -> Iterator[Dockerd]:
+def dockerd() -> Iterator[Dockerd]:
     """A private daemon when one can be started, else an engine that answers, else a loud skip."""
+    from dockerd import Dockerd, clean_up, import_base, reachable
+
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
-    if os.geteuid() == 0 and shutil.which("dockerd"):
-        folder = Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip())
-        daemon = Dockerd(folder)
+    if os.geteuid() != 0 or not shutil.which("dockerd"):
+        daemon = reachable()
+        import_base(daemon.host)
+        yield daemon
+        return
+    clean_up()
+    daemon = Dockerd(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
+    try:
         try:
             daemon.start()
         except (RuntimeError, AssertionError) as error:
-            shutil.rmtree(folder, ignore_errors=True)
             no_docker(f"dockerd does not start: {error}")
-        _import_base(daemon.host)
+        import_base(daemon.host)
         yield daemon
-        daemon.stop()
-        mounts = [line.split()[1] for line in Path("/proc/mounts").read_text().splitlines()]
-        for mount in sorted((m for m in mounts if m.startswith(f"{folder}/")), reverse=True):
-            subprocess.run(["umount", "-l", mount], check=False)
-        shutil.rmtree(folder, ignore_errors=True)
-        return
-    import docker
-
-    try:
-        api = docker.from_env(version="auto").api
-        api.ping()
-    except docker.errors.DockerException as error:
-        no_docker(f"no dockerd to start as root, and none answers ({error})")
-    daemon = Reachable(api.base_url.replace("http+docker://localhost", "unix:///var/run/docker.sock"))
-    _import_base(daemon.host)
-    yield daemon
-
-
-def _import_base(host: str) -> None:
-    import docker
-
-    api = docker.APIClient(host, version="auto")
-    if not api.images(BASE_IMAGE):
-        made = subprocess.Popen([sys.executable, str(ROOT / "images/base/rootfs.py")], stdout=subprocess.PIPE)
-        api.import_image(src=made.stdout, repository=BASE_IMAGE, stream_src=True)
-        assert made.wait() == 0
+    finally:
+        daemon.close()
 
 
 @pytest.fixture(scope="session")
@@ -219,69 +164,26 @@ def package(dockerd, ros_image, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def cpp_programs(tmp_path_factory):
+def cpp_programs(tmp_path_factory) -> Path:
     """The C++ client's programs, static, so that they run in any container."""
     folder = tmp_path_factory.mktemp("cpp")
-    for name in ("examples/tour", "tests/calls", "tests/latency"):
-        subprocess.run(
-            [
-                "g++",
-                "-std=c++17",
-                "-O1",
-                "-static",
-                "-pthread",
-                "-Wall",
-                "-Wextra",
-                "-Werror",
-                "-I",
-                ROOT / "clients/cpp/include",
-                ROOT / f"clients/cpp/{name}.cpp",
-                "-o",
-                folder / name.partition("/")[2],
-            ],
-            check=True,
-        )
+    compile_all(
+        [
+            [ROOT / "clients/cpp/examples/tour.cpp", "-O1", "-static", *WARNINGS, "-o", folder / "tour"],
+            [ROOT / "clients/cpp/tests/calls.cpp", "-static", *WARNINGS, "-o", folder / "calls"],
+        ]
+    )
     return folder
-
-
-SANITIZERS = {
-    "address": [
-        "-fsanitize=address,undefined",
-        "-fno-sanitize-recover=all",
-        # What the address sanitizer sees as well, and half of the compiler's time.
-        "-fno-sanitize=null,alignment,object-size,vptr",
-    ],
-    "thread": ["-fsanitize=thread"],
-}
 
 
 @pytest.fixture(scope="session")
 def sanitized(tmp_path_factory) -> dict[str, Path]:
     """The program of the C++ client's tests, once for each sanitizer, with TLS."""
-    folder, client = tmp_path_factory.mktemp("sanitized"), ROOT / "clients/cpp"
-    builds = [
-        subprocess.Popen(
-            [
-                "g++",
-                "-std=c++17",
-                "-O1",
-                "-g1",
-                "-pthread",
-                "-DRORG_WITH_TLS",
-                *flags,
-                "-I",
-                client / "include",
-                client / "tests/calls.cpp",
-                "-o",
-                folder / name,
-                "-lssl",
-                "-lcrypto",
-            ]
-        )
-        for name, flags in SANITIZERS.items()
-    ]
-    assert [build.wait() for build in builds] == [0, 0]
-    return {name: folder / name for name in SANITIZERS}
+    folder = tmp_path_factory.mktemp("sanitized")
+    made = {name: folder / name for name in SANITIZERS}
+    calls = [ROOT / "clients/cpp/tests/calls.cpp", "-DRORG_WITH_TLS"]
+    compile_all([[*calls, *SANITIZERS[n], "-o", path, "-lssl", "-lcrypto"] for n, path in made.items()])
+    return made
 
 
 @pytest.fixture(params=["sim", "process", pytest.param("docker", marks=pytest.mark.docker)])
@@ -301,6 +203,19 @@ def docker_robot(request, tmp_path):
     yield from _make_robot(request, tmp_path, "docker")
 
 
+@pytest.fixture
+def slice_of_its_own(dockerd):
+    """A control group: for tests that measure what they start, and nothing else of the machine."""
+    from slices import Slice
+
+    try:
+        found = Slice()
+    except OSError as error:
+        no_docker(f"no control group can be made here: {error}")
+    yield found
+    found.close()
+
+
 def _make_robot(request, tmp_path, kind):
     from robots import RealRobot, VirtualRobot
 
@@ -313,7 +228,13 @@ def _make_robot(request, tmp_path, kind):
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item, call):
     outcome = yield
-    if call.when == "call" and outcome.get_result().passed:
+    report = outcome.get_result()
+    if report.failed:
+        report.sections.append(("machine", f"load average {' '.join(map(str, os.getloadavg()))} on {os.cpu_count()}"))
+        report.sections += witnesses.told()
+    if call.when == "teardown":
+        witnesses.forget_closed()
+    if call.when == "call" and report.passed:
         names = set(item.fixturenames)
         kind = (
             item.callspec.params.get("robot") or item.callspec.params.get("real_robot")
@@ -325,11 +246,19 @@ def pytest_runtest_makereport(item, call):
         _ran[kind] += 1
 
 
-def pytest_terminal_summary(terminalreporter):
+def _cause(report: pytest.TestReport) -> str:
+    """What counts as one failure: a test, or a fixture that several could not be set up with."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    shared = report.when == "setup" and crash is not None
+    return f"{crash.path}:{crash.lineno}" if shared else report.nodeid
+
+
+def pytest_terminal_summary(terminalreporter, exitstatus):
     path = os.environ.get("RORG_TEST_FAILED")
-    failed = {r.nodeid for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())}
-    if path and failed:
-        Path(path).write_text("".join(f"{name}\n" for name in sorted(failed)))
+    if path and exitstatus == pytest.ExitCode.TESTS_FAILED:
+        reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
+        causes = {r.nodeid: _cause(r) for r in reports}
+        Path(path).write_text("".join(f"{cause}\t{test}\n" for test, cause in sorted(causes.items())))
     counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
     if not _ran["docker"]:

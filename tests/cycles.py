@@ -45,7 +45,7 @@ def commands(cpp: Path | None) -> list[list[str]]:
 def compile_cpp(folder: Path, headers: Path) -> Path:
     made = folder / "cycle"
     source = PROGRAMS / "cycle.cpp"
-    subprocess.run(["g++", "-std=c++17", "-O1", "-pthread", "-I", headers, source, "-o", made], check=True)
+    subprocess.run(["g++", "-std=c++17", "-O0", "-pthread", "-I", headers, source, "-o", made], check=True)
     return made
 
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import psutil
+import witnesses
 import yaml
 from conftest import BASE_IMAGE, wait_for
 
@@ -19,6 +20,7 @@ from rorg.api.server import make_server
 from rorg.client import Client
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
+from rorg.host.load import Meter
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Hold, Request
 from rorg.sim.robot import SimRobot
@@ -29,9 +31,9 @@ WORK = [
     "python3",
     "-S",
     "-c",
-    "import signal,sys\nfor s in (2,15): signal.signal(s, lambda *_: sys.exit(0))\nwhile True: signal.pause()",
+    "import signal\nends = 2, 15\nsignal.pthread_sigmask(signal.SIG_BLOCK, ends)\nsignal.sigwait(ends)",
 ]
-"""A program that waits, and ends when told to."""
+"""A program that waits, and ends when told to, also by a signal that comes before it waits."""
 
 
 def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) -> Path:
@@ -138,8 +140,9 @@ class VirtualRobot:
 
 
 class RealRobot(VirtualRobot):
-    def __init__(self, folder: Path, kind: str, host: str | None, with_server: bool = False) -> None:
-        self.with_server, self.server = with_server, None
+    def __init__(self, folder: Path, kind: str, host: str | None, with_server: bool = False, look=None) -> None:
+        """`look`: what its loop measures in place of the whole machine."""
+        self.with_server, self.server, self.look = with_server, None, look
         self.kind, self.tree, self.host = kind, folder / "tree", host
         self.state = StateDir(folder / "state").prepare()
         if host:
@@ -147,6 +150,10 @@ class RealRobot(VirtualRobot):
         self.engine = make_engine(kind, self.state)
         self.lines: list[str] = []
         self.loop = None
+        self.plan, self.closed = "", False
+        """Of the last loop that was stopped; whether it is over."""
+        self.daemons: list[Daemon] = []
+        witnesses.KNOWN.append(self)
         self.file = RequestsFile(self.state.requests)
 
     def declare(self, services: dict, **kinds: dict) -> None:
@@ -158,6 +165,8 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
+        if self.look:
+            self.loop.sampler.meter = Meter(self.loop.clock, self.look)
         if self.with_server:
             self.server = make_server(self.loop, self.state, "rorg")
             self.server.start()
@@ -176,9 +185,10 @@ class RealRobot(VirtualRobot):
             self.server.stop()
             self.server = None
         self.loop.stop()
-        self.thread.join(30)
+        self.thread.join(60)
         assert not self.thread.is_alive()
         self.state.release()
+        self.plan = self._plan()
         self.loop = None
 
     def change(self, edit) -> None:
@@ -204,12 +214,11 @@ class RealRobot(VirtualRobot):
             for child in psutil.Process(container.pid).children():  # its leader is a shell that waits for it
                 child.send_signal(signal.Signals[name])
 
-    def wait(self, condition, seconds: float = 30.0) -> None:
+    def wait(self, condition, seconds: float = 60.0) -> None:
         try:
             wait_for(condition, seconds)
         except AssertionError:
-            waitings = self.status().get("plan", {}).get("waitings", [])
-            raise AssertionError(f"not so: {self.states()}\n{waitings}\n" + "\n".join(self.lines[-30:])) from None
+            raise AssertionError(f"not so within {seconds} s: {self.states()}") from None
 
     def settle(self) -> None:
         """Until a pass over files that have been read has nothing to do and nothing is under way."""
@@ -248,7 +257,19 @@ class RealRobot(VirtualRobot):
         if self.kind == "process" and verb in ("pause", "resume"):
             self.engine.changes.tell(self.container(service).id)
 
+    def _plan(self) -> str:
+        decision = self.loop.decision if self.loop else None
+        return decision.plan.text() if decision else self.plan
+
+    def told(self) -> str:
+        """For a test that failed: what it said last, and its plan."""
+        logs = [witnesses.last_lines(self.state.path.parent / "run.log")] if self.daemons else []
+        return "\n".join([*self.lines[-witnesses.LINES :], *logs, "plan:", self._plan(), f"states: {self.states()}"])
+
     def close(self) -> None:
+        self.closed = True
+        for daemon in self.daemons:
+            daemon.end()
         if self.loop:
             self.stop()
         assert not [line for line in self.lines if "internal error" in line]
@@ -263,6 +284,7 @@ class Daemon:
 
     def __init__(self, robot: RealRobot) -> None:
         self.robot, self.process, self.starts = robot, None, 0
+        robot.daemons.append(self)
 
     def start(self) -> None:
         self.starts += 1
@@ -287,10 +309,15 @@ class Daemon:
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
 
+    def end(self) -> None:
+        """One that a failed test left running."""
+        if self.process and self.process.poll() is None:
+            self.kill()
+
     def stop(self) -> None:
         """As systemd or `docker stop` does it."""
         self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(30) == 0
+        assert self.process.wait(60) == 0
 
     def status(self) -> dict:
         status = read_json(self.robot.state.status) or {}

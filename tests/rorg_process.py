@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import psutil
+import witnesses
 from robots import write_tree
 from rorg_client import Client
 
@@ -20,6 +21,12 @@ class RorgProcess:
         self.folder, self.tree, self.options = folder, write_tree(folder / "tree", services, **kinds), options
         self.state = folder / "state"
         self.process: subprocess.Popen | None = None
+        self.closed = False
+        witnesses.KNOWN.append(self)
+
+    def told(self) -> str:
+        """For a test that failed: what it said last."""
+        return witnesses.last_lines(self.folder / "rorg.log")
 
     def start(self) -> RorgProcess:
         with (self.folder / "rorg.log").open("ab") as log:
@@ -50,14 +57,15 @@ class RorgProcess:
     def stop(self, kill: bool = False) -> None:
         assert self.process is not None
         (self.process.kill if kill else self.process.terminate)()
-        self.process.wait(30)
+        self.process.wait(60)
 
     def kill_service(self, pid: int) -> None:
         """With all its processes, behind rorg's back."""
         os.killpg(os.getpgid(pid), 9)
-        psutil.wait_procs([psutil.Process(pid)] if psutil.pid_exists(pid) else [], timeout=10)
+        psutil.wait_procs([psutil.Process(pid)] if psutil.pid_exists(pid) else [], timeout=60)
 
     def close(self) -> None:
+        self.closed = True
         self.stop(kill=True)
         engine = make_engine("process", StateDir(self.state))
         for container in engine.list():

@@ -43,7 +43,7 @@ class Shell:
         self.daemon = subprocess.Popen(
             [sys.executable, "-m", "rorg", "run", str(self.tree)], env=self.env, stderr=subprocess.PIPE, text=True
         )
-        wait_for(lambda: "base" in self.active(), 20)
+        wait_for(lambda: "base" in self.active())
 
     def active(self) -> set[str]:
         path = self.state / "status.json"

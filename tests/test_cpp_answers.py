@@ -71,7 +71,7 @@ EVENTS = (
 SANE = [
     said(
         200,
-        '{"service": "camera", "conditions": [{"type": "Ready", "status": "True"}], "rank": 5e1}',
+        '{"service": "camera", "conditions": [{"type": "Ready", "status": "True"}], "effective_priority": 5e1}',
         rorg_generation=5,
     ),
     said(200, '{"ready": true, "services": {"camera": {"ready": true, "incarnation": "x", "reason": ""}}}'),

@@ -10,8 +10,8 @@ from pathlib import Path
 from signal import SIGKILL, SIGTERM
 
 import pytest
-from conftest import SANITIZERS, free_port
-from cpp_program import heard, program
+from conftest import free_port
+from cpp_program import SANITIZERS, heard, program
 from robots import RealRobot, write_tree
 from test_deployment import certificate
 

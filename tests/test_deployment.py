@@ -36,7 +36,7 @@ def test_systemd_hears_that_it_is_ready_alive_and_stopping(tmp_path):
         assert [heard.recv(100) for _ in range(3)] == [b"WATCHDOG=1"] * 3
         process.terminate()
         wait_for(lambda: heard.recv(100) == b"STOPPING=1")
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0
     finally:
         process.kill()
 
@@ -155,7 +155,7 @@ def certificate(folder, name: str, authority: str = "") -> None:
 
 
 def ask_without_tls(port: int) -> int:
-    plain = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    plain = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     plain.request("GET", "/v1/services")
     return plain.getresponse().status
 
@@ -197,7 +197,7 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
         context = ssl.create_default_context(cafile=tmp_path / "authority.pem")
         if who:
             context.load_cert_chain(tmp_path / f"{who}.pem", tmp_path / f"{who}.key")
-        connection = http.client.HTTPSConnection("127.0.0.1", port, context=context, timeout=5)
+        connection = http.client.HTTPSConnection("127.0.0.1", port, context=context, timeout=60)
         connection.request(method, path, body, {"content-type": "application/json"})
         return connection.getresponse().status
 
@@ -214,7 +214,7 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
         assert any(e["kind"] == "request" and e["author"] == "ada" for e in events)
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(60)
         from rorg.engines.make import make_engine
         from rorg.store.state_dir import StateDir
 

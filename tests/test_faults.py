@@ -214,7 +214,7 @@ def test_a_process_whose_name_is_no_text_is_in_nobodys_way(robot):
         robot.wait(lambda: robot.active() == {"cam"})
         robot.wait(lambda: robot.loop.use().get("cam", (0.0, 0))[1] > 0)
         robot.release()
-        robot.wait(lambda: robot.active() == set(), 10)
+        robot.wait(lambda: robot.active() == set())
         assert not any("failed" in line for line in robot.lines)
     finally:
         stranger.kill()
@@ -240,7 +240,7 @@ def test_the_end_of_a_run_that_began_while_nobody_looked_is_seen(tmp_path):
     os.killpg(engine.inspect(container).pid, 9)
     wait_for(lambda: len(events) > seen)
     stop.set()
-    following.join(5)
+    following.join(60)
     engine.remove(container)
 
 
@@ -314,10 +314,10 @@ def test_manifests_are_followed_into_another_directory_of_the_same_name(robot, t
     write_tree(tmp_path / "next", {"aa": {"always_on": True}, "bb": {"always_on": True}})
     robot.tree.rename(tmp_path / "before")
     (tmp_path / "next").rename(robot.tree)
-    robot.wait(lambda: robot.active() == {"aa", "bb"}, 10)
+    robot.wait(lambda: robot.active() == {"aa", "bb"})
     text = (robot.tree / "services/bb.yaml").read_text()
     (robot.tree / "services/cc.yaml").write_text(text.replace("name: bb", "name: cc"))
-    robot.wait(lambda: robot.active() == {"aa", "bb", "cc"}, 10)
+    robot.wait(lambda: robot.active() == {"aa", "bb", "cc"})
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dock
         robot.wait(lambda: "stuck" in robot.loop.memory.in_flight)
         meanwhile = sorted(response() for _ in range(9))[4]
         assert "stuck" in robot.loop.memory.in_flight, "the start was over: nothing was shown"
-        assert meanwhile - quiet < 0.1
+        assert meanwhile < 2 * quiet + 0.1
         # Even a rorg that starts now sees all others.
         assert {c.service for c in robot.engine.list()} == {"stuck", "camera"}
     finally:
@@ -124,7 +124,8 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
         "import signal\nfor s in (2,15): signal.signal(s, signal.SIG_IGN)\n"
         "print('deaf', flush=True)\nwhile True: signal.pause()",
     ]
-    robot.declare({"deaf": {"command": deaf}, "camera": {"idle": {"action": "pause"}}})
+    grace = {"stop_grace_period": "100s"}
+    robot.declare({"deaf": {"command": deaf, "container": grace}, "camera": {"idle": {"action": "pause"}}})
     robot.settle()
     robot.request("deaf", "camera")
     robot.wait(lambda: robot.active() == {"deaf", "camera"})
@@ -132,12 +133,11 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     robot.settle()
     robot.release()
     robot.wait(lambda: robot.states()["camera"] == "paused" and "deaf" in robot.loop.memory.in_flight)
-    began = time.monotonic()
     robot.request("camera", id="again")
-    robot.wait(lambda: "camera" in robot.active())
-    assert time.monotonic() - began < 1.0
+    robot.wait(lambda: "camera" in robot.active(), 30)
     assert "deaf" in robot.loop.memory.in_flight, "the slow stop was over: nothing was shown"
-    robot.wait(lambda: robot.states()["deaf"] == "exited", 30)
+    robot.kill("deaf")
+    robot.wait(lambda: robot.states()["deaf"] == "exited")
 
 
 def test_a_wrong_manifest_changes_nothing(real_robot):

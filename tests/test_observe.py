@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import threading
 
+import psutil
 from conftest import wait_for
 
 from rorg.core.observed import Container
 from rorg.engines.observe import Observer
+from rorg.engines.process.table import MARK, await_program, boot_id, is_same, stat
 
 RUNNING, ENDED = (Container("c1", "camera", "camera", state) for state in ("running", "exited"))
 
@@ -27,7 +32,7 @@ class SlowAnswers:
         self.first = False
         if slow:
             self.asked.set()
-            assert self.go.wait(10)
+            assert self.go.wait(60)
         return found
 
     def list(self) -> list[Container]:
@@ -45,7 +50,7 @@ def overtaken(slow_question: str) -> str:
     engine.state = ENDED
     observer.refresh("c1")
     engine.go.set()
-    asking.join(10)
+    asking.join(60)
     return observer.snapshot().containers[0].state
 
 
@@ -55,3 +60,20 @@ def test_an_older_look_at_a_container_does_not_win():
 
 def test_an_older_list_does_not_win():
     assert overtaken("sync") == "exited"
+
+
+SHELL = 'trap : INT; "$@"; true'
+
+
+def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
+    """Looked at as soon as it can be, one of five is in the middle of exec, and has no environment; and signals in the
+    first milliseconds meet the shell's handlers."""
+    for _ in range(60):
+        child = subprocess.Popen(["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"], env={**os.environ, MARK: "ours"})
+        await_program(child, "ours")
+        facts = stat(child.pid)
+        assert facts
+        assert is_same(child.pid, facts[2], boot_id(), "ours")
+        (program,) = psutil.Process(child.pid).children()
+        program.send_signal(signal.SIGINT)
+        child.wait(30)

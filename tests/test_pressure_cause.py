@@ -30,12 +30,13 @@ def run_for(robot, seconds: float) -> None:
     robot.wait(lambda: robot.now() >= end, seconds + 10)
 
 
-def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, tmp_path):
-    robot = RealRobot(tmp_path, "docker", dockerd.host)
+def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, slice_of_its_own, tmp_path):
+    robot = RealRobot(tmp_path, "docker", dockerd.host, look=slice_of_its_own.look)
+    own = {"container": {"cgroup_parent": slice_of_its_own.name}}
     burner = None
     try:
         robot.declare(
-            {"base": {"priority": 90}, "idle": {"priority": 10}},
+            {"base": {"priority": 90, **own}, "idle": {"priority": 10, **own}},
             policies={
                 "policy": {
                     "budget": {"cpu": 0.4},
@@ -47,6 +48,7 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
         robot.wait(lambda: robot.active() == {"base", "idle"})
         before = robot.engine.api().inspect_container("idle")
         burner = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        slice_of_its_own.add(burner.pid)
         robot.wait(lambda: OTHERS in robot.status()["pressure"]["reason"])
         began = time.monotonic()
         wait_for(lambda: time.monotonic() > began + 2.5)
@@ -67,13 +69,18 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
         robot.close()
 
 
-def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, tmp_path):
-    robot = RealRobot(tmp_path, "docker", dockerd.host)
-    burn = {"command": BURN, "container": {"environment": {"BURN": "0.9", "HOARD": "1"}}}
+def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, slice_of_its_own, tmp_path):
+    robot = RealRobot(tmp_path, "docker", dockerd.host, look=slice_of_its_own.look)
+    own = {"cgroup_parent": slice_of_its_own.name}
+    burn = {"command": BURN, "container": {"environment": {"BURN": "0.9", "HOARD": "1"}, **own}}
     try:
         limits = {"step": "200ms", "calm": "60s", "memory_some": 100}
         robot.declare(
-            {"base": {"priority": 90}, "idle": {"priority": 10}, "burner": {"priority": 20, **burn}},
+            {
+                "base": {"priority": 90, "container": own},
+                "idle": {"priority": 10, "container": own},
+                "burner": {"priority": 20, **burn},
+            },
             policies={"policy": {"budget": {"cpu": 0.4}, "pressure": limits}},
         )
         robot.request("base", "idle")

@@ -13,8 +13,8 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 from conftest import free_port, wait_for
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
+from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
@@ -253,7 +253,7 @@ def test_an_interlock_asked_every_few_seconds_still_allows(tmp_path):
             }
         )
         robot.request("arm")
-        robot.wait(lambda: "arm" in robot.active(), 10)
+        robot.wait(lambda: "arm" in robot.active())
     finally:
         robot.close()
 
@@ -439,7 +439,7 @@ def test_300_probed_services_do_not_load_the_machine():
         prober.start()
         prober.watch({(f"s{n}", "live"): Target(probe, "run", 1.0) for n in range(300)})
         began, used = time.monotonic(), os.times()
-        wait_for(lambda: len(asked) >= 900, 10)
+        wait_for(lambda: len(asked) >= 900)
         now, seconds = os.times(), time.monotonic() - began
         assert all(f.ok for f in prober.results().values())
         prober.stop()

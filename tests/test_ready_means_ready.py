@@ -190,7 +190,7 @@ def test_who_waits_while_rorg_is_stopped_is_told_to_come_again(robot):
     robot.hold = raw(robot).ask("PUT", "/v1/holds/cam", {"duration": "1h"})
     answers: list[tuple[int, dict, dict]] = []
     waiting = [
-        threading.Thread(target=lambda: answers.append(raw(robot).ask("GET", "/v1/wait?services=cam&timeout=30")))
+        threading.Thread(target=lambda: answers.append(raw(robot).ask("GET", "/v1/wait?services=cam&timeout=60")))
         for _ in range(5)
     ]
     raw(robot).ask("DELETE", "/v1/holds/cam")
@@ -199,7 +199,7 @@ def test_who_waits_while_rorg_is_stopped_is_told_to_come_again(robot):
     wait_for(lambda: len(robot.loop.questions) == 5)
     robot.server.end()
     for thread in waiting:
-        thread.join(10)
+        thread.join(60)
     assert [(status, headers.get("retry-after"), told["code"]) for status, headers, told in answers] == [
         (503, "1", "busy")
     ] * 5

@@ -77,7 +77,7 @@ def test_requests_of_a_service_survive_a_restart_of_rorg(daemon):
     daemon.start()
     wait_for(daemon.settled, 60)
     robot.request("camera", id="look", by="roscore")
-    wait_for(lambda: "camera" in robot.active(), 30)
+    wait_for(lambda: "camera" in robot.active())
     daemon.kill()
     daemon.start()
     wait_for(daemon.settled, 60)
@@ -135,13 +135,13 @@ def test_rorg_ends_though_a_start_hangs(docker_robot, dockerd):
     hold.touch()
     try:
         daemon.start()
-        wait_for(lambda: daemon.status().get("in_flight") == {"stuck": "start"}, 30)
+        wait_for(lambda: daemon.status().get("in_flight") == {"stuck": "start"})
         daemon.process.terminate()
-        assert daemon.process.wait(20) == 0
+        assert daemon.process.wait(60) == 0
     finally:
         hold.unlink()
     daemon.start()
-    wait_for(lambda: robot.active() == {"stuck"}, 30)
+    wait_for(lambda: robot.active() == {"stuck"})
     assert len(robot.containers()) == 1
     daemon.kill()
 

@@ -103,7 +103,9 @@ def test_asking_the_graph_costs_milliseconds(docker_robot, ros_image, master):
     docker_robot.declare(services(ros_image, master, "talker"))
     docker_robot.request("talker")
     docker_robot.wait(lambda: healthy(docker_robot, "talker"), 60)
-    began = time.perf_counter()
-    for _ in range(50):
+    took = []
+    for _ in range(51):
+        began = time.perf_counter()
         assert ros_master.probe("ros_node", "/talker", master).ok
-    assert (time.perf_counter() - began) / 50 < 0.05
+        took.append(time.perf_counter() - began)
+    assert sorted(took)[25] < 0.05

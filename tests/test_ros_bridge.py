@@ -64,7 +64,7 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         assert "camera" in told["status"]
         assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
         robot.kill("behaviour")
-        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
+        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 5)
         robot.request("cpp", id="run")
         robot.wait(
             lambda: (
@@ -73,6 +73,6 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
             60,
         )
         robot.kill("cpp")
-        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 2.0)
+        robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 5)
     finally:
         robot.close()

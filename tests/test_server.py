@@ -216,7 +216,7 @@ def test_a_port_that_is_taken_is_told_at_once(tmp_path):
             ],
             capture_output=True,
             text=True,
-            timeout=25,
+            timeout=60,
         )
     assert done.returncode == 2
     assert "address already in use" in done.stderr

@@ -56,7 +56,7 @@ def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
     programs = [threading.Thread(target=program) for _ in range(3)]
     for thread in programs:
         thread.start()
-    wait_for(lambda: len(client.requests()) == 3 and "cam" in daemon.robot.active(), 30)
+    wait_for(lambda: len(client.requests()) == 3 and "cam" in daemon.robot.active())
     daemon.stop()
     daemon.start()
     wait_for(daemon.settled_but_waiting, 60)
@@ -65,7 +65,7 @@ def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
         thread.join(60)
     assert not errors
     assert held == ["running"] * 3
-    wait_for(lambda: "cam" not in daemon.robot.active(), 30)
+    wait_for(lambda: "cam" not in daemon.robot.active())
 
 
 def test_what_an_rorg_was_ending_when_it_was_killed_is_not_ready_for_the_next(daemon):
@@ -83,7 +83,7 @@ def test_what_an_rorg_was_ending_when_it_was_killed_is_not_ready_for_the_next(da
     client.request("slow", id="a", wait=30, ttl=None)
     first = daemon.robot.container("slow").incarnation
     client.release("a")
-    wait_for(lambda: daemon.status().get("in_flight") == {"slow": "stop"}, 10)
+    wait_for(lambda: daemon.status().get("in_flight") == {"slow": "stop"})
     daemon.kill()
     daemon.start()
     client.request("slow", id="b", wait=60, ttl=None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -208,6 +208,20 @@ class PutManifest(Body):
     text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
     base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
     message: Short = ""
+
+
+class Differences(BaseModel):
+    """What is to be done, and why."""
+
+    root: str = Field(description="The tree that rorg follows.")
+    fingerprint: str = Field(description="Of the manifests that this was made from.")
+    errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")
+    requests_errors: list[str]
+    withheld: list[str] = Field(description="Whose removal waits for a person's word.")
+    probed: list[str] = Field(description="Services that have a probe of their readiness.")
+    empty: bool = Field(description="There is nothing to do, and nothing waits.")
+    text: str
+    plan: dict[str, Any]
 
 
 class Problem(BaseModel):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.output import echo
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -62,7 +61,7 @@ def command(
     import yaml
 
     for entry in found:
-        typer.echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), nl=False)
+        echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), end="")
 
 
 def _events(context: Context, name: str, most: int = 10) -> list[str]:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import EngineName, Output, StateDirectory
+from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory
 
 KINDS = {
     "services": "services",
@@ -22,13 +20,13 @@ KINDS = {
 
 
 def command(
-    kind: Annotated[str, typer.Argument(help="services, groups, images or requests.")] = "services",
-    name: Annotated[str, typer.Argument(help="Only this one.")] = "",
-    directory: Annotated[Any, typer.Option("--manifests", help="Directory of manifests.", parser=str)] = None,
+    kind: Annotated[str, Argument(help="services, groups, images or requests.")] = "services",
+    name: Annotated[str, Argument(help="Only this one.")] = "",
+    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
-    watch: Annotated[bool, typer.Option("-w", "--watch", help="Go on showing changes.")] = False,
+    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Go on showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, requests."""
     import time
@@ -78,21 +76,21 @@ def _services(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
 
 
 def _groups(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    groups = context.catalog().groups
-    found = [g for g in groups.values() if name in ("", g.name)]
-    _there("group", name, found, groups)
-    rows = [{"name": g.name, "services": ",".join(g.services), "description": g.description} for g in found]
-    return rows, [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
+    groups = context.groups()
+    found = [g for g in groups if name in ("", g["name"])]
+    _there("group", name, found, {g["name"] for g in groups})
+    rows = [{**g, "services": ",".join(g["services"])} for g in found]
+    return rows, found
 
 
 def _images(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    images = context.catalog().images
+    images = context.images()
     rows = [
-        {"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
-        for i in images.values()
-        if name in ("", i.name)
+        {"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]}
+        for i in images
+        if name in ("", i["name"])
     ]
-    _there("image", name, rows, images)
+    _there("image", name, rows, {i["name"] for i in images})
     return rows, None
 
 

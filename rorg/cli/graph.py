@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import Directory, StateDirectory
+from rorg.cli.options import Directory, Option, StateDirectory
+from rorg.cli.output import echo
 
 Edge = tuple[str, str, str]
 """From, to, and what it is: needs or requests."""
@@ -14,7 +13,7 @@ Edge = tuple[str, str, str]
 
 def command(
     directory: Directory = None,
-    form: Annotated[str, typer.Option("-o", "--output", help="text, dot, mermaid or json.")] = "text",
+    form: Annotated[str, Option(names=("-o", "--output"), help="text, dot, mermaid or json.")] = "text",
     state_dir: StateDirectory = None,
 ) -> None:
     """Show who needs and who requests whom."""
@@ -34,7 +33,7 @@ def command(
             form,
         )
     else:
-        typer.echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
 
 
 def _text(catalog: Any, edges: list[Edge]) -> list[str]:

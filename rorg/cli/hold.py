@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import End, EngineName, For, Reason, ServiceNames, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
@@ -26,4 +25,4 @@ def command(
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
     names = operating(Context(state_dir, engine)).hold(body)
-    typer.echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
+    echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))

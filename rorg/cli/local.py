@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from rorg.core.decide import Decision, Inputs, Target, decide
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
+from rorg.core.schedule import Target
 from rorg.daemon.snapshot import restore, snapshot
 from rorg.engines.protocol import Engine
 from rorg.errors import Unreachable
@@ -26,8 +27,9 @@ class Place(Protocol):
     """Where a command looks: its Context."""
 
     state: StateDir
-    engine_name: str
 
+    @property
+    def engine_name(self) -> str: ...
     @property
     def root(self) -> Path: ...
     def catalog(self) -> Catalog: ...
@@ -67,14 +69,14 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
     locked = [n for n, s in desired.catalog.services.items() if s.interlock]
     return decide(
         Inputs(
-            desired,
-            document.requests,
-            document.restarts,
-            observed,
-            {(n, "interlock"): ProbeResult("", True, 0.0) for n in locked},
-            memory,
-            0.0,
-            last.get("instance") or place.state.instance(lambda: ""),
+            desired=desired,
+            requests=document.requests,
+            restarts=document.restarts,
+            observed=observed,
+            results={(n, "interlock"): ProbeResult("", True, 0.0) for n in locked},
+            memory=memory,
+            now=0.0,
+            owner=last.get("instance") or place.state.instance(lambda: ""),
             holds=document.holds,
             suspended=document.suspended,
             wall=time.time(),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from rorg.cli.options import StateDirectory
+from rorg.cli.options import Argument, Option, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(
-    id: Annotated[str, typer.Argument(help="Id of the request.")],
-    requester: Annotated[str, typer.Option("--as", help="Its requester, where several use the same id.")] = "",
+    id: Annotated[str, Argument(help="Id of the request.")],
+    requester: Annotated[str, Option(names=("--as",), help="Its requester, where several use the same id.")] = "",
     state_dir: StateDirectory = None,
 ) -> None:
     """Give a request up. Releasing what is already released is fine."""
@@ -26,6 +25,6 @@ def command(
         raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request of that id", "--as REQUESTER")
     for name in found:
         robot.release(id, name)
-        typer.echo(f"request '{id}' of {name} released")
+        echo(f"request '{id}' of {name} released")
     if not found:
         note(f"there is no request '{id}'; nothing to release")

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from rorg.cli.options import EngineName, ServiceNames, StateDirectory, Timeout, Wait, duration
+from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory, Timeout, Wait, duration
+from rorg.cli.output import echo
 
 
 def command(
     services: ServiceNames,
-    requester: Annotated[str, typer.Option("--as", help="The service that asks.")] = "developer",
+    requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
     id: Annotated[
         str,
-        typer.Option(
-            "--id", help="Id of the request; the same id again replaces it. Default: the first service's name."
+        Option(
+            names=("--id",), help="Id of the request; the same id again replaces it. Default: the first service's name."
         ),
     ] = "",
-    reason: Annotated[str, typer.Option("--reason", help="For people, shown by `rorg why`.")] = "",
+    reason: Annotated[str, Option(names=("--reason",), help="For people, shown by `rorg why`.")] = "",
     ttl: Annotated[
         float | None,
-        typer.Option(
-            "--ttl",
+        Option(
+            names=("--ttl",),
             parser=duration,
             metavar="DURATION",
             show_default=False,
@@ -31,10 +30,10 @@ def command(
     ] = None,
     priority: Annotated[
         int | None,
-        typer.Option(
-            "--priority",
-            min=0,
-            max=100,
+        Option(
+            names=("--priority",),
+            least=0,
+            most=100,
             show_default=False,
             help=("Raises what it asks for, where not everything can run. Default: that of the services."),
         ),
@@ -62,6 +61,6 @@ def command(
         robot.waiting(f"wait for {', '.join(chosen)}")
     lease = format_duration(ttl) if ttl else None
     robot.put_request(name, requester, {"services": chosen, "reason": reason, "priority": priority, "ttl": lease})
-    typer.echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
+    echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
     if wait:
         robot.wait(chosen, timeout)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import confirm, echo
 
 
 def command(
@@ -30,7 +29,7 @@ def command(
     except Unconfirmed as asked:
         _confirm(service, asked.why)
         names = robot.restart(service, force=True)
-    typer.echo(f"restart of {', '.join(names)} asked for")
+    echo(f"restart of {', '.join(names)} asked for")
     if wait:
         robot.wait([n for n in names if robot.why(n)[0]["wanted"]], timeout)
 
@@ -41,5 +40,5 @@ def _confirm(service: str, why: str) -> None:
 
     if not sys.stdin.isatty():
         raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
-    if not typer.confirm(f"{why}. Restart?", err=True):
+    if not confirm(f"{why}. Restart?"):
         raise Refused(f"restart {service}", "you said no")

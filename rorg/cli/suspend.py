@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import End, For, Reason, StateDirectory
+from rorg.cli.output import echo
 
 
 def command(duration: For = None, reason: Reason = "", end: End = False, state_dir: StateDirectory = None) -> None:
@@ -18,4 +17,4 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
         raise Invalid("suspend", "it must end by itself", "--for 10m")
     robot = operating(Context(state_dir, None))
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
-    typer.echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")
+    echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from rorg.cli.options import Output, StateDirectory
+from rorg.cli.options import Option, Output, StateDirectory
+from rorg.cli.output import echo
 
 if TYPE_CHECKING:
     from rorg_client.types import Usage
 
 
 def command(
-    once: Annotated[bool, typer.Option("--once", help="Print one table and end.")] = False,
-    interval: Annotated[float, typer.Option("--interval", min=0.2, help="Seconds between two looks.")] = 1.0,
+    once: Annotated[bool, Option(names=("--once",), help="Print one table and end.")] = False,
+    interval: Annotated[float, Option(names=("--interval",), least=0.2, help="Seconds between two looks.")] = 1.0,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
@@ -34,8 +33,8 @@ def command(
         if output == "json":
             dump(found, "json")
         else:
-            typer.echo(table(found["services"], COLUMNS))
-            typer.echo(found["summary"])
+            echo(table(found["services"], COLUMNS))
+            echo(found["summary"])
         return
     from rich.console import Group
     from rich.live import Live

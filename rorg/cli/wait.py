@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from rorg.cli.options import ServiceNames, StateDirectory, Timeout
+from rorg.cli.output import echo
 
 
 def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDirectory = None) -> None:
@@ -15,4 +14,4 @@ def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDir
     robot = operating(Context(state_dir, None))
     robot.waiting(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)
-    typer.echo(f"{', '.join(services)} ready")
+    echo(f"{', '.join(services)} ready")

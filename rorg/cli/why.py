@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.output import echo
 
 if TYPE_CHECKING:
     from rorg_client.types import RequestView, Why
@@ -26,7 +25,7 @@ def command(
         dump(found[0] if len(found) == 1 else found, output)
         return
     for entry in found:
-        typer.echo("\n".join(_lines(entry)))
+        echo("\n".join(_lines(entry)))
 
 
 def _lines(entry: Why) -> list[str]:

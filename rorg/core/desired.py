@@ -9,10 +9,10 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.model.catalog import RUN, Catalog
+from rorg.model.catalog import RUN, Catalog, Probe
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Desired:
     """The catalog with what is worth computing once for it."""
 
@@ -29,6 +29,11 @@ class Desired:
     """In both directions, whichever side declared them."""
     sharers: Mapping[str, tuple[str, ...]]
     """Exclusive resource -> the services that use it."""
+    rivals: Mapping[str, frozenset[str]]
+    """Service -> those whose plan depends on whether it is active, though they do not need it: it conflicts with them,
+    or shares an exclusive resource with them."""
+    interlocks: Mapping[str, Probe]
+    """Of the services that have one."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
@@ -54,19 +59,25 @@ def desire(
                 conflicts[name].add(other)
                 conflicts[other].add(name)
     return Desired(
-        catalog,
-        {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
-        {
+        catalog=catalog,
+        digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
+        editions={
             name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
             for name, s in services.items()
             if s.spec is not None
         },
-        {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
-        tuple(TopologicalSorter(graph).static_order()),
-        {name: tuple(sorted(found)) for name, found in dependants.items()},
-        {name: tuple(sorted(found)) for name, found in conflicts.items()},
-        {resource: tuple(sorted(found)) for resource, found in sharers.items()},
-        contents,
+        declared={name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
+        order=tuple(TopologicalSorter(graph).static_order()),
+        dependants={name: tuple(sorted(found)) for name, found in dependants.items()},
+        conflicts={name: tuple(sorted(found)) for name, found in conflicts.items()},
+        sharers={resource: tuple(sorted(found)) for resource, found in sharers.items()},
+        rivals={
+            name: frozenset(conflicts[name].union(*(sharers[r] for r in s.exclusive)))
+            for name, s in services.items()
+            if s.exclusive or conflicts[name]
+        },
+        interlocks={name: s.interlock for name, s in services.items() if s.interlock},
+        contents=contents,
     )
 
 

@@ -11,7 +11,7 @@ from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
     """All that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` holds, for each service
     that somebody asked to restart, the run that is to end by it."""

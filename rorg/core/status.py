@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,8 +95,10 @@ class Status:
         }
 
 
-def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None) -> dict[str, Status]:
-    """Of every declared service, by name. `holds` are those of the decision."""
+def statuses(
+    situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None, only: Collection[str] | None = None
+) -> dict[str, Status]:
+    """Of every declared service, or `only` of these, by name. `holds` are those of the decision."""
     containers = situation.observed.by_service()
     pending = {a.service: a.verb for a in reversed(plan.actions)}
     waiting = {w.service: w.reason for w in plan.waitings}
@@ -115,6 +117,7 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
             actions.get(name, []),
         )
         for name, service in sorted(situation.desired.catalog.services.items())
+        if only is None or name in only
     }
     for name, why in situation.withheld.items():
         if name in found:

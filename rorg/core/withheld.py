@@ -79,7 +79,7 @@ def _judged(
 ) -> dict[str, Former]:
     """With the reason of each that is withheld. What only needed each other goes together."""
     found = dict(former)
-    while True:
+    while found:
         staying = {*catalog.services, *(n for n, f in found.items() if f.withheld and n not in confirmed)}
         more = {
             name: replace(f, withheld=why)
@@ -87,8 +87,9 @@ def _judged(
             if not f.withheld and (why := _why(name, f, requests, staying))
         }
         if not more:
-            return found
+            break
         found |= more
+    return found
 
 
 def _why(name: str, former: Former, requests: Collection[Request], staying: Collection[str]) -> str:

@@ -11,9 +11,8 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.former import Kept
 from rorg.core.observed import Container
+from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
-from rorg.core.rollout import refuse
-from rorg.core.transitions import finish
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.daemon.snapshot import restore
@@ -25,6 +24,8 @@ SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
 HANDOVER = 0.0003
 """Seconds that the pass steps aside, so that a worker can make the call that somebody waits for."""
+GATHER = 0.005
+"""Seconds for which outcomes and events that nobody waits for are gathered before a pass."""
 AGAIN = 1.0
 """Seconds after a pass that a bug has ended."""
 
@@ -91,7 +92,15 @@ class Loop:
             self.publisher.flush()
         if not self.wakes.woken():
             self._wait(min(until, default=None))
+        if not self._awaited(decision):
+            self.wakes.gather(GATHER)
         self.wakes.clear()
+
+    @staticmethod
+    def _awaited(decision: Decision) -> bool:
+        """Whether a live request waits for something."""
+        situation = decision.situation
+        return any(not decision.memory.of(n).ready for n in situation.urgent if n in situation.desired.digests)
 
     def _wait(self, until: float | None) -> bool:
         return self.wakes.wait(None if until is None else until - self.clock())
@@ -178,10 +187,8 @@ class Loop:
                 self.wakes.again()
 
     def _take_outcomes(self) -> None:
-        for outcome in self.workers.take():
-            self.memory = finish(self.memory, outcome.action, outcome.error, self.clock())
-            if outcome.refused:
-                self.memory = refuse(self.memory, outcome.action, outcome.error)
+        if outcomes := self.workers.take():
+            self.memory = finish(self.memory, outcomes, self.clock())
 
     # -- what the loop's parts ask -----------------------------------------------------------------------------
 

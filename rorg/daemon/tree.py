@@ -60,6 +60,11 @@ class Tree:
         """Whether the removal of undeclared services may be planned."""
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
 
+    @property
+    def busy(self) -> bool:
+        """Whether it is being written, and left for later."""
+        return self._since is not None
+
     def stamp(self) -> Stamp:
         """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
         and what is mounted. Whatever else is below it does not count."""

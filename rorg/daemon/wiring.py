@@ -38,7 +38,7 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     wakes, tree = Wakes(), Tree(root.resolve(), str(state.run))
     recorder = Recorder(state, say, wall_clock, clock, engine)
     publisher = Publisher(state, clock, about, recorder.tell)
-    observer = Observer(engine, wakes.wake, lambda: tree.desired.catalog.policy.resync)
+    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
     sampler = Sampler(
         Meter(clock),
@@ -54,7 +54,7 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
         )
     )
     workers = Workers(
-        engine, observer, recorder, clock, wakes.wake, lambda service: loop.paused(service), DispatchLimits().most
+        engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)

@@ -6,8 +6,9 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.decide import FRESH, Target
+from rorg.core.decide import FRESH
 from rorg.core.memory import ProbeResult
+from rorg.core.schedule import Target
 from rorg.probes.answer import Answer, cannot_ask
 
 LONGEST = 3600.0
@@ -105,5 +106,5 @@ class Prober:
             return True
         if key[1] == "interlock":
             # The loop takes an answer that is too old for none, so the same answer is news then.
-            return self.clock() - old.at > target.probe.interval + FRESH
+            return bool(self.clock() - old.at > target.probe.interval + FRESH)
         return failures != old.failures and failures == target.probe.failures

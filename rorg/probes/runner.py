@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
+from rorg.core.schedule import Target
 from rorg.engines.protocol import Capabilities, Inspection
 from rorg.errors import RorgError
 from rorg.manifest.patterns import compiled

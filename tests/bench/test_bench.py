@@ -12,11 +12,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from conftest import *  # noqa: F403 - the engines of the test suite
 from conftest import BASE_IMAGE, ROOT, wait_for
+from cpp_program import compile_all
 from robots import WORK, RealRobot, write_tree
 
-from rorg.core.decide import Inputs, decide
+from rorg.core.decide import decide
 from rorg.core.desired import desire
-from rorg.core.observed import Observed
 from rorg.manifest.load import load_or_raise
 from rorg.sim.robot import SimRobot
 
@@ -48,7 +48,7 @@ def test_a_pass_over_200_unchanged_services(tmp_path):
     robot = SimRobot(load_or_raise(write_tree(tmp_path, specs)))
     robot.settle()
     calls = len(robot.engine.calls)
-    inputs = Inputs(robot.desired, (), {}, Observed(tuple(robot.engine.list())), {}, robot.memory, robot.now, "sim")
+    inputs = robot.inputs()
     show("one pass over 200 services", timed(lambda: decide(inputs), 50))
     show("reading 200 manifests", timed(lambda: desire(load_or_raise(tmp_path)), 5))
     assert len(robot.engine.calls) == calls
@@ -225,8 +225,9 @@ def test_an_idle_loop_over_200_services(dockerd, tmp_path):
         robot.close()
 
 
-def test_latency_of_the_api_from_cpp(cpp_programs, tmp_path):
+def test_latency_of_the_api_from_cpp(tmp_path):
     """Beside 41 declared services. A put is durable (fsync) when it is answered."""
+    compile_all([[ROOT / "clients/cpp/tests/latency.cpp", "-O2", "-o", tmp_path / "latency"]])
     robot = RealRobot(tmp_path, "process", None)
     write_tree(robot.tree, {"camera": {}, **{f"s{n:02}": {} for n in range(40)}})
     log = (tmp_path / "log").open("w")
@@ -249,7 +250,7 @@ def test_latency_of_the_api_from_cpp(cpp_programs, tmp_path):
         time.sleep(2)
         for what, clients, calls in (("query", 1, 3000), ("query", 50, 100), ("put", 1, 300), ("put", 50, 20)):
             said = subprocess.check_output(
-                [cpp_programs / "latency", what, str(clients), str(calls)],
+                [tmp_path / "latency", what, str(clients), str(calls)],
                 text=True,
                 env={"RORG_SOCKET": robot.socket()},
             )

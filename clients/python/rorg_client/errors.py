@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rorg_client.types import Readiness
+if TYPE_CHECKING:
+    from rorg_client.types import Readiness
 
 
 class Error(Exception):

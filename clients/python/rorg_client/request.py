@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from rorg_client import calls
 from rorg_client.errors import Error, NotFound
-from rorg_client.types import Loss, Readiness
+from rorg_client.loss import Loss
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from rorg_client.client import Client
+    from rorg_client.types import Readiness
 
 _numbers = itertools.count(1)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, NamedTuple, TypedDict
+from typing import Any, Dict, TypedDict
+
+from rorg_client.loss import Loss as Loss
 
 
 class Readiness(TypedDict):
@@ -37,7 +39,7 @@ class ServiceView(TypedDict):
     exits: int
     pid: int
     crashes: int
-    rank: int
+    effective_priority: int
     held: str
     lowered: bool
     ros_nodes: list[str]
@@ -134,18 +136,6 @@ class Event(_EventBase, total=False):
     seconds: float
     file: str
     crashes: int
-
-
-class Loss(NamedTuple):
-    """A service that was ready under a request is so no more. `cause` is a stable word: held, shed, preempted,
-    restarted, crashed, hung, replaced, unready or ceased; or dropped, where the request itself is gone."""
-
-    service: str
-    """Empty where the request itself is gone."""
-    cause: str
-    message: str
-    incarnation: str = ""
-    """The run that was lost."""
 
 
 Spec = Dict[str, Any]

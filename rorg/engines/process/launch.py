@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rorg.engines.process.records import Record, Records
-from rorg.engines.process.table import MARK, boot_id, stat
+from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
 from rorg.model.units import stamp
 
@@ -40,6 +40,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
             cwd=_folder(record),
         )
     records.children[container] = child
+    await_program(child, container)
     facts = stat(child.pid)
     return {
         **record,

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import time
 from functools import cache
 from pathlib import Path
 
 MARK = "RORG_CONTAINER"
 """Environment variable that every process we start inherits: the id of its container."""
+BEGIN = 5.0
+"""Seconds within which a program has begun, however busy the machine is."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
 
@@ -55,6 +59,34 @@ def _marked(pid: int, container: str) -> bool:
     except OSError:
         return False
     return f"{MARK}={container}".encode() in environment
+
+
+def await_program(child: subprocess.Popen[bytes], container: str) -> None:
+    """Returns when the shell that was just started has begun its program, or has ended. Before its exec is over the
+    shell has no environment to be known by: its run would be taken for ended. And a signal that comes before the exec
+    of its program is over is lost: it meets the handlers of the shell."""
+    deadline = time.monotonic() + BEGIN
+    while child.poll() is None and time.monotonic() < deadline:
+        if _marked(child.pid, container) and _begun(child.pid):
+            return
+        time.sleep(0.001)
+
+
+def _begun(leader: int) -> bool:
+    """Whether the shell has a child that is not the shell itself any more. True where the kernel does not tell."""
+    try:
+        own = Path(f"/proc/{leader}/cmdline").read_bytes()
+        children = Path(f"/proc/{leader}/task/{leader}/children").read_text().split()
+    except OSError:
+        return not os.path.exists(f"/proc/{leader}/task/{leader}/children")
+    return any(_command_line(child) not in (b"", own) for child in children)
+
+
+def _command_line(pid: str) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
 
 
 def signal_group(leader: int, started: int, boot: str, container: str, number: int) -> bool:
