@@ -26,7 +26,7 @@ PATIENCE = 2.0
 
 
 def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The route that tells what would change."""
+    """The route by which commands see what would change."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff() -> Response:

@@ -68,7 +68,7 @@ class Planned:
 
 
 def plan_all(situation: Situation) -> Planned:
-    """The plans of all services, whatever was known before."""
+    """A whole plan, with nothing kept from an earlier one."""
     names = tuple(in_order(situation))
     places = {name: place for place, name in enumerate(names)}
     planner = Planner(situation, places, None)
