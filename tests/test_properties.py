@@ -194,6 +194,19 @@ def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
     robot.run(lambda r: same_as_anew(r.read, r.decision) or (r.idle and r.active() == {"mapper", "arm"}))
 
 
+def test_what_waits_for_a_resource_is_planned_as_anew(tmp_path):
+    specs = {
+        "camera": {"exclusive": ["gpu"], "idle": {"action": "stop"}},
+        "vision": {"exclusive": ["gpu"], "priority": 90},
+        "speech": {"conflicts": ["vision"]},
+    }
+    robot = Reader(load_or_raise(write_tree(tmp_path, specs)))
+    for service in ("camera", "vision", "speech"):
+        asked = Request("test", "developer", (service,))
+        robot.document = robot.document.put(asked)
+        robot.run(lambda r, name=service: same_as_anew(r.read, r.decision) or (r.idle and r.active() == {name}))
+
+
 def test_what_a_cold_start_costs_grows_with_its_size(tmp_path):
     assert planned(tmp_path / "large", 80) <= 2.3 * planned(tmp_path / "small", 40)
 

@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 
-from rorg.core.admission import admission_for, admit
+from rorg.core.admission import Admission, admission_for, admit
 from rorg.core.check import check
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits, freed_at, select
-from rorg.core.eviction import evict
+from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
 from rorg.core.hand import Hand
 from rorg.core.memory import Memory, ProbeResults
@@ -92,7 +92,7 @@ def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
     hand, observed = inputs.memory.hand, inputs.observed
     hand = hand if observed.complete else None
-    touched = observed.since(hand.observed) if hand else set[str]()
+    touched = observed.since(hand.planned.situation.observed) if hand else set[str]()
     kept, desired, withheld = withhold(
         inputs.memory.kept,
         inputs.desired,
@@ -100,8 +100,8 @@ def decide(inputs: Inputs) -> Decision:
         observed,
         inputs.confirmed,
     )
-    ended = over(inputs.confirmed, kept, inputs.desired.catalog, observed)
-    inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept, hand=None))
+    ended, memory = over(inputs.confirmed, kept, inputs.desired.catalog, observed), inputs.memory
+    inputs = replace(inputs, desired=desired, memory=replace(memory, kept=kept, hand=None))
     assessed = _assess(inputs, hand, touched, withheld)
     situation = assessed.situation
     planned = plan_on(hand.planned if hand else None, situation, touched)
@@ -109,15 +109,12 @@ def decide(inputs: Inputs) -> Decision:
     if observed.complete:
         memory = forget(memory, planned.looked_at, {n for n in planned.looked_at if busy(planned, n)})
     violations = tuple(check(planned))
-    held_back = violations or situation.suspended
-    ready = () if held_back else map(itemgetter(-1), planned.turns)
+    ready = () if violations or situation.suspended else map(itemgetter(-1), planned.turns)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
     due = schedule(hand.schedule if hand else None, planned, inputs.asked)
     if assessed.followed and not violations:
-        memory = replace(
-            memory, hand=Hand(observed=observed, followed=assessed.followed, planned=planned, schedule=due)
-        )
+        memory = replace(memory, hand=Hand(followed=assessed.followed, planned=planned, schedule=due))
     return Decision(
         situation=situation,
         plan=plan,
@@ -152,26 +149,14 @@ def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withhel
     holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
     suspension, locks = inputs.suspended, _interlocks(inputs)
     suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
-    shed = inputs.memory.pressure.shed
-    excluded = {**{s.service: s.reason for s in shed}, **holds}
-    admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, excluded)
+    out = _excluded(inputs.memory, holds)
+    admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
     memory, followed = _followed(
         replace(inputs.memory, leases=settled.leases, admitted=admitted), admission.wanted, inputs, hand, touched
     )
-    memory, eviction = evict(
-        memory,
-        desired,
-        admission,
-        admit(desired.catalog, requests, holds) if shed else admission,
-        inputs.observed,
-        inputs.load,
-        excluded,
-        [n for n, why in locks.items() if why],
-        bool(suspended) or not inputs.observed.complete,
-    )
-    if memory.pressure.shed != shed:
-        admission = admit(desired.catalog, requests, {**{s.service: s.reason for s in memory.pressure.shed}, **holds})
+    blocked = [n for n, why in locks.items() if why]
+    memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
     situation = Situation(
         desired=desired,
@@ -196,6 +181,37 @@ def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withhel
         withheld=withheld,
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
+
+
+def _excluded(memory: Memory, holds: Mapping[str, str]) -> dict[str, str]:
+    return {**{s.service: s.reason for s in memory.pressure.shed}, **holds}
+
+
+def _evicted(
+    memory: Memory,
+    inputs: Inputs,
+    admission: Admission,
+    requests: tuple[Request, ...],
+    holds: Mapping[str, str],
+    locked: Collection[str],
+    suspended: bool,
+) -> tuple[Memory, Eviction, Admission]:
+    """What pressure changes: who is shed has to be admitted anew."""
+    catalog, shed = inputs.desired.catalog, memory.pressure.shed
+    memory, eviction = evict(
+        memory,
+        inputs.desired,
+        admission,
+        admit(catalog, requests, holds) if shed else admission,
+        inputs.observed,
+        inputs.load,
+        _excluded(memory, holds),
+        locked,
+        suspended or not inputs.observed.complete,
+    )
+    if memory.pressure.shed != shed:
+        admission = admit(catalog, requests, _excluded(memory, holds))
+    return memory, eviction, admission
 
 
 def _followed(

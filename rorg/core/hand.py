@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rorg.core.follow import Followed
-from rorg.core.observed import Observed
 from rorg.core.onward import Planned
 from rorg.core.schedule import Schedule
 
@@ -14,7 +13,6 @@ from rorg.core.schedule import Schedule
 class Hand:
     """It holds no memory of a pass, lest that hold the hand before."""
 
-    observed: Observed
     followed: Followed
     planned: Planned
     schedule: Schedule

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -50,6 +51,18 @@ class Action:
     surplus: bool = False
     """Its container is not the one by which its service is active: a second one, or one that the engine calls dead. It
     goes though the service is wanted."""
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines, but for its place in the plan."""
+        return {
+            "verb": self.verb,
+            "service": self.service,
+            "container": self.container,
+            "reason": self.reason,
+            "fields": list(self.fields),
+            "part_of": self.part_of,
+            "urgent": self.urgent,
+        }
 
     def __str__(self) -> str:
         return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({_why(self)})"
@@ -103,32 +116,35 @@ class Plan:
             return "No differences."
         names = ("create", "update", "rename", "signal", "start", "resume", "pause", "stop", "remove")
         replaced = len({a.service for a in self.actions if a.part_of == "replace"})
-        counts = {n: sum(a.verb == n and a.part_of != "replace" for a in self.actions) for n in names}
+        found = Counter(a.verb for a in self.actions if a.part_of != "replace")
+        counts = {n: found[n] for n in names}
         parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]
         parts += [f"{len(self.waitings)} waiting"] * bool(self.waitings)
         return "Plan: " + ", ".join(parts) + "."
 
     def as_json(self) -> dict[str, Any]:
         """For machines: every action with its reason and order; never the values of the environment."""
-        last = {a.service: index for index, a in enumerate(self.actions)}
         return {
             "actions": [
-                {
-                    "index": index,
-                    "verb": a.verb,
-                    "service": a.service,
-                    "container": a.container,
-                    "reason": a.reason,
-                    "fields": list(a.fields),
-                    "after": [index - 1 if other == a.service else last[other] for other in a.after],
-                    "part_of": a.part_of,
-                    "urgent": a.urgent,
-                }
-                for index, a in enumerate(self.actions)
+                {"index": index, "after": after, **a.as_json()} for index, (a, after) in enumerate(self.linked())
             ],
+            **self.beside_actions(),
+        }
+
+    def beside_actions(self) -> dict[str, Any]:
+        """What as_json() says besides."""
+        return {
             "waitings": [{"service": w.service, "reason": w.reason, "code": w.code} for w in self.waitings],
             "summary": self.summary(),
         }
+
+    def linked(self) -> list[tuple[Action, list[int]]]:
+        """Actions, each with the indices of those that it must follow."""
+        last = {a.service: index for index, a in enumerate(self.actions)}
+        return [
+            (a, [index - 1 if other == a.service else last[other] for other in a.after])
+            for index, a in enumerate(self.actions)
+        ]
 
 
 def _line(verb: str, service: str, width: int, reason: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
@@ -18,6 +18,7 @@ from rorg.daemon.reclaiming import reclaim_paused
 from rorg.daemon.snapshot import restore
 from rorg.model.catalog import Thresholds
 from rorg.store.last_good import read_kept, write_kept
+from rorg.store.requests_document import RequestsDocument
 from rorg.store.state_dir import read_json
 
 SOON = 0.05
@@ -123,28 +124,7 @@ class Loop:
         self._read_files(upto)
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
-        decision = decide(
-            Inputs(
-                desired=self.tree.desired,
-                requests=document.requests,
-                restarts=document.restarts,
-                observed=self.observer.snapshot(),
-                results=self.prober.results(),
-                memory=self.memory,
-                now=self.clock(),
-                owner=self.owner,
-                removals=self.tree.removals,
-                booted_at=self.booted_at,
-                limits=DispatchLimits(bulk=self.tree.desired.catalog.policy.bulk_workers),
-                holds=document.holds,
-                suspended=document.suspended,
-                wall=self.wall(),
-                load=self.sampler.latest,
-                renewals=renewals,
-                asked=self._asked_for(),
-                confirmed=document.removals,
-            )
-        )
+        decision = decide(self._inputs(document, renewals))
         self.leases.settle(decision, renewals)
         self._keep(decision.memory.kept)
         self.memory, self.decision = decision.memory, decision
@@ -161,6 +141,28 @@ class Loop:
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
         return decision
+
+    def _inputs(self, document: RequestsDocument, renewals: Mapping[tuple[str, str], int]) -> Inputs:
+        return Inputs(
+            desired=self.tree.desired,
+            requests=document.requests,
+            restarts=document.restarts,
+            observed=self.observer.snapshot(),
+            results=self.prober.results(),
+            memory=self.memory,
+            now=self.clock(),
+            owner=self.owner,
+            removals=self.tree.removals,
+            booted_at=self.booted_at,
+            limits=DispatchLimits(bulk=self.tree.desired.catalog.policy.bulk_workers),
+            holds=document.holds,
+            suspended=document.suspended,
+            wall=self.wall(),
+            load=self.sampler.latest,
+            renewals=renewals,
+            asked=self._asked_for(),
+            confirmed=document.removals,
+        )
 
     def _keep(self, kept: Kept) -> None:
         """Writes down what is declared, and what was, before anything is done on the word of another tree."""

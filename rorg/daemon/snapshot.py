@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.memory import Attempt, Memory, Progress
+from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
 from rorg.core.propagation import CountedOn
 from rorg.core.status import statuses
@@ -35,6 +37,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
     situation = decision.situation
     return {
         **_of_all(decision, about),
+        "plan": decision.plan.as_json(),
         "runs": {n: _run_json(p, situation.now) for n, p in decision.memory.progress.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
@@ -48,7 +51,13 @@ class Snapshots:
         self._stale: set[str] | None = None
         """Services that were looked at since the last text; None for all."""
         self._services: dict[str, str] = {}
-        self._runs: dict[str, tuple[Progress, str]] = {}
+        self._runs: dict[str, str] = {}
+        self._progress: Mapping[str, Progress] = {}
+        """What `_runs` was made from."""
+        self._timed: set[str] = set()
+        """Services of whose run other things are said with time."""
+        self._actions: dict[int, tuple[Action, str]] = {}
+        """By identity; what is kept here keeps its identity."""
 
     def note(self, decision: Decision) -> None:
         """Every decision must be noted, whether a text of it is wanted or not."""
@@ -59,21 +68,37 @@ class Snapshots:
 
     def text(self, decision: Decision, about: dict[str, Any]) -> str:
         """Of the decision that was noted last."""
-        head = json.dumps(_of_all(decision, about))
-        runs, services = self._run_texts(decision), self._service_texts(decision)
-        return f'{head[:-1]}, "runs": {_joined(runs)}, "services": {_joined(services)}}}'
+        parts = {
+            "plan": self._plan_text(decision.plan),
+            "runs": _joined(self._run_texts(decision)),
+            "services": _joined(self._service_texts(decision)),
+        }
+        return (
+            f"{json.dumps(_of_all(decision, about))[:-1]}, "
+            + _joined(f"{json.dumps(name)}: {text}" for name, text in parts.items())[1:]
+        )
 
-    def _run_texts(self, decision: Decision) -> dict[str, str]:
-        before, self._runs = self._runs, {}
-        now = decision.situation.now
-        for name, step in decision.memory.progress.items():
-            known = before.get(name)
-            timed = any(tried.at for tried in step.attempts.values()) if step.attempts else False
-            same = known is not None and known[0] is step and not timed
-            self._runs[name] = known if known and same else (step, json.dumps(_run_json(step, now)))
-        return {name: text for name, (_, text) in self._runs.items()}
+    def _plan_text(self, plan: Plan) -> str:
+        before, self._actions = self._actions, {}
+        texts = []
+        for index, (action, after) in enumerate(plan.linked()):
+            known = before.get(id(action)) or (action, json.dumps(action.as_json()))
+            self._actions[id(action)] = known
+            texts.append(f'{{"index": {index}, "after": {after}, {known[1][1:]}')
+        return f'{{"actions": [{", ".join(texts)}], {json.dumps(plan.beside_actions())[1:]}'
 
-    def _service_texts(self, decision: Decision) -> dict[str, str]:
+    def _run_texts(self, decision: Decision) -> Iterable[str]:
+        progress, now = decision.memory.progress, decision.situation.now
+        for name in self._progress.keys() - progress.keys():
+            self._runs.pop(name)
+        for name in changed_keys(self._progress, progress) | (self._timed & progress.keys()):
+            step = progress[name]
+            self._runs[name] = f"{json.dumps(name)}: {json.dumps(_run_json(step, now))}"
+            (self._timed.add if any(t.at for t in step.attempts.values()) else self._timed.discard)(name)
+        self._progress = progress
+        return self._runs.values()
+
+    def _service_texts(self, decision: Decision) -> Iterable[str]:
         situation, stale = decision.situation, self._stale
         if stale is not None and not situation.withheld:
             late = (n for n, p in situation.memory.progress.items() if p.running_since is not None and not p.ready)
@@ -81,13 +106,14 @@ class Snapshots:
             found = statuses(situation, decision.plan, decision.holds, stale)
         else:
             self._services, found = {}, statuses(situation, decision.plan, decision.holds)
-        self._services.update((name, json.dumps(status.as_json())) for name, status in found.items())
+        for name, status in found.items():
+            self._services[name] = f"{json.dumps(name)}: {json.dumps(status.as_json())}"
         self._stale = set()
-        return self._services
+        return self._services.values()
 
 
-def _joined(texts: Mapping[str, str]) -> str:
-    return "{" + ", ".join(f"{json.dumps(name)}: {text}" for name, text in texts.items()) + "}"
+def _joined(texts: Iterable[str]) -> str:
+    return "{" + ", ".join(texts) + "}"
 
 
 def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
@@ -102,7 +128,6 @@ def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "requests": [request_json(r) for r in requests],
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
-        "plan": decision.plan.as_json(),
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
     }
 
