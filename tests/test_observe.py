@@ -66,7 +66,7 @@ SHELL = 'trap : INT; "$@"; true'
 
 
 def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
-    """Looked at as soon as it can be, one of five is in the middle of exec, and has no environment; signals in the first
+    """Looked at as soon as it can be, one of five is amid its exec and has no environment; signals in the first
     milliseconds meet the shell's handlers; and a shell whose child is paused before its exec can not be paused."""
     for _ in range(60):
         words = ["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"]
