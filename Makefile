@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench schemas docs lint clean
+.PHONY: demo test lint types bench schemas docs clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml clients/python/pyproject.toml
@@ -19,8 +19,7 @@ $(VENV)/test-installed: $(BIN)/rorg
 demo: $(BIN)/rorg
 	@$(BIN)/rorg demo $(ARGS)
 
-test: $(VENV)/test-installed
-	$(BIN)/ruff check .
+test: lint types
 	$(BIN)/pytest $(ARGS)
 
 bench: $(VENV)/test-installed
@@ -32,9 +31,14 @@ schemas: $(BIN)/rorg
 
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py
+	$(BIN)/python docs/explanation/import_graph.py
 
 lint: $(VENV)/test-installed
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/test-installed
+	$(BIN)/mypy
 
 clean:
 	rm -rf $(VENV)

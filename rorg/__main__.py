@@ -1,3 +1,5 @@
+"""python -m rorg"""
+
 from rorg.cli.main import run
 
 run()

@@ -5,7 +5,7 @@ Every message reads "cannot X: why; try Y", so that whoever meets it knows what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -49,6 +49,10 @@ class Unreachable(RorgError):
     code = Exit.UNREACHABLE
 
 
+class TimedOut(Unreachable):
+    """It took longer than it may."""
+
+
 class Busy(Unreachable):
     """The running rorg cannot answer at this moment and will soon, it or the next one: ask again after `seconds`."""
 
@@ -69,6 +73,14 @@ class Refused(RorgError):
     """Refused on purpose: lock held, confirmation missing, stale plan."""
 
     code = Exit.REFUSED
+
+
+class Unconfirmed(Refused):
+    """It is only done when somebody says so once more (`force`, `--yes`): it would touch `services`."""
+
+    def __init__(self, what: str, why: str, remedy: str = "", services: Sequence[str] = ()) -> None:
+        super().__init__(what, why, remedy)
+        self.services = tuple(services)
 
 
 class Forbidden(Refused):

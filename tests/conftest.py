@@ -203,6 +203,19 @@ def docker_robot(request, tmp_path):
     yield from _make_robot(request, tmp_path, "docker")
 
 
+@pytest.fixture
+def slice_of_its_own(dockerd):
+    """A control group: for tests that measure what they start, and nothing else of the machine."""
+    from slices import Slice
+
+    try:
+        found = Slice()
+    except OSError as error:
+        no_docker(f"no control group can be made here: {error}")
+    yield found
+    found.close()
+
+
 def _make_robot(request, tmp_path, kind):
     from robots import RealRobot, VirtualRobot
 

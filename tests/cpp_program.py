@@ -50,7 +50,8 @@ def program(path: Path, *words: str, **env: str):
     try:
         yield running
         _, errors = running.communicate(timeout=120)
-        assert running.returncode == 0 and not errors, errors  # one that is ending may be past its exit code
+        assert running.returncode == 0, errors  # one that is ending may be past its exit code
+        assert not errors, errors
     finally:
         running.kill()
 

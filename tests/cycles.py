@@ -65,7 +65,8 @@ def cycle(
         program = subprocess.Popen(
             [*programs[number], daemon.robot.socket()], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        assert program.stdin and program.stdout
+        assert program.stdin
+        assert program.stdout
         for _ in range(count):
             service = chance.choice(("cam", "nav", "arm", "loc"))
             began = time.monotonic()

@@ -68,6 +68,8 @@ class Dockerd:
                 self.host,
                 "--bridge=none",
                 "--iptables=false",
+                "--exec-opt",
+                "native.cgroupdriver=cgroupfs",
                 "--add-runtime",
                 f"hang={hang}",
             ],

@@ -20,6 +20,7 @@ from rorg.api.server import make_server
 from rorg.client import Client
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
+from rorg.host.load import Meter
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Hold, Request
 from rorg.sim.robot import SimRobot
@@ -139,8 +140,9 @@ class VirtualRobot:
 
 
 class RealRobot(VirtualRobot):
-    def __init__(self, folder: Path, kind: str, host: str | None, with_server: bool = False) -> None:
-        self.with_server, self.server = with_server, None
+    def __init__(self, folder: Path, kind: str, host: str | None, with_server: bool = False, look=None) -> None:
+        """`look`: what its loop measures in place of the whole machine."""
+        self.with_server, self.server, self.look = with_server, None, look
         self.kind, self.tree, self.host = kind, folder / "tree", host
         self.state = StateDir(folder / "state").prepare()
         if host:
@@ -163,6 +165,8 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
+        if self.look:
+            self.loop.sampler.meter = Meter(self.loop.clock, self.look)
         if self.with_server:
             self.server = make_server(self.loop, self.state, "rorg")
             self.server.start()
@@ -251,7 +255,7 @@ class RealRobot(VirtualRobot):
     def drift(self, verb: str, service: str, *args) -> None:
         getattr(self.engine, verb)(self.container(service).id, *args)
         if self.kind == "process" and verb in ("pause", "resume"):
-            self.engine._tell(self.container(service).id)
+            self.engine.changes.tell(self.container(service).id)
 
     def _plan(self) -> str:
         decision = self.loop.decision if self.loop else None

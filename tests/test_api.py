@@ -46,7 +46,8 @@ def test_a_request_is_served_and_released(robot, client):
     with client.request("camera", wait=20, reason="look"):
         assert robot.active() == {"camera"}
         found = next(r for r in client.requests() if r["reason"] == "look")
-        assert found["requester"] == "developer" and 0 < found["expires_in"] <= 10
+        assert found["requester"] == "developer"
+        assert 0 < found["expires_in"] <= 10
         assert client.service("camera")["health"] == "Healthy"
         assert client.why("camera")[0]["requests"][0]["reason"] == "look"
     robot.wait(lambda: robot.active() == set())
@@ -128,7 +129,8 @@ def test_a_driver_is_restarted_only_by_force(robot, client):
 def test_usage_and_plan_and_status(robot, client):
     client.request("camera", wait=20, ttl=None, id="look")
     usage = client.usage()
-    assert usage["services"]["camera"]["memory"] > 0 and usage["machine"]["cores"] >= 1
+    assert usage["services"]["camera"]["memory"] > 0
+    assert usage["machine"]["cores"] >= 1
     client.suspend(60, "maintenance")
     client.release("look")
     wait_for(lambda: any(a["verb"] == "pause" for a in client.plan()["actions"]))

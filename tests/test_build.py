@@ -13,7 +13,7 @@ from rorg.manifest.load import load_or_raise
 
 
 @pytest.mark.parametrize(
-    "text, expected",
+    ("text", "expected"),
     [
         ("FROM a", ["a"]),
         (
@@ -82,7 +82,8 @@ def test_a_failure_stops_its_descendants_and_nothing_else(dockerd, tmp_path):
         "not.there/at-all": "failed",
         "lost": "skipped",
     }
-    assert builder.has("leaf") and not builder.has("child")
+    assert builder.has("leaf")
+    assert not builder.has("child")
     builder.remove(["good", "leaf"])
 
 

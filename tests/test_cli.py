@@ -75,7 +75,8 @@ def test_exit_codes_without_an_engine(shell, tmp_path):
     shell("nonsense", code=2)
     shell("diff", str(shell.tree), "--engine", "nonsense", code=2)
     found = shell("diff", str(shell.tree), "--engine", "docker", code=3, DOCKER_HOST="unix:///nowhere.sock")
-    assert "cannot" in found.stderr and found.stdout == ""
+    assert "cannot" in found.stderr
+    assert found.stdout == ""
     assert "--yes" in shell("apply", str(shell.tree), code=5).stderr
     (shell.tree / "services" / "base.yaml").write_text("kind: Service\n- x")
     found = shell("validate", str(shell.tree), "-o", "json", code=2)

@@ -154,6 +154,12 @@ def certificate(folder, name: str, authority: str = "") -> None:
         )
 
 
+def ask_without_tls(port: int) -> int:
+    plain = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    plain.request("GET", "/v1/services")
+    return plain.getresponse().status
+
+
 def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
     for name, authority in (("authority", ""), ("stranger", ""), ("robot", "authority"), ("ada", "authority")):
         certificate(tmp_path, name, authority)
@@ -172,7 +178,8 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
         f"127.0.0.1:{port}",
     ]
     refused = subprocess.run(base, capture_output=True, text=True)
-    assert refused.returncode == 2 and "only served with TLS and client certificates" in refused.stderr
+    assert refused.returncode == 2
+    assert "only served with TLS and client certificates" in refused.stderr
     process = subprocess.Popen(
         [
             *base,
@@ -201,9 +208,7 @@ def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
             with pytest.raises((ssl.SSLError, OSError)):
                 ask(who)
         with pytest.raises((http.client.HTTPException, OSError)):
-            plain = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
-            plain.request("GET", "/v1/services")
-            plain.getresponse()
+            ask_without_tls(port)
         assert ask("ada", "PUT", "/v1/requests/look", '{"services": ["camera"]}') == 200
         events = Client(str(tmp_path / "state/run/rorg.sock")).events(tail=50)
         assert any(e["kind"] == "request" and e["author"] == "ada" for e in events)

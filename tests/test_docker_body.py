@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rorg.engines.docker.body import OPTIONS, create_body, live_options, update_body
+from rorg.engines.docker.body import OPTIONS, create_body
+from rorg.engines.docker.live import live_options, update_body
 from rorg.manifest.container import ContainerOptions
 
 NOT_SENT = {"env_file"}
@@ -82,7 +83,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("spec, expected", CASES)
+@pytest.mark.parametrize(("spec", "expected"), CASES)
 def test_option_as_body(spec, expected):
     assert create_body(spec, {}) == {"Labels": {}, **expected}
 

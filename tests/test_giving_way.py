@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from robots import VirtualRobot
 
-from rorg.core.requests import problems
+from rorg.core.requests import ProblemCode, problems
 from rorg.model.catalog import Request
 
 QUEUE = {"policy": {"budget": {"cpu": 1.0, "over": "queue"}}}
@@ -66,8 +66,9 @@ def test_a_requester_does_not_give_way_to_what_it_asks_for(robot):
 def test_a_request_that_its_requester_rules_out_is_refused(robot):
     robot.declare({"mission": {"exclusive": ["gpu"]}, "track": {"exclusive": ["gpu"]}})
     catalog = robot.sim.desired.catalog
-    ((cause, _),) = problems(catalog, (), Request("look", "mission", ("track",)))
-    assert cause == "it does not fit: mission, track use 2 of 1 gpu"
+    (problem,) = problems(catalog, (), Request("look", "mission", ("track",)))
+    assert problem.code == ProblemCode.RESOURCES
+    assert problem.cause == "it does not fit: mission, track use 2 of 1 gpu"
     assert problems(catalog, (), Request("look", "developer", ("track",))) == []
 
 

@@ -38,7 +38,8 @@ def test_a_container_without_our_label_is_never_touched(docker_robot):
         robot.declare({"mapper": {"always_on": True}})
         robot.settle()
         state = api.inspect_container(stranger)["State"]
-        assert state["Running"] and not state["Paused"]
+        assert state["Running"]
+        assert not state["Paused"]
     finally:
         api.remove_container(stranger, force=True)
 
@@ -217,7 +218,7 @@ def test_a_missing_image_never_stops_what_runs(docker_robot):
 
 
 def test_conflicting_requests_are_refused_whole(tmp_path):
-    from rorg.core.requests import problems
+    from rorg.core.requests import Problem, ProblemCode, problems
     from rorg.manifest.load import load_or_raise
 
     catalog = load_or_raise(
@@ -227,11 +228,12 @@ def test_conflicting_requests_are_refused_whole(tmp_path):
     )
     held = [Request("one", "developer", ("mapper",))]
     found = problems(catalog, held, Request("two", "developer", ("navigation",)))
-    assert found == [("'locator' and 'mapper' conflict and would both be wanted", "`rorg why` for who wants which")]
+    cause = "'locator' and 'mapper' conflict and would both be wanted"
+    assert found == [Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which")]
     assert problems(catalog, held, Request("one", "developer", ("navigation",))) == [], "a replacement is no conflict"
     assert problems(catalog, held, Request("two", "nobody", ("nothing",))) == [
-        ("unknown requester 'nobody'", "one of developer, locator, mapper, navigation"),
-        ("unknown service 'nothing'", "one of developer, locator, mapper, navigation"),
+        Problem(ProblemCode.UNKNOWN, f"unknown {what}", "one of developer, locator, mapper, navigation")
+        for what in ("requester 'nobody'", "service 'nothing'")
     ]
 
 

@@ -6,6 +6,7 @@ The loop is stepped by hand, so that the order of things is certain.
 
 from __future__ import annotations
 
+import subprocess
 import time
 from dataclasses import replace
 
@@ -20,7 +21,7 @@ from rorg.api.permissions import Caller
 from rorg.core.observed import Container, Observed
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
-from rorg.errors import Missing
+from rorg.errors import Busy, Invalid, Missing
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Where
 from rorg.store.requests_document import RequestsDocument
@@ -146,6 +147,37 @@ def test_what_is_being_dropped_cannot_be_renewed(stepped):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
 
 
+def test_a_refused_request_does_not_renew_the_one_that_it_would_have_replaced(stepped):
+    stepped.put("camera", ttl=30.0)
+    stepped.step()
+    before = stepped.loop.leases.renewals()
+    with pytest.raises(Invalid, match="nosuch"):
+        stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("nosuch",), ttl=30.0)).result(10)
+    assert stepped.loop.leases.renewals() == before
+    stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("lidar",), ttl=30.0)).result(10)
+    assert stepped.loop.leases.renewals() != before
+
+
+def test_while_the_first_tree_is_read_no_service_is_said_to_be_missing(tmp_path):
+    (tmp_path / "tree").mkdir()
+    subprocess.run(["git", "init", "-q", str(tmp_path / "tree")], check=True)
+    (tmp_path / "tree/.git/index.lock").touch()
+    stepped = Stepped(tmp_path)
+    stepped.step()
+    asks = [lambda: stepped.robot.service_text("camera"), lambda: stepped.robot.members("camera")]
+    for ask in asks:
+        with pytest.raises(Busy):
+            ask()
+    (tmp_path / "tree/.git/index.lock").unlink()
+    wait_for(lambda: stepped.loop.tree.read() and stepped.loop.tree.loaded)
+    for ask in asks:  # it has been read, and no pass has looked at it yet
+        with pytest.raises(Busy):
+            ask()
+    stepped.step()
+    for ask in asks:
+        assert ask()
+
+
 def test_a_request_put_again_at_once_after_its_release_gets_its_whole_lease(stepped):
     stepped.step()
     request = Request("look", "developer", ("camera",), ttl=0.4)
@@ -231,7 +263,8 @@ def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
     stepped.step()
     decision = stepped.loop.decision
     assert "try to mend it" in decision.situation.suspended
-    assert decision.plan.actions and not decision.begin
+    assert decision.plan.actions
+    assert not decision.begin
     stepped.file.path.write_text("requests: [{id: x, services: [camera]}]\n")
     stepped.step()
     assert not stepped.loop.decision.situation.suspended

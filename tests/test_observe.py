@@ -73,7 +73,8 @@ def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
         child = subprocess.Popen(words, env={**os.environ, MARK: "ours"}, start_new_session=True)
         await_program(child, "ours")
         facts = stat(child.pid)
-        assert facts and is_same(child.pid, facts[2], boot_id(), "ours")
+        assert facts
+        assert is_same(child.pid, facts[2], boot_id(), "ours")
         os.killpg(child.pid, signal.SIGSTOP)
         wait_for(lambda pid=child.pid: stat(pid)[0] == "T", 10)
         (program,) = psutil.Process(child.pid).children()

@@ -30,12 +30,13 @@ def run_for(robot, seconds: float) -> None:
     robot.wait(lambda: robot.now() >= end, seconds + 10)
 
 
-def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, tmp_path):
-    robot = RealRobot(tmp_path, "docker", dockerd.host)
+def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, slice_of_its_own, tmp_path):
+    robot = RealRobot(tmp_path, "docker", dockerd.host, look=slice_of_its_own.look)
+    own = {"container": {"cgroup_parent": slice_of_its_own.name}}
     burner = None
     try:
         robot.declare(
-            {"base": {"priority": 90}, "idle": {"priority": 10}},
+            {"base": {"priority": 90, **own}, "idle": {"priority": 10, **own}},
             policies={
                 "policy": {
                     "budget": {"cpu": 0.4},
@@ -47,10 +48,12 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
         robot.wait(lambda: robot.active() == {"base", "idle"})
         before = robot.engine.api().inspect_container("idle")
         burner = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        slice_of_its_own.add(burner.pid)
         robot.wait(lambda: OTHERS in robot.status()["pressure"]["reason"])
         began = time.monotonic()
         wait_for(lambda: time.monotonic() > began + 2.5)
-        assert robot.status()["pressure"]["measures"] == [] and robot.status()["pressure"]["shed"] == {}
+        assert robot.status()["pressure"]["measures"] == []
+        assert robot.status()["pressure"]["shed"] == {}
         after = robot.engine.api().inspect_container("idle")
         assert (after["Id"], after["State"]["StartedAt"], after["State"]["Running"]) == (
             before["Id"],
@@ -66,13 +69,18 @@ def test_what_uses_nothing_stays_while_others_cause_the_load_on_docker(dockerd, 
         robot.close()
 
 
-def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, tmp_path):
-    robot = RealRobot(tmp_path, "docker", dockerd.host)
-    burn = {"command": BURN, "container": {"environment": {"BURN": "0.9", "HOARD": "1"}}}
+def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, slice_of_its_own, tmp_path):
+    robot = RealRobot(tmp_path, "docker", dockerd.host, look=slice_of_its_own.look)
+    own = {"cgroup_parent": slice_of_its_own.name}
+    burn = {"command": BURN, "container": {"environment": {"BURN": "0.9", "HOARD": "1"}, **own}}
     try:
         limits = {"step": "200ms", "calm": "60s", "memory_some": 100}
         robot.declare(
-            {"base": {"priority": 90}, "idle": {"priority": 10}, "burner": {"priority": 20, **burn}},
+            {
+                "base": {"priority": 90, "container": own},
+                "idle": {"priority": 10, "container": own},
+                "burner": {"priority": 20, **burn},
+            },
             policies={"policy": {"budget": {"cpu": 0.4}, "pressure": limits}},
         )
         robot.request("base", "idle")
@@ -82,7 +90,8 @@ def test_who_causes_it_goes_though_another_matters_less_on_docker(dockerd, tmp_p
         robot.wait(lambda: "burner" in robot.active())
         robot.wait(lambda: "burner" in robot.status()["pressure"]["shed"])
         assert "by burner" in robot.status()["pressure"]["shed"]["burner"]
-        assert robot.container("idle").incarnation == before and "idle" in robot.active()
+        assert robot.container("idle").incarnation == before
+        assert "idle" in robot.active()
     finally:
         robot.close()
 
@@ -107,7 +116,8 @@ def test_what_is_short_decides_which_measure_helps(robot):
     run_for(robot, 5)
     assert robot.states()["old"] == "paused", "stopping it frees no CPU"
     assert "map" in robot.active()
-    assert OTHERS in robot.waits("log") and "0.7 by log" in robot.waits("log")
+    assert OTHERS in robot.waits("log")
+    assert "0.7 by log" in robot.waits("log")
 
 
 def test_memory_is_not_won_by_lowering_shares(robot):
@@ -119,7 +129,8 @@ def test_memory_is_not_won_by_lowering_shares(robot):
     robot.wait(lambda: len(robot.active()) == 3)
     robot.sim.extra = (0.0, 3 * GIB)
     robot.wait(lambda: shed(robot) == ["map"])
-    assert "log" in robot.active() and "cpu_shares" not in robot.container("log").live
+    assert "log" in robot.active()
+    assert "cpu_shares" not in robot.container("log").live
     robot.sim.extra = (0.0, 0)
     robot.wait(lambda: robot.active() == {"base", "log", "map"} and not pressure(robot).engaged)
 
@@ -133,7 +144,8 @@ def test_a_load_that_nobody_of_ours_makes_less_changes_nothing(robot):
     robot.wait(lambda: len(robot.active()) == 2)
     robot.sim.extra = (4.0, 8 * GIB)
     run_for(robot, 60)
-    assert robot.active() == {"base", "log"} and not pressure(robot).engaged
+    assert robot.active() == {"base", "log"}
+    assert not pressure(robot).engaged
     assert f"4.0 {OTHERS}" in pressure(robot).reason
     robot.sim.extra = (0.0, 0)
     robot.wait(lambda: pressure(robot).reason == "")

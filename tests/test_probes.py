@@ -13,13 +13,14 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 from conftest import free_port, wait_for
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
+from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.model.catalog import Probe
 from rorg.probes import ros_master
+from rorg.probes.answer import YES, Answer
 from rorg.probes.prober import Prober
 from rorg.probes.runner import ProbeRunner
 
@@ -155,13 +156,14 @@ def test_what_hangs_again_and_again_is_restarted_with_growing_pauses(tmp_path):
         robot.wait(lambda: any(c.alive and c.incarnation not in robot.sim.hung for c in robot.containers()), 120)
     starts = [at for at, text in robot.sim.log if text.startswith("> start")]
     pauses = [b - a for a, b in itertools.pairwise(starts)]
-    assert pauses == sorted(pauses) and pauses[-1] > 10
+    assert pauses == sorted(pauses)
+    assert pauses[-1] > 10
 
 
 class DeafEngine:
     """One that cannot be asked, as during an upgrade of dockerd."""
 
-    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+    capabilities, local = Capabilities(isolation=True, live_update=True, events="all"), True
 
     def exec(self, *args):
         raise Unreachable("ask", "the engine does not answer", "again later")
@@ -212,9 +214,9 @@ def test_a_log_line_that_is_read_in_halves_matches(tmp_path):
     ask = ProbeRunner(engine, lambda service: run)
     target = Target(Probe("log", "serving on port [0-9]+"), run.incarnation, 1.0)
     log.write_bytes(b"begins\nnow serv")
-    assert ask(("x", "ready"), target) != ""
+    assert ask(("x", "ready"), target).message != ""
     log.write_bytes(b"begins\nnow serving on port 80\n")
-    assert ask(("x", "ready"), target) == ""
+    assert ask(("x", "ready"), target) == YES
 
 
 def test_a_file_of_the_run_before_does_not_count(real_robot, tmp_path):
@@ -266,10 +268,10 @@ def test_an_interlock_that_takes_its_time_still_allows(tmp_path):
     prober.stop()
 
 
-def slowly(seconds: float) -> str:
+def slowly(seconds: float) -> Answer:
     began = time.monotonic()
     wait_for(lambda: time.monotonic() > began + seconds)
-    return ""
+    return YES
 
 
 def test_a_service_that_lost_its_readiness_is_still_asked_whether_it_lives(tmp_path):
@@ -392,12 +394,12 @@ def test_an_http_probe_wants_2xx_or_3xx(monkeypatch):
     with HTTPServer(("127.0.0.1", 0), Page) as page:
         threading.Thread(target=page.serve_forever, daemon=True).start()
         url = f"http://127.0.0.1:{page.server_port}"
-        assert ask_host(Probe("http", f"{url}/fine")) == ""
-        assert ask_host(Probe("http", f"{url}/ill")) == f"{url}/ill answers 503"
+        assert ask_host(Probe("http", f"{url}/fine")) == YES
+        assert ask_host(Probe("http", f"{url}/ill")).message == f"{url}/ill answers 503"
         monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{free_port()}")
-        assert ask_host(Probe("http", f"{url}/fine")) == "", "a robot's own programs are behind no proxy"
+        assert ask_host(Probe("http", f"{url}/fine")) == YES, "a robot's own programs are behind no proxy"
         page.shutdown()
-    assert "refused" in ask_host(Probe("http", f"{url}/fine"))
+    assert "refused" in ask_host(Probe("http", f"{url}/fine")).message
 
 
 def test_a_server_that_does_not_speak_http_has_answered():
@@ -412,7 +414,7 @@ def test_a_server_that_does_not_speak_http_has_answered():
             connection.close()
 
         threading.Thread(target=answer, daemon=True).start()
-        assert "BadStatusLine" in ask_host(Probe("http", f"http://127.0.0.1:{listener.getsockname()[1]}"))
+        assert "BadStatusLine" in ask_host(Probe("http", f"http://127.0.0.1:{listener.getsockname()[1]}")).message
 
 
 def test_300_probed_services_do_not_load_the_machine():

@@ -18,10 +18,11 @@ from hypothesis import strategies as st
 from robots import write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
-from rorg.daemon.snapshot import restore, snapshot
+from rorg.daemon.snapshot import Snapshots, restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Hold, Request
@@ -177,11 +178,45 @@ def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
 
 
+def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
+    specs = {
+        "lidar": {"always_on": True, "exclusive": ["can"], "interlock": {"file": "/allow"}},
+        "mapper": {"always_on": True},
+        "camera": {"always_on": True},
+    }
+    robot = Reader(load_or_raise(write_tree(tmp_path, specs)))
+    robot.settle()
+    robot.locked.add("lidar")
+    robot.faults.fail["remove", "camera"] = ["device or resource busy"] * 3
+    robot.at(20.0, robot.locked.clear)
+    specs = {"mapper": {"always_on": True}, "arm": {"always_on": True, "exclusive": ["can"]}}
+    robot.declare(load_or_raise(write_tree(tmp_path, specs)))
+    robot.run(lambda r: same_as_anew(r.read, r.decision) or (r.idle and r.active() == {"mapper", "arm"}))
+
+
+def test_what_a_cold_start_costs_grows_with_its_size(tmp_path):
+    assert planned(tmp_path / "large", 80) <= 2.3 * planned(tmp_path / "small", 40)
+
+
+def planned(folder: Path, count: int) -> int:
+    """How often a service is planned until so many, in chains of five that need one another, run from nothing."""
+    names = [f"s{n:03}" for n in range(count)]
+    specs = {n: {"needs": names[i - 1 : i] if i % 5 else [], "always_on": i % 5 == 4} for i, n in enumerate(names)}
+    robot, costs = SimRobot(load_or_raise(write_tree(folder, specs))), []
+
+    def up(robot: SimRobot) -> bool:
+        costs.append(len(robot.decision.looked_at))
+        return len(robot.active()) == count and robot.decision.plan.empty
+
+    robot.run(up, 10 * count)
+    return sum(costs)
+
+
 def live_through(specs, policy, events):
     with tempfile.TemporaryDirectory() as folder:
         world = World(Path(folder), specs, policy)
         try:
-            robot = SimRobot(world.load())
+            robot = Reader(world.load())
         except Invalid:
             reject()  # by chance all of it could never be active together
         time = 0.0
@@ -193,6 +228,25 @@ def live_through(specs, policy, events):
         watch = Watch(robot, world)
         robot.run(lambda r: watch.invariants() and r.now >= time + REST, time + 2 * REST)
         at_rest(robot, world)
+
+
+class Reader(SimRobot):
+    """Keeps what the last pass has read."""
+
+    def inputs(self) -> Inputs:
+        self.read = super().inputs()
+        return self.read
+
+
+def same_as_anew(read: Inputs, found: Decision) -> None:
+    """What is kept from one pass for the next one changes nothing but the time that it takes."""
+    anew = decide(replace(read, memory=replace(read.memory, hand=None, admitted=None)))
+    assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
+    assert found.begin == anew.begin
+    assert found.memory == replace(anew.memory, admitted=found.memory.admitted)
+    assert dict(found.to_probe) == dict(anew.to_probe)
+    assert found.deadline == anew.deadline
+    assert found.violations == anew.violations
 
 
 class World:
@@ -287,8 +341,11 @@ class Watch:
         self.robot, self.world = robot, world
         self.shed: tuple = ()
         self.begun: set[tuple] = set()
+        self.passes, self.snapshots = 0, Snapshots()
 
     def invariants(self) -> bool:
+        same_as_anew(self.robot.read, self.robot.decision)
+        self.published()
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
         told = (
@@ -311,11 +368,20 @@ class Watch:
         self.shedding()
         return True
 
+    def published(self) -> None:
+        """Now and then, as a loop does it. What is kept of it says the same as what is written anew."""
+        self.passes += 1
+        self.snapshots.note(self.robot.decision)
+        if self.passes % 3 == 0:
+            text = self.snapshots.text(self.robot.decision, {"pid": 1})
+            assert json.loads(text) == json.loads(json.dumps(snapshot(self.robot.decision, {"pid": 1})))
+
     def beginning(self, name: str, action: Action) -> None:
         """An action is begun just now."""
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
-        assert not situation.suspended and situation.observed.complete
+        assert not situation.suspended
+        assert situation.observed.complete
         assert name not in robot.locked or action.verb in ("create", "rename"), f"{action} against its interlock"
         if action.verb in ("start", "resume"):
             assert name not in robot.decision.holds
@@ -326,7 +392,8 @@ class Watch:
             need = action.reason.split()[0]
             run = next(c for c in robot.engine.list() if c.service == name)
             since = [at for at, verb, other in robot.engine.calls if (verb, other) == ("start", need)]
-            assert len(since) > 1 and iso(since[-1]) > run.started_at, f"{need} was not restarted"
+            assert len(since) > 1, f"{need} was not restarted"
+            assert iso(since[-1]) > run.started_at, f"{need} was not restarted"
 
     def alone(self, name: str) -> None:
         """Nothing that is alive stands against its beginning."""
@@ -344,7 +411,8 @@ class Watch:
         new, self.shed = [s.service for s in state.shed if s not in self.shed], state.shed
         services = self.robot.desired.catalog.services
         for shed in new:
-            assert not situation.suspended and not services[shed].protected
+            assert not situation.suspended
+            assert not services[shed].protected
             for name in situation.wanted:
                 assert shed not in services[name].needs, f"{name} needs {shed}"
             askers = {r.requester for r in self.robot.decision.settled.requests}

@@ -236,10 +236,13 @@ def test_readiness_of_each_and_as_a_future(robot):
         assert other.ready(timeout=30).result(40) is other
         client.wait("camera", timeout=20)
         found = held.readiness()
-        assert found["camera"]["ready"] and not found["never"]["ready"] and found["never"]["reason"]
+        assert found["camera"]["ready"]
+        assert not found["never"]["ready"]
+        assert found["never"]["reason"]
         with pytest.raises(NotReady) as error:
             held.ready(timeout=0.1).result(20)
-        assert error.value.services["camera"]["ready"] and "never" in error.value.cause
+        assert error.value.services["camera"]["ready"]
+        assert "never" in error.value.cause
 
 
 # -- losses ----------------------------------------------------------------------------------------------------
@@ -252,11 +255,13 @@ def test_who_holds_a_request_is_told_what_it_loses(robot, behaviour):
         wait_for(lambda: behaviour.watcher._connections)
         people.hold("lidar", 30, "cleaning")
         wait_for(lambda: {loss.service for loss in heard} == {"arm", "lidar"})
-        assert {loss.cause for loss in heard} == {"held"} and held.lost.wait(60)
+        assert {loss.cause for loss in heard} == {"held"}
+        assert held.lost.wait(60)
         assert any("cleaning" in loss.message for loss in heard)
         people.unhold("lidar")
         held.wait(60)
-        assert not held.lost.is_set() and not held.losses
+        assert not held.lost.is_set()
+        assert not held.losses
         robot.kill_service(people.service("lidar")["pid"])
         wait_for(lambda: [loss.cause for loss in held.losses if loss.service == "lidar"] == ["crashed"])
         held.wait(60)
@@ -274,16 +279,19 @@ def test_why_something_is_lost_is_a_word(robot):
         assert not held.lost.is_set()
         wait_for(lambda: client.watcher._connections)
         with client.request("high", wait=20):
-            assert held.lost.wait(60) and [loss.cause for loss in held.losses] == ["preempted"]
+            assert held.lost.wait(60)
+            assert [loss.cause for loss in held.losses] == ["preempted"]
     spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "idle": {"action": "remove"}}
     client.put_service("changing", spec)
     with client.request("changing", wait=20) as held:
         assert not held.lost.is_set()
         client.put_service("changing", {**spec, "command": ["sh", "-c", "exec sleep 1001"]})
-        assert held.lost.wait(60) and held.losses[0].cause == "replaced"
+        assert held.lost.wait(60)
+        assert held.losses[0].cause == "replaced"
         held.wait(60)
         client.remove_service("changing")
-        assert held.lost.wait(60) and held.losses[0].cause == "ceased"
+        assert held.lost.wait(60)
+        assert held.losses[0].cause == "ceased"
 
 
 def test_what_was_lost_while_rorg_was_away_is_told_too(robot):
@@ -306,10 +314,12 @@ def test_a_loss_that_overtakes_the_answer_is_not_forgotten():
     old, new = Loss("camera", "held", "", "run 1"), Loss("camera", "crashed", "", "run 2")
     told = {"camera": {"ready": True, "incarnation": "run 2", "reason": ""}}
     held.note(old)
-    assert not held.ready_now(told, known=1) and not held.losses
+    assert not held.ready_now(told, known=1)
+    assert not held.losses
     held.note(old)
     held.note(new)
-    assert held.ready_now(told, known=0) and held.losses == [new]
+    assert held.ready_now(told, known=0)
+    assert held.losses == [new]
 
 
 # -- processes -------------------------------------------------------------------------------------------------
@@ -440,7 +450,8 @@ def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
                 cwd=robot.tree.parent,
                 env={**os.environ, "RORG_ADDRESS": address, **names},
             )
-            assert done.returncode == code and said in done.stdout + done.stderr, (words, done.stdout, done.stderr)
+            assert done.returncode == code, (words, done.stdout, done.stderr)
+            assert said in done.stdout + done.stderr, (words, done.stdout, done.stderr)
     finally:
         robot.close()
 
@@ -567,4 +578,5 @@ def test_an_error_keeps_what_it_says_when_it_is_sent_to_another_process():
     import pickle
 
     error = pickle.loads(pickle.dumps(NotReady("cannot x", "y", "z", "not-ready", 504)))
-    assert isinstance(error, Error) and (error.cause, error.status) == ("y", 504)
+    assert isinstance(error, Error)
+    assert (error.cause, error.status) == ("y", 504)

@@ -82,7 +82,9 @@ def test_no_run_that_is_being_ended_is_called_ready(robot):
     assert api.ask("GET", "/v1/services/slow")[2]["health"] == "Progressing"
     status, _, told = api.ask("GET", "/v1/wait?services=slow&timeout=60")
     now = robot.container("slow")
-    assert status == 200 and now.state == "running" and now.incarnation != first
+    assert status == 200
+    assert now.state == "running"
+    assert now.incarnation != first
     assert told["services"]["slow"] == {"ready": True, "incarnation": now.incarnation, "reason": ""}
 
 
@@ -120,10 +122,12 @@ def test_after_a_restart_or_a_change_only_the_new_run_is_ready(robot):
     api.ask("GET", "/v1/wait?services=cam&timeout=60")
     first = robot.container("cam").incarnation
     status, headers, told = api.ask("POST", "/v1/services/cam/restart")
-    assert status == 200 and told["generation"] == int(headers["rorg-generation"])
+    assert status == 200
+    assert told["generation"] == int(headers["rorg-generation"])
     assert api.ask("GET", "/v1/wait?services=cam&timeout=60")[0] == 200
     second = robot.container("cam")
-    assert second.incarnation != first and second.state == "running"
+    assert second.incarnation != first
+    assert second.state == "running"
 
     text = (robot.tree / "services/cam.yaml").read_text()
     base = next(m["digest"] for m in api.ask("GET", "/v1/manifests")[2] if m["name"] == "cam")
@@ -135,7 +139,8 @@ def test_after_a_restart_or_a_change_only_the_new_run_is_ready(robot):
     assert status == 200, told
     assert api.ask("GET", "/v1/wait?services=cam&timeout=60")[0] == 200
     third = robot.container("cam")
-    assert third.id != second.id and third.state == "running"
+    assert third.id != second.id
+    assert third.state == "running"
 
 
 def test_whoever_names_a_change_gets_no_answer_from_before_it(robot):

@@ -47,7 +47,8 @@ def test_a_paused_service_gives_its_memory_back_and_comes_back_whole(docker_robo
     docker_robot.release()
     docker_robot.wait(lambda: any("pushed out to swap" in line for line in docker_robot.log()))
     said = next(line for line in docker_robot.log() if "pushed out" in line)
-    assert re.match(r"\d+Mi of hoarder pushed out to swap", said) and int(said.split("Mi")[0]) > 32
+    assert re.match(r"\d+Mi of hoarder pushed out to swap", said)
+    assert int(said.split("Mi")[0]) > 32
     assert _memory(docker_robot) < 32 << 20
     docker_robot.request("hoarder")
     docker_robot.wait(lambda: "hoarder" in docker_robot.active())

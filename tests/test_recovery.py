@@ -188,4 +188,5 @@ def test_requests_written_at_once_are_all_kept(tmp_path):
     assert [p.wait() for p in running] == [0] * 8
     file = RequestsFile(state.requests)
     file.read()
-    assert len(file.document.requests) == 80 and not file.diagnostics
+    assert len(file.document.requests) == 80
+    assert not file.diagnostics

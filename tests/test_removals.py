@@ -65,7 +65,8 @@ def test_a_typing_error_in_the_name_of_a_running_service_stops_nothing(robot):
         code, said = rorg(robot, *words)
         assert "withheld" in said, (words, said)
     code, said = rorg(robot, "apply", str(robot.tree))
-    assert code == 5 and "panel" in said, "nobody was asked"
+    assert code == 5, "nobody was asked"
+    assert "panel" in said, "nobody was asked"
     assert (run_of(robot, "panel"), run_of(robot, "core")) == before, "nor does what it needs end"
     robot.stop()
     robot.start()
@@ -83,7 +84,8 @@ def test_what_is_confirmed_goes_and_nothing_else(robot):
     robot.wait(lambda: withheld(robot) == {"panel"} and "guide" not in robot.states())
     before = run_of(robot, "core")
     code, said = rorg(robot, "apply", str(robot.tree), "--yes")
-    assert code == 0 and "panel" in said, said
+    assert code == 0, said
+    assert "panel" in said, said
     robot.wait(lambda: set(robot.states()) == {"core"} and not withheld(robot))
     assert run_of(robot, "core")[0] == before[0]
     robot.wait(lambda: "\nremovals:" not in robot.state.requests.read_text())
@@ -101,7 +103,8 @@ def test_apply_without_a_running_rorg_asks_and_removes(robot):
     assert robot.active() == {"core", "panel"}
     assert "withheld" in rorg(robot, "why", "panel")[1]
     code, said = rorg(robot, "apply", str(robot.tree), "--yes", "--wait")
-    assert code == 0 and set(robot.states()) == {"core"}, said
+    assert code == 0, said
+    assert set(robot.states()) == {"core"}, said
     assert "\nremovals:" not in robot.state.requests.read_text()
 
 
@@ -114,7 +117,29 @@ def test_only_what_was_shown_is_confirmed(robot):
     robot.wait(lambda: withheld(robot) == {"panel", "core"})
     robot.client().call("PUT", "/v1/removals", {"services": ["panel"]})
     robot.wait(lambda: "panel" not in robot.states())
-    assert "core" in withheld(robot) and "core" in robot.states()
+    assert "core" in withheld(robot)
+    assert "core" in robot.states()
+
+
+def test_deleting_an_image_confirms_nothing_of_a_service_of_its_name(tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    robot.declare(TREE)
+    try:
+        robot.request("panel", id="tour")
+        robot.wait(lambda: robot.active() == {"core", "panel"} and robot.quiet())
+        client = robot.client()
+        text = "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: panel}\nspec: {import: 'true'}\n"
+        found = client.put_manifest("Image", "panel", text, None)
+        misspell(robot, "panel", "panle")
+        robot.wait(lambda: withheld(robot) == {"panel"})
+        client.delete_manifest("Image", "panel", found["digest"])
+        assert robot.file.now().removals == ()
+        assert client.service("panel")["withheld"]
+        assert robot.active() == {"core", "panel"}
+        client.call("PUT", "/v1/removals", {"services": ["panel"]})
+        robot.wait(lambda: robot.active() == set())
+    finally:
+        robot.close()
 
 
 @pytest.fixture

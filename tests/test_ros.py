@@ -61,12 +61,12 @@ def test_a_node_is_ready_when_it_is_in_the_graph_and_answers(docker_robot, ros_i
     docker_robot.request("behaviour")
     docker_robot.wait(lambda: "behaviour" in docker_robot.active(), 60)
     assert "/talker" in graph(master)
-    assert ros_master.probe("ros_node", "/nobody", master) == "/nobody is not registered"
-    assert ros_master.probe("ros_topic", "/talker/chatter", master) == ""
-    assert ros_master.probe("ros_topic", "/talker/silence", master) == "nobody publishes /talker/silence"
-    assert ros_master.probe("ros_service", "/talker/get_loggers", master) == ""
-    assert ros_master.probe("ros_service", "/talker/nothing", master) == "/talker/nothing is not registered"
-    assert "does not answer" in ros_master.probe("ros_node", "/talker", f"http://localhost:{free_port()}")
+    assert ros_master.probe("ros_node", "/nobody", master).message == "/nobody is not registered"
+    assert ros_master.probe("ros_topic", "/talker/chatter", master).ok
+    assert ros_master.probe("ros_topic", "/talker/silence", master).message == "nobody publishes /talker/silence"
+    assert ros_master.probe("ros_service", "/talker/get_loggers", master).ok
+    assert ros_master.probe("ros_service", "/talker/nothing", master).message == "/talker/nothing is not registered"
+    assert "does not answer" in ros_master.probe("ros_node", "/talker", f"http://localhost:{free_port()}").message
 
 
 def test_all_dependants_of_a_killed_master_are_back_in_the_graph_by_themselves(docker_robot, ros_image, master):
@@ -106,6 +106,6 @@ def test_asking_the_graph_costs_milliseconds(docker_robot, ros_image, master):
     took = []
     for _ in range(51):
         began = time.perf_counter()
-        assert ros_master.probe("ros_node", "/talker", master) == ""
+        assert ros_master.probe("ros_node", "/talker", master).ok
         took.append(time.perf_counter() - began)
     assert sorted(took)[25] < 0.05

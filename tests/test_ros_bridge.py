@@ -57,8 +57,10 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         told = json.loads((tmp_path / "told").read_text())
         assert told["request"] == [True, "requested camera"], "a node's name stands for its service"
         assert told["query"] == [True, "camera", "Healthy"]
-        assert told["forbidden"][0] is False and "may request camera" in told["forbidden"][1]
-        assert told["restart"][0] is True and "may restart camera" in told["restart_arm"][1]
+        assert told["forbidden"][0] is False
+        assert "may request camera" in told["forbidden"][1]
+        assert told["restart"][0] is True
+        assert "may restart camera" in told["restart_arm"][1]
         assert "camera" in told["status"]
         assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
         robot.kill("behaviour")

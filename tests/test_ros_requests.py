@@ -95,7 +95,8 @@ def test_a_request_belongs_to_the_service_that_runs_the_caller(robot, port):
     assert bridge.request("/tour", "look", ["camera"], "to see", 20.0) == (True, "requested camera", 0.0)
     assert held(robot) == {"tour": ["camera"]}
     refused = bridge.request("/tour", "light", ["lamp"], "", 0.0)
-    assert not refused.success and "tour may request camera" in refused.message
+    assert not refused.success
+    assert "tour may request camera" in refused.message
     assert bridge.request("/laptop", "light", ["lamp"], "", 0.0).success
     assert held(robot) == {"tour": ["camera"], "rorg_ros": ["lamp"]}, "of no service: the bridge's own"
     assert not bridge.request("/laptop", "look", ["camera"], "", 0.0).success
@@ -111,8 +112,10 @@ def test_a_request_belongs_to_the_service_that_runs_the_caller(robot, port):
 def test_a_request_by_hand_lives_for_its_lease(robot):
     bridge = Bridge(robot.client("rorg_ros"), People())
     told = bridge.request("/rosservice_12_1700000000000", "x", ["lamp"], "", 20.0)
-    assert (told.success, told.lease) == (True, 60.0) and "60s after its caller is gone" in told.message
-    assert bridge.sweep() == [] and held(robot) == {"rorg_ros": ["lamp"]}
+    assert (told.success, told.lease) == (True, 60.0)
+    assert "60s after its caller is gone" in told.message
+    assert bridge.sweep() == []
+    assert held(robot) == {"rorg_ros": ["lamp"]}
     assert bridge.release("/rosservice_13_1700000000001", "x").message == "released", "by another call of the same hand"
     assert held(robot) == {}
     began = time.monotonic()
@@ -145,7 +148,8 @@ def test_what_callers_hold_outlives_the_bridge_and_is_watched_again(robot, port)
     del graph.ports["/guest"]  # while nobody looks
     robot.wait(lambda: "rorg_ros" in robot.active() and robot.container("rorg_ros").incarnation != run)
     robot.settle()
-    assert robot.requests() == before and {"camera", "lamp"} <= robot.active()
+    assert robot.requests() == before
+    assert {"camera", "lamp"} <= robot.active()
     again = Bridge(robot.client("rorg_ros"), graph)
     assert again.sweep() == []
     del graph.ports["/laptop"]
@@ -245,7 +249,8 @@ def test_no_two_callers_share_a_request():
         ("/" + "x" * 41, "e" * 100),
     ]
     made = [request_id("ros1", *name) for name in names]
-    assert len(set(made)) == len(names) and max(map(len, made)) <= 64
+    assert len(set(made)) == len(names)
+    assert max(map(len, made)) <= 64
     assert [m.split(":")[1] for m in made] == [tag(name) for name, _ in names]
     assert holder_of("/rosservice_12_1700000000000") == holder_of("") == "/rosservice"
 
@@ -383,8 +388,10 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
         robot.wait(lambda: (hand.folder / "waiter").exists(), 60)
         light, slow = json.loads((hand.folder / "waiter").read_text())
         assert slow == [True, "requested slow"]
-        assert light[0] is False and "waiter may request slow" in light[1]
-        assert held(robot)["waiter"] == ["slow"] and held(robot)["tour"] == ["camera"]
+        assert light[0] is False
+        assert "waiter may request slow" in light[1]
+        assert held(robot)["waiter"] == ["slow"]
+        assert held(robot)["tour"] == ["camera"]
     finally:
         rorg.end()
         print("\n".join(rorg.log.read_text().splitlines()[-40:]))
@@ -393,14 +400,17 @@ def test_ros_callers_get_through_the_end_of_the_bridge_and_of_rorg(dockerd, ros_
 
 def _by_hand(robot: RealRobot, hand: Hand) -> None:
     told = hand.run("rosservice", "call", "/rorg/request", "{id: x, services: [lamp], wait: 30}")
-    assert "success: True" in told and "lease: 60.0" in told, told
+    assert "success: True" in told, told
+    assert "lease: 60.0" in told, told
     until = time.monotonic() + 1.5
     robot.wait(lambda: time.monotonic() > until)
-    assert held(robot)["rorg_ros"] == ["lamp"] and "lamp" in robot.active(), "though its caller is gone"
+    assert held(robot)["rorg_ros"] == ["lamp"], "though its caller is gone"
+    assert "lamp" in robot.active(), "though its caller is gone"
     assert "released" in hand.run("rosservice", "call", "/rorg/release", "{id: x}")
     assert "rorg_ros" not in held(robot)
     told = hand.run("rosservice", "call", "/rorg/request", "{id: x, services: [lamp]}")
-    assert "success: True" in told and "lease: 60.0" in told, told
+    assert "success: True" in told, told
+    assert "lease: 60.0" in told, told
 
 
 def _kill_bridge(robot: RealRobot) -> None:
@@ -415,7 +425,8 @@ def _kill_bridge(robot: RealRobot) -> None:
     robot.kill("rorg_ros")
 
     def again() -> bool:
-        assert runs() == before and robot.requests() == asked
+        assert runs() == before
+        assert robot.requests() == asked
         found = client.service("rorg_ros")
         return found["health"] == "Healthy" and found["incarnation"] not in ("", old)
 

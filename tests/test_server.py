@@ -68,7 +68,7 @@ def test_a_link_in_the_place_of_a_socket_is_replaced_and_not_followed(robot, tmp
 
 
 def test_a_service_that_spoils_its_directory_has_no_socket_and_the_others_have(robot, monkeypatch):
-    monkeypatch.setattr("rorg.api.server.RETRY", 0.1)
+    monkeypatch.setattr("rorg.api.sockets.RETRY", 0.1)
     place = robot.state.run / "services/alpha/rorg.sock"
     robot.stop()
     place.unlink()

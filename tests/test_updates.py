@@ -74,10 +74,13 @@ def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
     )
     for name, container in before.items():
         data = look(robot, container)
-        assert data["State"]["Running"] and data["Name"] == f"/{name}"
+        assert data["State"]["Running"]
+        assert data["Name"] == f"/{name}"
     assert any("said last" in line and "rosluanch" in line for line in robot.lines)
-    assert "exit code 127" in failed(robot, "program") and "nosuch" in failed(robot, "user")
-    assert "exit code 3" in failed(robot, "crash") and "not ready within 1 s" in failed(robot, "never-ready")
+    assert "exit code 127" in failed(robot, "program")
+    assert "nosuch" in failed(robot, "user")
+    assert "exit code 3" in failed(robot, "crash")
+    assert "not ready within 1 s" in failed(robot, "never-ready")
     assert "no such image" in robot.waits("image").lower()
     assert "stays as it was" in robot.waits("user")
     # It does not try again by itself, also not after a restart of rorg.
@@ -128,14 +131,18 @@ def test_apply_says_that_a_change_failed(docker_robot):
     before = identity(robot, "arm")[0]
     write_tree(robot.tree, {"arm": {"always_on": True, "container": {"user": "nosuch"}}})
     done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
-    assert isinstance(done.exception, NotReady) and "its change failed" in done.output
-    assert identity(robot, "arm")[0] == before and running(robot, "arm")
+    assert isinstance(done.exception, NotReady)
+    assert "its change failed" in done.output
+    assert identity(robot, "arm")[0] == before
+    assert running(robot, "arm")
     robot.start()
     robot.wait(lambda: failed(robot, "arm"))
     write_tree(robot.tree, {"arm": {"always_on": True, "command": ["sh", "-c", "sleep .3; exit 5"]}})
     done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
-    assert isinstance(done.exception, NotReady) and "exit code 5" in str(done.exception)
-    assert identity(robot, "arm")[0] == before and running(robot, "arm")
+    assert isinstance(done.exception, NotReady)
+    assert "exit code 5" in str(done.exception)
+    assert identity(robot, "arm")[0] == before
+    assert running(robot, "arm")
 
 
 def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):
@@ -235,7 +242,8 @@ def test_kill_9_of_rorg_during_updates_on_docker(docker_robot):
                 60,
             )
             found = look(robot, robot.container("arm").id)
-            assert (found["Id"] == before) == bad and found["Name"] == "/arm"
+            assert (found["Id"] == before) == bad
+            assert found["Name"] == "/arm"
             if bad:
                 write_tree(
                     robot.tree,
@@ -468,7 +476,9 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
     robot.stop()
     (folder / "deep/a.yaml").write_text("speed: 1\n")
     shown = diff(robot)
-    assert "changed: services/config" in shown and "quiet" not in shown and "signal  told" in shown, shown
+    assert "changed: services/config" in shown, shown
+    assert "quiet" not in shown, shown
+    assert "signal  told" in shown, shown
     robot.start()
     expect(2)
 
@@ -486,11 +496,14 @@ def test_only_files_that_changed_are_read_again(tmp_path):
     (config / "gone").symlink_to("nowhere")
     catalog, contents = load_or_raise(tmp_path), Contents()
     first = contents.of(catalog, tmp_path)
-    assert contents.read == 20 and first["nav"] == first["twin"]
-    assert contents.of(catalog, tmp_path) == first and contents.read == 20
+    assert contents.read == 20
+    assert first["nav"] == first["twin"]
+    assert contents.of(catalog, tmp_path) == first
+    assert contents.read == 20
     (config / "3.yaml").write_text("x")
     second = contents.of(catalog, tmp_path)
-    assert contents.read == 21 and second != first
+    assert contents.read == 21
+    assert second != first
     (config / "3.yaml").write_text("3")
     assert contents.of(catalog, tmp_path) == first
     (config / "3.yaml").chmod(0)

@@ -12,11 +12,11 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
+from rorg.api.diffing import add_diffing
 from rorg.api.events import add_events
+from rorg.api.inputs import unreadable
 from rorg.api.manifests import add_manifests
-from rorg.api.models import (
-    Problem,
-)
+from rorg.api.models import Problem
 from rorg.api.operating import add_operating
 from rorg.api.operations import Operations
 from rorg.api.problems import answer, problem
@@ -60,19 +60,18 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     add_waiting(app, operations, changed)
     add_events(app, operations, changed)
     add_manifests(app, operations, changed)
+    add_diffing(app, operations, changed)
     return app
 
 
 def _errors(app: FastAPI) -> None:
     @app.exception_handler(RorgError)
-    async def told(request: Request, error: RorgError) -> JSONResponse:
+    async def told(_: Request, error: RorgError) -> JSONResponse:
         return answer(error)
 
     @app.exception_handler(RequestValidationError)
-    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
-        where = ".".join(str(p) for p in first["loc"] if p not in ("body", "query", "path"))
-        return problem(422, "invalid", "cannot read the request", f"{where or 'body'}: {first['msg']}")
+    async def invalid(_: Request, error: RequestValidationError) -> JSONResponse:
+        return answer(unreadable(error.errors()))
 
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> JSONResponse:

@@ -8,8 +8,6 @@ from fastapi import Path
 from fastapi.responses import JSONResponse, Response
 
 from rorg.api.not_before import GENERATION
-from rorg.errors import Invalid
-from rorg.model.units import parse_duration
 
 
 def accepted(generation: int, body: dict[str, Any] | None = None) -> Response:
@@ -21,13 +19,3 @@ def accepted(generation: int, body: dict[str, Any] | None = None) -> Response:
 
 
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
-
-
-def duration(value: str | None, field: str) -> float:
-    try:
-        seconds = parse_duration(value) if value is not None else 0.0
-    except ValueError as error:
-        raise Invalid("read the request", f"{field}: {error}") from error
-    if value is not None and not seconds:
-        raise Invalid("read the request", f"{field}: must be more than 0", "10s, for instance")
-    return seconds

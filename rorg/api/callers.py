@@ -8,7 +8,7 @@ from fastapi import Depends, Query, Request
 
 from rorg.api.permissions import Caller, acting, allow
 
-Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.", max_length=64)]
+Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.")]
 
 
 def caller_of(request: Request) -> Caller:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
@@ -14,13 +15,26 @@ from rorg.api.callers import Who, needs
 from rorg.api.operations import Operations
 from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
+from rorg.api.status_models import EventView
 from rorg.errors import Busy
+
+
+class Lines(StreamingResponse):
+    """Lines of JSON, as long as there are any."""
+
+    media_type = "application/x-ndjson"
 
 
 def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The route."""
 
-    @app.get("/v1/events", dependencies=[needs("events")], response_class=StreamingResponse)
+    @app.get(
+        "/v1/events",
+        dependencies=[needs("events")],
+        response_class=Lines,
+        responses={200: {"model": EventView, "description": "Lines of JSON, each one like this."}},
+        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
+    )
     async def events(
         caller: Who,
         cursor: Annotated[int | None, Query(ge=0)] = None,
@@ -38,29 +52,52 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         if mine or requester or caller.kind == "service":
             whose = requester or caller.requester
             allow_request(caller, whose, (), operations.catalog)
-        return StreamingResponse(
-            _lines(operations, place, follow, whose, changed),
-            media_type="application/x-ndjson",
-            headers={"rorg-cursor": str(place)},
-        )
+        lines = _lines(operations, place, follow, whose, changed)
+        return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
 async def _lines(
     operations: Operations, at: int, follow: bool, whose: str, changed: Callable[[], asyncio.Event]
 ) -> AsyncIterator[bytes]:
     """`whose`: the requester whose lines alone are told; empty for all lines."""
-    while True:
-        event = changed()
-        found = operations.loop.recorder.journal.since(at)
-        if found:
-            at = found[-1]["seq"]
-            told = _own(operations, found, whose) if whose else found
-            if told:
-                yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
-        elif not follow or operations.ending:
-            return
-        else:
-            await event.wait()
+    journal, written = operations.loop.recorder.journal, asyncio.Event()
+    end = journal.follow(_from_any_thread(written)) if follow else lambda: None
+    try:
+        while True:
+            # Both are looked at before the journal is read: what is written from here on wakes the wait below.
+            written.clear()
+            turn = changed()
+            found = journal.since(at)
+            if found:
+                at = found[-1]["seq"]
+                told = _own(operations, found, whose) if whose else found
+                if told:
+                    yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
+            elif not follow or operations.ending:
+                return
+            else:
+                await _either(written, turn)
+    finally:
+        end()
+
+
+def _from_any_thread(event: asyncio.Event) -> Callable[[], None]:
+    loop = asyncio.get_running_loop()
+
+    def tell() -> None:
+        with contextlib.suppress(RuntimeError):  # the server has ended
+            loop.call_soon_threadsafe(event.set)
+
+    return tell
+
+
+async def _either(*events: asyncio.Event) -> None:
+    waits = [asyncio.ensure_future(event.wait()) for event in events]
+    try:
+        await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waits:
+            wait.cancel()
 
 
 def _own(operations: Operations, entries: list[dict[str, Any]], whose: str) -> list[dict[str, Any]]:

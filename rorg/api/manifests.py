@@ -23,6 +23,7 @@ from rorg.api.vetting import vet
 from rorg.errors import Busy, Invalid, Missing, Refused
 from rorg.host.git import commit
 from rorg.manifest.documents import manifest_files
+from rorg.manifest.files import read_bytes
 from rorg.manifest.load import load
 from rorg.manifest.models import FOLDERS
 from rorg.manifest.yaml_source import read_yaml
@@ -44,21 +45,26 @@ class Manifests:
     def root(self) -> Path:
         return self.operations.loop.tree.root
 
-    def all(self) -> dict[tuple[str, str], Path]:
-        """(kind, name) -> file, of every manifest that can be read at all."""
+    def all(self) -> dict[tuple[str, str], tuple[Path, bytes]]:
+        """(kind, name) -> file and content, of every manifest that can be read at all."""
         found = {}
         for path in manifest_files(self.root):
-            document, _ = read_yaml(path.read_text(encoding="utf-8", errors="replace"), str(path))
+            try:
+                content = read_bytes(path, self.root)
+            except OSError:  # it says so where manifests are loaded; or it has just gone
+                continue
+            document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
             value = document.value if document else None
             if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
-                found[str(value.get("kind")), str(value["metadata"].get("name"))] = path
+                found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
         return found
 
-    def path_of(self, kind: str, name: str) -> Path:
-        path = self.all().get((kind, name))
-        if path is None:
+    def one(self, kind: str, name: str) -> tuple[Path, bytes]:
+        """File and content of a manifest. Raises Missing."""
+        found = self.all().get((kind, name))
+        if found is None:
             raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
-        return path
+        return found
 
     def allow(self, caller: Caller, kind: str, name: str) -> None:
         """Raises Forbidden where a service's manifest does not let it."""
@@ -70,8 +76,8 @@ class Manifests:
         file, its digest and the change's generation."""
         self.allow(caller, kind, name)
         with self._lock:
-            path = self.all().get((kind, name))
-            self._same(path, body.base, f"change the {kind} '{name}'")
+            path, content = self.all().get((kind, name), (None, None))
+            self._same(content, body.base, f"change the {kind} '{name}'")
             if path is None:
                 path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
                 if path.is_symlink() or path.exists():
@@ -96,14 +102,14 @@ class Manifests:
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)
         with self._lock:
-            path = self.path_of(kind, name)
-            self._same(path, base, f"delete the {kind} '{name}'")
+            path, content = self.one(kind, name)
+            self._same(content, base, f"delete the {kind} '{name}'")
             self._valid(path, None, f"delete the {kind} '{name}'")
             path.unlink()
             return self._told(caller, path, message or f"{kind} {name}: deleted through the API")
 
-    def _same(self, path: Path | None, base: str | None, what: str) -> None:
-        now = digest(path.read_bytes()) if path else None
+    def _same(self, content: bytes | None, base: str | None, what: str) -> None:
+        now = None if content is None else digest(content)
         if now != base:
             raise Refused(
                 what,
@@ -127,6 +133,7 @@ class Manifests:
 
 
 def digest(content: bytes) -> str:
+    """Of a manifest's text, by which an edit says what it began from."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 
@@ -145,9 +152,9 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
                     "kind": kind,
                     "name": name,
                     "file": str(path.relative_to(manifests.root)),
-                    "digest": digest(path.read_bytes()),
+                    "digest": digest(content),
                 }
-                for (kind, name), path in sorted(manifests.all().items())
+                for (kind, name), (path, content) in sorted(manifests.all().items())
                 if caller.kind != "service" or manages(caller, kind, name, operations.catalog)
             ]
         )
@@ -156,7 +163,7 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
     def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
         """The text of a manifest. Its digest is the ETag."""
         manifests.allow(caller, kind, name)
-        content = manifests.path_of(kind, name).read_bytes()
+        _, content = manifests.one(kind, name)
         return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
 
     @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
@@ -187,6 +194,6 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
         generation = await asyncio.to_thread(manifests.delete, caller, kind, name, base, message)
         with contextlib.suppress(Busy):  # the tree is being written; what is withheld is told, and can be confirmed
             await reached(operations, generation, changed)
-            if name in operations.decision.situation.withheld:
+            if operations.withheld(kind, name):
                 generation = await asyncio.wrap_future(operations.confirm(caller, (name,)))
         return Response(status_code=204, headers={GENERATION: str(generation)})

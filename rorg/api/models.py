@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -11,10 +11,14 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
 
 
 class Body(BaseModel):
+    """What callers send; unknown fields are refused."""
+
     model_config = ConfigDict(extra="forbid")
 
 
 class PutRequest(Body):
+    """What is requested."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     reason: Short = ""
     priority: Annotated[int, Field(ge=0, le=100)] | None = None
@@ -22,17 +26,33 @@ class PutRequest(Body):
 
 
 class HoldBody(Body):
+    """For how long, and why."""
+
     duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
     reason: Short = ""
 
 
+class HoldsBody(Body):
+    """Several services at once: for how long, and why."""
+
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
+    duration: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None, description="How long, such as 10m; null ends their holds."
+    )
+    reason: Short = ""
+
+
 class ConfirmBody(Body):
+    """A person's word that services go."""
+
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
         description="Exactly what is to go: services and groups whose removal is withheld."
     )
 
 
 class RequestView(BaseModel):
+    """A request that counts."""
+
     id: str
     requester: str
     services: list[str]
@@ -46,7 +66,11 @@ class RequestView(BaseModel):
 
 
 class ConditionView(BaseModel):
-    type: str = Field(description="Ready, Requested, Reconciling or Stalled.")
+    """One condition of a service, as Kubernetes has them."""
+
+    type: str = Field(
+        description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried."
+    )
     status: str = Field(description="True, False or Unknown.")
     reason: str
     message: str
@@ -71,57 +95,106 @@ class ServiceView(BaseModel):
     held: str
     lowered: bool
     ros_nodes: list[str]
+    withheld: str = Field(description="Why it is still there though no manifest declares it any more.")
     conditions: list[ConditionView]
 
 
 class GroupView(BaseModel):
+    """A name for several services."""
+
     name: str
     services: list[str]
     description: str
 
 
+class ImageView(BaseModel):
+    """An image of the tree."""
+
+    name: str
+    context: str | None = Field(description="Absolute directory of the build; null where nothing is built.")
+    dockerfile: str
+
+
 class Held(BaseModel):
+    """The services that a change is about."""
+
     services: list[str]
     generation: int | None = Field(default=None, description="Of this change.")
 
 
 class Ready(BaseModel):
+    """Whether one service is ready."""
+
     ready: bool
     incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
     reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):
+    """How a wait ended."""
+
     ready: bool
     services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
 
 
+class Link(BaseModel):
+    """A service, and why it is wanted."""
+
+    service: str
+    kind: str = Field(description="always_on, meta, requested or needed.")
+    by: str = Field(description="The service that requests or needs it.")
+    request: str = Field(description="The id of the request.")
+    text: str = Field(description="The same, for people.")
+
+
 class Why(BaseModel):
+    """Why a service is active, or why not."""
+
     service: str
     wanted: bool
     state: str
-    chain: list[str]
-    requests: list[RequestView]
-    waits: list[str]
+    chain: list[Link] = Field(description="From the service to a root; empty when it is not wanted.")
+    requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
+    needed_by: list[str] = Field(description="Services that declare that they need it.")
+    waits: list[str] = Field(description="Why what would be done with it is not done now.")
 
 
 class Listener(BaseModel):
+    """Who listens at a port."""
+
     port: int
     service: str
 
 
 class ServiceUsage(BaseModel):
+    """CPU seconds since its container began, and bytes of memory now."""
+
     cpu_seconds: float
     memory: int
 
 
+class MachineUsage(BaseModel):
+    """Of the whole machine; memory in bytes, `*_some` percent of time (PSI, avg10)."""
+
+    cpu_seconds: float = Field(description="Of all processes since it booted.")
+    cores: int
+    memory: int = Field(description="In use.")
+    memory_total: int
+    cpu_some: float
+    memory_some: float
+
+
 class Usage(BaseModel):
+    """What runs uses, and the machine."""
+
     at: float = Field(description="Seconds since the epoch.")
     services: dict[str, ServiceUsage]
-    machine: dict[str, float]
+    machine: MachineUsage
 
 
 class ManifestView(BaseModel):
+    """A manifest of the tree."""
+
     kind: str
     name: str
     file: str = Field(description="Relative to the tree.")
@@ -130,9 +203,25 @@ class ManifestView(BaseModel):
 
 
 class PutManifest(Body):
+    """A manifest to write, and the version that it takes the place of."""
+
     text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
     base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
     message: Short = ""
+
+
+class Differences(BaseModel):
+    """What is to be done, and why."""
+
+    root: str = Field(description="The tree that rorg follows.")
+    fingerprint: str = Field(description="Of the manifests that this was made from.")
+    errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")
+    requests_errors: list[str]
+    withheld: list[str] = Field(description="Whose removal waits for a person's word.")
+    probed: list[str] = Field(description="Services that have a probe of their readiness.")
+    empty: bool = Field(description="There is nothing to do, and nothing waits.")
+    text: str
+    plan: dict[str, Any]
 
 
 class Problem(BaseModel):
@@ -144,3 +233,7 @@ class Problem(BaseModel):
     code: str
     cause: str
     remedy: str
+    services: dict[str, Ready] | None = Field(default=None, description="Of not-ready: how each service is.")
+    confirm: list[str] | None = Field(
+        default=None, description="Of refused: the services that it would touch, where `force` does it."
+    )

@@ -7,47 +7,59 @@ import asyncio
 from fastapi import FastAPI
 from fastapi.responses import Response
 
-from rorg.api.bodies import accepted, duration
+from rorg.api.bodies import accepted
 from rorg.api.callers import Requester, Who, needs
-from rorg.api.models import (
-    ConfirmBody,
-    Held,
-    HoldBody,
-)
+from rorg.api.inputs import seconds_of
+from rorg.api.models import ConfirmBody, Held, HoldBody, HoldsBody
 from rorg.api.operations import Operations
 
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
+    """The routes."""
+    _add_holds(app, operations)
+
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
-    async def restart(name: str, caller: Who, force: bool = False, requester: Requester = None) -> Response:
+    async def restart(  # caller_of reads the requester; here it is for the schema
+        name: str,
+        caller: Who,
+        force: bool = False,
+        requester: Requester = None,  # noqa: ARG001
+    ) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
-        generation = await asyncio.wrap_future(operations.restart(caller, name, force))
-        return accepted(generation, {"services": list(operations.members(name))})
-
-    @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
-    async def hold(name: str, body: HoldBody, caller: Who) -> Response:
-        """Keep a service, or a group's, from being active for a time, whoever requests it."""
-        generation = await asyncio.wrap_future(
-            operations.hold(caller, name, duration(body.duration, "duration"), body.reason)
-        )
-        return accepted(generation, {"services": list(operations.members(name))})
-
-    @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
-    async def unhold(name: str, caller: Who) -> Response:
-        return accepted(await asyncio.wrap_future(operations.hold(caller, name, None, "")))
+        names, change = operations.restart(caller, name, force)
+        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
     @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def suspend(body: HoldBody, caller: Who) -> Response:
         """Change nothing for a time."""
-        return accepted(
-            await asyncio.wrap_future(operations.suspend(caller, duration(body.duration, "duration"), body.reason))
-        )
+        seconds = seconds_of(body.duration, "duration")
+        return accepted(await asyncio.wrap_future(operations.suspend(caller, seconds, body.reason)))
 
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
+        """Go on with what is asked for."""
         return accepted(await asyncio.wrap_future(operations.suspend(caller, None, "")))
 
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
         """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
         return accepted(await asyncio.wrap_future(operations.confirm(caller, tuple(body.services))))
+
+
+def _add_holds(app: FastAPI, operations: Operations) -> None:
+    @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
+    async def hold(name: str, body: HoldBody, caller: Who) -> Response:
+        """Keep a service, or a group's, from being active for a time, whoever requests it."""
+        names, change = operations.hold(caller, [name], seconds_of(body.duration, "duration"), body.reason)
+        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+
+    @app.put("/v1/holds", dependencies=[needs("hold")], response_model=Held)
+    async def hold_all(body: HoldsBody, caller: Who) -> Response:
+        """Keep services and groups from being active for a time, all of them or none; without a duration that ends."""
+        names, change = operations.hold(caller, body.services, seconds_of(body.duration, "duration"), body.reason)
+        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+
+    @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
+    async def unhold(name: str, caller: Who) -> Response:
+        """End the hold of a service, or of a group's."""
+        return accepted(await asyncio.wrap_future(operations.hold(caller, [name], None, "")[1]))

@@ -5,32 +5,28 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
+from rorg.api import changes, views
+from rorg.api.changes import Change
+from rorg.api.current import Current, missing
 from rorg.api.permissions import Caller, allow_request, allow_restart
 from rorg.api.readiness import Question, Readiness, readiness
 from rorg.core.decide import Decision
-from rorg.core.requests import problems
 from rorg.core.status import Status, statuses
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
-from rorg.errors import Busy, Invalid, Missing, Refused
-from rorg.host.clock import wall_clock
+from rorg.errors import Busy, Missing
 from rorg.host.listeners import lineage, listening
 from rorg.host.load import machine
-from rorg.model.catalog import Catalog, Hold, Request, Service
-from rorg.model.diagnostics import nearest
+from rorg.model.catalog import Catalog, Group, Request
 from rorg.model.graph import closure
-from rorg.model.units import format_seconds
 from rorg.store.committer import Committer
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import RequestsFile
-
-MOST_REQUESTS = 100
-"""Requests that one requester may have at a time."""
 
 
 class Operations:
@@ -48,10 +44,12 @@ class Operations:
 
     @property
     def decision(self) -> Decision:
-        tree = self.loop.tree
-        if self.loop.decision is None or not (tree.loaded or tree.errors):
+        """Of the last pass over a tree that has been read. Raises Busy before there is one."""
+        found = self.loop.decision
+        # The tree may have been read since: what a pass from before that does not know may well be declared.
+        if found is None or not (found.situation.desired.catalog.fingerprint or self.loop.tree.errors):
             raise Busy("answer", "rorg has just begun and has not read its manifests yet", "again in a moment")
-        return self.loop.decision
+        return found
 
     def changed(self, news: bool = True, manifest: bool = False) -> int:
         """Generation of a change that is on the disk now; without news, of the last one."""
@@ -82,22 +80,23 @@ class Operations:
         """The JSON of one service."""
         found = self.statuses()
         if name not in found:
-            raise Missing(f"find the service '{name}'", "there is none of that name", nearest(name, found))
+            raise missing(name, set(found))
         texts = self._cached[2]
         if name not in texts:
             texts[name] = json.dumps(found[name].as_json()).encode()
         return texts[name]
 
-    def members(self, name: str) -> tuple[str, ...]:
-        found = self.catalog.members(name)
-        if not found:
-            known = {*self.catalog.services, *self.catalog.groups}
-            raise Missing(f"find the service '{name}'", "there is none of that name", nearest(name, known))
-        return found
+    @property
+    def current(self) -> Current:
+        return Current(self.decision, self.statuses(), self.loop.clock())
 
-    def containers_of(self, names: tuple[str, ...]) -> list[Service]:
-        """Those of the named services that have containers."""
-        return [s for n in names if not (s := self.catalog.services[n]).meta]
+    def members(self, name: str) -> tuple[str, ...]:
+        """The services that a name stands for. Raises Missing."""
+        return self.current.members(name)
+
+    def runs(self, name: str) -> bool:
+        """Whether its container is seen to be alive; a meta-service always is."""
+        return self.current.runs(name)
 
     def snapshot(self) -> dict[str, Any]:
         return snapshot(
@@ -106,25 +105,11 @@ class Operations:
 
     def requests(self) -> list[dict[str, Any]]:
         """All requests, with the seconds that are left of their leases."""
-        decision, now = self.decision, self.loop.clock()
-        leases = decision.memory.leases
-        return [
-            {**request_json(r), "expires_in": round(leases[r.key].until - now, 3) if r.key in leases else None}
-            for r in (*self.catalog.requests, *decision.settled.requests)
-        ]
+        return views.requests(self.current)
 
-    def why(self, name: str) -> dict[str, Any]:
-        """The chain from a root to a service, who requests it, and what it waits for."""
-        status = self.statuses()[name]
-        message = next((c.message for c in status.conditions if c.type == "Requested"), "")
-        return {
-            "service": name,
-            "wanted": status.wanted,
-            "state": status.state,
-            "chain": message.split(" <- ") if status.wanted else [],
-            "requests": [r for r in self.requests() if any(name in self.catalog.members(s) for s in r["services"])],
-            "waits": [w.reason for w in self.decision.plan.waitings if w.service == name],
-        }
+    def why(self, name: str) -> list[dict[str, Any]]:
+        """Why a service, or each of a group, is active, or why not. Raises Missing."""
+        return views.why(self.current, name)
 
     def readiness(self, question: Question) -> Readiness:
         """How far the services of a question, and all that they need, are."""
@@ -155,6 +140,8 @@ class Operations:
     def listener(self, port: int) -> str:
         """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets, and asks the
         engine where nobody is known: a program may call before the loop has seen it run."""
+        if not self.loop.engine.local:
+            raise Missing(f"find who listens at port {port}", "the engine is on another machine")
         forebears = lineage(listening(port))
         runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
         if forebears and not runs.keys() & set(forebears):
@@ -171,51 +158,16 @@ class Operations:
 
     def put_request(self, caller: Caller, request: Request) -> Future[int]:
         """Accepts it whole, in place of the one with the same requester and id, or refuses it whole."""
-        catalog = self.catalog
-        allow_request(caller, request.requester, request.services, catalog)
-        request = replace(request, incarnation=self._incarnation(request.requester))
+        allow_request(caller, request.requester, request.services, self.catalog)
+        change = changes.put_request(self.current, request)
 
         def edit(document: RequestsDocument) -> RequestsDocument:
-            found = problems(catalog, document.requests, request)
-            if found:
-                cause, remedy = found[0]
-                kind = Refused if "conflict" in cause or "does not fit" in cause else Invalid
-                raise kind(f"request {', '.join(request.services)}", "; ".join(c for c, _ in found), remedy)
-            own = [r for r in document.requests if r.requester == request.requester and r.id != request.id]
-            if len(own) >= MOST_REQUESTS:
-                raise Refused(
-                    f"accept another request of {request.requester}", f"it has {len(own)} already", "to release some"
-                )
-            return document.put(request)
+            after = change.edit(document)
+            # Under the lock of the file, so that no pass drops meanwhile what is renewed by this.
+            self.loop.leases.note(request.key)
+            return after
 
-        self.loop.leases.note(request.key)
-        return self._change(
-            caller,
-            edit,
-            "request",
-            f"request '{request.id}' of {request.requester}: {', '.join(request.services)}",
-            service=request.requester,
-        )
-
-    def runs(self, name: str) -> bool:
-        """Whether its container is seen to be alive; a meta-service always is."""
-        status = self.statuses().get(name)
-        return status is not None and (status.state == "meta" or bool(status.incarnation))
-
-    def _incarnation(self, requester: str) -> str | None:
-        """The run of the requester that a request belongs to; None for those that have no container."""
-        service = self.catalog.services.get(requester)
-        if service is None or service.meta:
-            return None
-        if not self.decision.situation.observed.complete:
-            raise Busy(f"request as {requester}", "the engine has not told yet what runs", "again in a moment")
-        if not self.runs(requester):
-            raise Refused(
-                f"request as {requester}",
-                f"{requester} does not run, and a request belongs to a run of its requester",
-                "to request it first",
-            )
-        return self.statuses()[requester].incarnation
+        return self._change(caller, replace(change, edit=edit))
 
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
@@ -228,88 +180,49 @@ class Operations:
     def release(self, caller: Caller, key: tuple[str, str]) -> Future[int]:
         """Gives a request up; what is released already is fine."""
         allow_request(caller, key[0], (), self.catalog)
-        return self._change(
-            caller,
-            lambda document: document.without({key}),
-            "release",
-            f"request '{key[1]}' of {key[0]} released",
-            service=key[0],
-        )
+        return self._change(caller, changes.release(key))
 
-    def restart(self, caller: Caller, name: str, force: bool) -> Future[int]:
+    def restart(self, caller: Caller, name: str, force: bool) -> tuple[tuple[str, ...], Future[int]]:
+        """(names of what is restarted, the change)."""
         allow_restart(caller, name, self.catalog)
-        names = [s.name for s in self.containers_of(self.members(name))]
-        if not names:
-            raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
-        drivers = [n for n in names if self.catalog.services[n].driver]
-        if drivers and not force:
-            raise Refused(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force")
-        if not any(self.statuses()[n].wanted for n in names):
-            raise Refused(
-                f"restart {name}", "nobody active requests it, so there is nothing to restart", f"`rorg request {name}`"
-            )
-        at = wall_clock()
-        return self._change(
-            caller,
-            lambda document: replace(document, restarts={**document.restarts, **dict.fromkeys(names, at)}),
-            "restart",
-            f"restart of {', '.join(names)}",
-            services=names,
-        )
+        change = changes.restart(self.current, name, force, time.time())
+        return change.services, self._change(caller, change)
 
-    def hold(self, caller: Caller, name: str, seconds: float | None, reason: str) -> Future[int]:
-        """Holds a service, or a group's, for so long; None ends it."""
-        names = [s.name for s in self.containers_of(self.members(name))]
-        if not names:
-            raise Invalid(f"hold {name}", "a meta-service has no container that could be ceased")
-        now = time.time()
-
-        def edit(document: RequestsDocument) -> RequestsDocument:
-            kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}
-            more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, reason))
-            return replace(document, holds={**kept, **more})
-
-        told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
-        return self._change(caller, edit, "hold", f"{', '.join(names)} {told}", services=names)
+    def hold(
+        self, caller: Caller, names: Sequence[str], seconds: float | None, reason: str
+    ) -> tuple[tuple[str, ...], Future[int]]:
+        """Holds services and groups, all or none, for so long; None ends it. (Names of what is held, the change.)"""
+        change = changes.hold(self.current, names, seconds, reason, time.time())
+        return change.services, self._change(caller, change)
 
     def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[int]:
-        hold = None if seconds is None else Hold(time.time() + seconds, reason)
-        told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
-        return self._change(caller, lambda document: replace(document, suspended=hold), "suspend", told)
+        return self._change(caller, changes.suspend(seconds, reason, time.time()))
 
     def confirm(self, caller: Caller, names: tuple[str, ...]) -> Future[int]:
         """Lets go of what is withheld: exactly these, and for as long as they are not declared again."""
-        withheld = self.decision.situation.withheld
-        others = [n for n in names if n not in withheld]
-        if others:
-            raise Refused(
-                f"confirm the removal of {', '.join(others)}", "it is not withheld", "`rorg diff` for what is"
-            )
-        return self._change(
-            caller,
-            lambda document: replace(document, removals=tuple(dict.fromkeys((*document.removals, *names)))),
-            "removal",
-            f"removal of {', '.join(names)} confirmed",
-            services=list(names),
-        )
+        return self._change(caller, changes.confirm(self.current, names))
 
-    def _change(
-        self, caller: Caller, edit: Callable[[RequestsDocument], RequestsDocument], kind: str, message: str, **more: Any
-    ) -> Future[int]:
+    def withheld(self, kind: str, name: str) -> bool:
+        """Whether the removal of this Service or Group waits for a person's word."""
+        decision = self.decision
+        former = decision.memory.kept.former.get(name)
+        known = "Group" if former is not None and isinstance(former.what, Group) else "Service"
+        return kind == known and name in decision.situation.withheld
+
+    def _change(self, caller: Caller, change: Change) -> Future[int]:
         changed: list[bool] = []
 
         def note(document: RequestsDocument) -> RequestsDocument:
-            after = edit(document)
+            after = change.edit(document)
             changed.append(after != document)
             return after
 
+        def told(future: Future[int]) -> None:
+            # Once the disk has it, and only when it changed anything.
+            if future.exception() is None and any(changed):
+                text = f"{change.message} (by {caller.author})"
+                self.loop.recorder.event(change.kind, text, author=caller.author, **change.about)
+
         future = self.committer.submit(note)
-        # Told once the disk has it, by whom, and only when it changed anything.
-        future.add_done_callback(
-            lambda f: (
-                f.exception() is None
-                and any(changed)
-                and self.loop.recorder.event(kind, f"{message} (by {caller.author})", author=caller.author, **more)
-            )
-        )
+        future.add_done_callback(told)
         return future

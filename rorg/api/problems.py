@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi.responses import JSONResponse
 
-from rorg.errors import Busy, Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unreachable
+from rorg.errors import Busy, Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unconfirmed, Unreachable
 
 STATUS: dict[type[RorgError], tuple[int, str]] = {
     Forbidden: (403, "forbidden"),
@@ -40,7 +40,8 @@ def problem(status: int, code: str, what: str, cause: str, remedy: str = "", **m
 def answer(error: RorgError) -> JSONResponse:
     """What is answered for an error of ours. Whoever may ask again soon is told when."""
     status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
-    more = {"services": error.services} if isinstance(error, NotReady) and error.services else {}
+    more: dict[str, Any] = {"services": error.services} if isinstance(error, NotReady) and error.services else {}
+    more |= {"confirm": list(error.services)} if isinstance(error, Unconfirmed) else {}
     found = problem(status, code, f"cannot {error.what}", error.why, error.remedy, **more)
     if isinstance(error, Busy):
         found.headers["Retry-After"] = str(error.seconds)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rorg.core.decide import Decision, told_since
+from rorg.core.decide import Decision
+from rorg.core.schedule import told_since
 from rorg.core.status import Status
 from rorg.model.graph import closure
 

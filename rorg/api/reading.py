@@ -8,19 +8,15 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Path
 from fastapi.responses import Response
 
+from rorg.api import views
 from rorg.api.callers import needs
-from rorg.api.models import (
-    GroupView,
-    Listener,
-    RequestView,
-    ServiceView,
-    Usage,
-    Why,
-)
+from rorg.api.models import GroupView, ImageView, Listener, RequestView, ServiceView, Usage, Why
 from rorg.api.operations import Operations
+from rorg.api.status_models import PlanView, StatusView
 
 
 def add_reading(app: FastAPI, operations: Operations) -> None:
+    """The routes."""
     read = [needs("read")]
 
     def text(value: Any) -> Response:
@@ -42,37 +38,29 @@ def add_reading(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
     async def why(name: str) -> Response:
         """Why a service, or each of a group, is active, or why not."""
-        return text([operations.why(n) for n in operations.members(name)])
+        return text(operations.why(name))
 
     @app.get("/v1/groups", dependencies=read, response_model=list[GroupView])
     async def groups() -> Response:
-        return text(
-            [
-                {"name": g.name, "services": list(g.services), "description": g.description}
-                for g in operations.catalog.groups.values()
-            ]
-        )
+        """The declared groups."""
+        return text(views.groups(operations.catalog))
 
-    @app.get("/v1/images", dependencies=read, response_model=list[dict[str, Any]])
+    @app.get("/v1/images", dependencies=read, response_model=list[ImageView])
     async def images() -> Response:
-        return text(
-            [
-                {"name": i.name, "context": i.context, "dockerfile": i.dockerfile}
-                for i in operations.catalog.images.values()
-            ]
-        )
+        """The declared images."""
+        return text(views.images(operations.catalog))
 
     @app.get("/v1/requests", dependencies=read, response_model=list[RequestView])
     async def requests() -> Response:
         """All requests that count, standing ones included."""
         return text(operations.requests())
 
-    @app.get("/v1/status", dependencies=[needs("plan")], response_model=dict[str, Any])
+    @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
     async def status() -> Response:
         """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
         return text(operations.snapshot())
 
-    @app.get("/v1/plan", dependencies=[needs("plan")], response_model=dict[str, Any])
+    @app.get("/v1/plan", dependencies=[needs("plan")], response_model=PlanView)
     async def plan() -> Response:
         """What is to be done, and what waits for what."""
         return text(operations.decision.plan.as_json())

@@ -9,15 +9,12 @@ from collections.abc import Callable
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse, Response
 
-from rorg.api.bodies import Id, accepted, duration
+from rorg.api.bodies import Id, accepted
 from rorg.api.callers import Requester, Who, needs
-from rorg.api.models import (
-    PutRequest,
-    RequestView,
-)
+from rorg.api.inputs import request_of
+from rorg.api.models import PutRequest, RequestView
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller
-from rorg.model.catalog import Request as Ask
 
 SEEN = 5.0
 """Seconds until a service that asks is seen to run."""
@@ -35,19 +32,13 @@ async def _seen(operations: Operations, caller: Caller, changed: Callable[[], as
 
 
 def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The routes of requests."""
     request = [needs("request")]
 
     @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)
     async def put(id: Id, body: PutRequest, caller: Who, requester: Requester = None) -> Response:
         """Request services, in place of an earlier request of the same id. Durable when answered."""
-        ask = Ask(
-            id,
-            requester or caller.requester,
-            tuple(dict.fromkeys(body.services)),
-            body.reason,
-            priority=body.priority,
-            ttl=duration(body.ttl, "ttl") or None,
-        )
+        ask = request_of(id, requester or caller.requester, body)
         await _seen(operations, caller, changed)
         return accepted(
             await asyncio.wrap_future(operations.put_request(caller, ask)),

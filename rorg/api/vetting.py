@@ -63,10 +63,10 @@ OPTIONS = frozenset(
 
 def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
     """Raises Forbidden when a service, which the caller is, writes more than it may into a manifest that it manages."""
-    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml")
+    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml", Path())
     if source is None or not isinstance(source.spec, ServiceSpec):
         return  # that it is wrong is told where manifests are checked
-    found = list(_beyond(source.spec, name, catalog.services[caller.service], catalog))
+    found = list(_beyond(source.spec, catalog.services[caller.service], catalog))
     found += ["labels"] if source.labels else []  # they say, for one, whose ROS nodes these are
     if found:
         raise Forbidden(
@@ -76,7 +76,7 @@ def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
         )
 
 
-def _beyond(spec: ServiceSpec, name: str, manager: Service, catalog: Catalog) -> Iterator[str]:
+def _beyond(spec: ServiceSpec, manager: Service, catalog: Catalog) -> Iterator[str]:
     yield from sorted(spec.model_fields_set - FIELDS)
     if spec.type != "container":
         yield f"type {spec.type}"

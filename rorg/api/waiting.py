@@ -55,6 +55,8 @@ async def _ready(
 
 
 def add_waiting(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The route that waits until services are ready."""
+
     @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
     async def wait(
         request: Request,

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import Directory, EngineName, StateDirectory
+from rorg.cli.options import Directory, EngineName, Option, StateDirectory
 
 
 def command(
     directory: Directory = None,
-    only: Annotated[list[str], typer.Option("--image", help="Only this image and what it stands on.")] = [],  # noqa: B006
+    only: Annotated[list[str], Option(names=("--image",), help="Only this image and what it stands on.")] = [],  # noqa: B006
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
 
 
+SETTLED = 0.5
+"""Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
+`rorg apply` says so: what crashes at its start does so within them."""
+
+
 class Context:
     """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
 
@@ -35,12 +40,18 @@ class Context:
         self.remote = "" if state_dir else os.environ.get("RORG_ADDRESS", "")
         """Where rorg is, when it is not that of a state directory."""
         self.state = StateDir(Path(given) if given else default_state_dir())
-        self.engine_name = engine or os.environ.get("RORG_ENGINE") or (self.last() or {}).get("engine_name") or "docker"
-        if self.engine_name not in ENGINES:
-            raise Invalid(f"use the engine '{self.engine_name}'", "there is none of that name", " or ".join(ENGINES))
-        self._directory, self._local = directory, local
+        self._engine_name = _known(engine or os.environ.get("RORG_ENGINE") or "")
+        self.directory, self._local = directory, local
         self._engine: Engine | None = None
+        self._client: Client | None = None
         self._remarked: set[str] = set()
+
+    @property
+    def engine_name(self) -> str:
+        """What was asked for, else what rorg was last run with."""
+        if not self._engine_name:
+            self._engine_name = _known((self.last() or {}).get("engine_name") or "docker")
+        return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
         """What a rorg published last, be it running or not."""
@@ -68,8 +79,8 @@ class Context:
     def root(self) -> Path:
         """The directory of manifests. Commands about a tree (`local`) look here first, those about the robot at what
         it was last run with."""
-        if self._directory:
-            return self._directory
+        if self.directory:
+            return self.directory
         last = (self.last() or {}).get("tree", {}).get("root")
         if last and (not self._local or self.state.owner()):
             return Path(last)
@@ -77,19 +88,34 @@ class Context:
 
     def catalog(self) -> Catalog:
         if not self._local:
-            self._here("read its manifests")
+            self.here("read its manifests")
         from rorg.manifest.load import load_or_raise
 
         return load_or_raise(self.root)
 
+    def groups(self) -> list[Any]:
+        """All groups, as the API shows them."""
+        client = None if self.directory else self.client()
+        if client:
+            return list(client.groups())
+        found = self.catalog().groups.values()
+        return [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
+
+    def images(self) -> list[Any]:
+        """All images, as the API shows them."""
+        client = None if self.directory else self.client()
+        if client:
+            return list(client.call("GET", "/v1/images"))
+        found = self.catalog().images.values()
+        return [{"name": i.name, "context": i.context, "dockerfile": i.dockerfile} for i in found]
+
     def members(self, name: str) -> tuple[str, ...]:
         """The services that a name stands for."""
-        if self.remote:
-            found = next((g["services"] for g in self.serving("ask for groups").groups() if g["name"] == name), [name])
-            return tuple(found)
-        return self.catalog().members(name)
+        if self.directory or not self.client():
+            return self.catalog().members(name)
+        return tuple(next((g["services"] for g in self.groups() if g["name"] == name), [name]))
 
-    def _here(self, what: str) -> None:
+    def here(self, what: str) -> None:
         """Raises Refused when the robot is not on this machine, as far as is known."""
         if self.remote:
             raise Refused(
@@ -99,7 +125,7 @@ class Context:
             )
 
     def engine(self) -> Engine:
-        self._here("use its engine")
+        self.here("use its engine")
         if self._engine is None:
             from rorg.engines.make import make_engine
 
@@ -118,10 +144,12 @@ class Context:
 
     def client(self) -> Client | None:
         """A client of the rorg that runs on this state directory, or at RORG_ADDRESS; None when none serves."""
-        if self.remote:
-            return Client(self.remote, patience=2.0)
         path = self.state.run / "rorg.sock"
-        return Client(str(path), patience=2.0) if self.state.owner() and path.exists() else None
+        if not (self.remote or (self.state.owner() and path.exists())):
+            return None
+        if self._client is None:
+            self._client = Client(self.remote or str(path), patience=2.0)
+        return self._client
 
     def serving(self, what: str) -> Client:
         """The same, or Unreachable."""
@@ -147,14 +175,14 @@ class Context:
 
     def view(self) -> dict[str, Any]:
         """The published state of the running rorg; computed the same way when none runs."""
-        live = self.live()
-        if live:
-            self._remark(live)
-            return live
-        self._here("compute how it is")
-        from rorg.cli.local import view
+        found = self.live()
+        if not found:
+            self.here("compute how it is")
+            from rorg.cli.local import view
 
-        return view(self)
+            found = view(self)
+        self._remark(found)
+        return found
 
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
@@ -173,25 +201,35 @@ class Context:
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""
-        deadline = time.monotonic() + timeout
+        begun = time.monotonic()
         why = "it has not said anything yet"
-        while time.monotonic() < deadline:
-            view = self.published()
+        while (waited := time.monotonic() - begun) < timeout:
+            view = self.live()
             if view is None and self.state.owner() is None:
                 raise Unreachable(f"wait for {what}", "no rorg runs on this state directory", "`rorg run`")
             if view is not None:
                 why = done(view)
                 if not why:
                     return
-            time.sleep(0.01)
+            # An answer costs rorg time that it needs for what is waited for: it is asked ever more rarely.
+            time.sleep(min(max(0.01, 0.1 * waited), 0.25))
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
 
 
+def _known(engine: str) -> str:
+    """The name of an engine. Raises Invalid where there is none of that name."""
+    if engine and engine not in ENGINES:
+        raise Invalid(f"use the engine '{engine}'", "there is none of that name", " or ".join(ENGINES))
+    return engine
+
+
 def is_ready(service: dict[str, Any]) -> bool:
+    """Of a service in a view."""
     return any(c["type"] == "Ready" and c["status"] == "True" for c in service["conditions"])
 
 
 def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
+    """One condition of a service in a view, empty where it has none of that kind."""
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
 
 
@@ -222,7 +260,7 @@ def unready(view: dict[str, Any], names: Iterable[str]) -> str:
             return f"{name} is not declared yet"
         if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
             if view.get("suspended"):
-                return view["suspended"]
+                return str(view["suspended"])
             found = condition(service, "Ready")
             waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
             return f"{name}: {service['held'] or '; '.join(waits) or found['message'] or found['reason']}"

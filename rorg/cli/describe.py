@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import typer
+from typing import TYPE_CHECKING
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.output import echo
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
 
 
 def command(
@@ -57,15 +61,11 @@ def command(
     import yaml
 
     for entry in found:
-        typer.echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), nl=False)
+        echo(yaml.safe_dump(json.loads(json.dumps(entry)), sort_keys=False, width=120), end="")
 
 
-def _events(context: object, name: str, most: int = 10) -> list[str]:
-    import json
+def _events(context: Context, name: str, most: int = 10) -> list[str]:
+    from rorg.store.journal import Journal
 
-    try:
-        lines = context.state.journal.read_text(encoding="utf-8").splitlines()  # type: ignore[attr-defined]
-    except OSError:
-        return []
-    entries = [json.loads(line) for line in lines if f'"{name}"' in line]
-    return [f"{e['at']} {e['message']}" for e in entries if e.get("service") == name][-most:]
+    entries = [e for e in Journal(context.state.journal).since(0) if e.get("service") == name]
+    return [f"{e['at']} {e['message']}" for e in entries[-most:]]

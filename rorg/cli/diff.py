@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import typer
+import sys
 
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.output import check_form, dump, echo
 
 
 def command(
@@ -12,14 +13,13 @@ def command(
 ) -> None:
     """Show what would be done, and why, without doing it. Exits 1 when there is anything."""
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, dump
+    from rorg.cli.differences import differences
     from rorg.errors import Exit
 
     check_form(output, ("table", "json", "yaml"))
-    context = Context(state_dir, engine, directory, local=True)
-    plan = context.decision(context.catalog()).plan
+    found = differences(Context(state_dir, engine, directory, local=True))
     if output == "table":
-        typer.echo(plan.text(), nl=False)
+        echo(found.text, end="")
     else:
-        dump(plan.as_json(), output)
-    raise typer.Exit(int(Exit.OK if plan.empty else Exit.DIFFERENCES))
+        dump(found.plan, output)
+    sys.exit(int(Exit.OK if found.empty else Exit.DIFFERENCES))

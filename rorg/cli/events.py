@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from rorg.cli.options import Option, Output, StateDirectory
+from rorg.cli.output import echo
 
-from rorg.cli.options import Output, StateDirectory
+if TYPE_CHECKING:
+    from rorg.store.journal import Journal
 
 
 def command(
-    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
-    tail: Annotated[int, typer.Option("--tail", min=0, help="Begin with the last so many.")] = 20,
+    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Go on with what comes.")] = False,
+    tail: Annotated[int, Option(names=("--tail",), least=0, help="Begin with the last so many.")] = 20,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
@@ -28,8 +30,8 @@ def command(
     found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
     for event in found:
         line = f"{event['at'][:19].replace('T', ' ')}  {event['message']}"
-        typer.echo(json.dumps(event) if output == "json" else line)
+        echo(json.dumps(event) if output == "json" else line)
 
 
-def _last(journal: object, tail: int) -> list[dict]:
-    return journal.since(max(0, journal.last - tail))  # type: ignore[attr-defined]
+def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:
+    return journal.since(max(0, journal.last - tail))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
-from rorg.cli.options import EngineName, Output, StateDirectory
+from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory
 
 KINDS = {
     "services": "services",
@@ -22,13 +20,13 @@ KINDS = {
 
 
 def command(
-    kind: Annotated[str, typer.Argument(help="services, groups, images or requests.")] = "services",
-    name: Annotated[str, typer.Argument(help="Only this one.")] = "",
-    directory: Annotated[Any, typer.Option("--manifests", help="Directory of manifests.", parser=str)] = None,
+    kind: Annotated[str, Argument(help="services, groups, images or requests.")] = "services",
+    name: Annotated[str, Argument(help="Only this one.")] = "",
+    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
-    watch: Annotated[bool, typer.Option("-w", "--watch", help="Go on showing changes.")] = False,
+    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Go on showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, requests."""
     import time
@@ -50,7 +48,7 @@ def command(
         time.sleep(0.2)
 
 
-def _services(context: Any, name: str) -> tuple[list[dict], Any]:
+def _services(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     from rorg.cli.context import condition
     from rorg.cli.output import missing
 
@@ -77,33 +75,33 @@ def _services(context: Any, name: str) -> tuple[list[dict], Any]:
     return rows, list(services.values())
 
 
-def _groups(context: Any, name: str) -> tuple[list[dict], Any]:
-    groups = context.catalog().groups
-    found = [g for g in groups.values() if name in ("", g.name)]
-    _there("group", name, found, groups)
-    rows = [{"name": g.name, "services": ",".join(g.services), "description": g.description} for g in found]
-    return rows, [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
+def _groups(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
+    groups = context.groups()
+    found = [g for g in groups if name in ("", g["name"])]
+    _there("group", name, found, {g["name"] for g in groups})
+    rows = [{**g, "services": ",".join(g["services"])} for g in found]
+    return rows, found
 
 
-def _images(context: Any, name: str) -> tuple[list[dict], Any]:
-    images = context.catalog().images
+def _images(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
+    images = context.images()
     rows = [
-        {"name": i.name, "from": i.context or "import", "dockerfile": i.dockerfile}
-        for i in images.values()
-        if name in ("", i.name)
+        {"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]}
+        for i in images
+        if name in ("", i["name"])
     ]
-    _there("image", name, rows, images)
+    _there("image", name, rows, {i["name"] for i in images})
     return rows, None
 
 
-def _there(kind: str, name: str, found: list, known: Any) -> None:
+def _there(kind: str, name: str, found: list[Any], known: Any) -> None:
     from rorg.cli.output import missing
 
     if name and not found:
         raise missing(kind, name, set(known))
 
 
-def _requests(context: Any, name: str) -> tuple[list[dict], Any]:
+def _requests(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     requests = context.view()["requests"]
     found = [r for r in requests if name in ("", r["id"])]
     _there("request", name, found, {r["id"] for r in requests})

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
+from rorg.cli.options import Directory, Option, StateDirectory
+from rorg.cli.output import echo
 
-from rorg.cli.options import Directory, StateDirectory
+Edge = tuple[str, str, str]
+"""From, to, and what it is: needs or requests."""
 
 
 def command(
     directory: Directory = None,
-    form: Annotated[str, typer.Option("-o", "--output", help="text, dot, mermaid or json.")] = "text",
+    form: Annotated[str, Option(names=("-o", "--output"), help="text, dot, mermaid or json.")] = "text",
     state_dir: StateDirectory = None,
 ) -> None:
     """Show who needs and who requests whom."""
@@ -31,10 +33,10 @@ def command(
             form,
         )
     else:
-        typer.echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
 
 
-def _text(catalog: Any, edges: list) -> list[str]:
+def _text(catalog: Any, edges: list[Edge]) -> list[str]:
     lines = []
     for name in sorted(catalog.services):
         targets = [f"{'needs' if k == 'needs' else 'requests'} {b}" for a, b, k in edges if a == name]
@@ -43,11 +45,11 @@ def _text(catalog: Any, edges: list) -> list[str]:
     return lines
 
 
-def _dot(catalog: Any, edges: list) -> list[str]:
+def _dot(catalog: Any, edges: list[Edge]) -> list[str]:
     nodes = [f'  "{n}"{" [style=bold]" if s.always_on else ""};' for n, s in sorted(catalog.services.items())]
     arrows = [f'  "{a}" -> "{b}"{" [style=dashed]" if k == "requests" else ""};' for a, b, k in edges]
     return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
 
 
-def _mermaid(catalog: Any, edges: list) -> list[str]:
+def _mermaid(_: Any, edges: list[Edge]) -> list[str]:
     return ["graph LR", *[f"  {a} {'-.->' if k == 'requests' else '-->'} {b}" for a, b, k in edges]]

@@ -2,83 +2,112 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
-from rorg.cli.context import Context
-from rorg.core.decide import Decision, Inputs, Target, decide
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
+from rorg.core.schedule import Target
 from rorg.daemon.snapshot import restore, snapshot
+from rorg.engines.protocol import Engine
+from rorg.errors import Unreachable
 from rorg.host.contents import Contents
 from rorg.model.catalog import Catalog
-from rorg.probes.ask import CannotAsk
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.state_dir import StateDir
 
 
-def decision(context: Context, catalog: Catalog) -> Decision:
+class Place(Protocol):
+    """Where a command looks: its Context."""
+
+    state: StateDir
+
+    @property
+    def engine_name(self) -> str: ...
+    @property
+    def root(self) -> Path: ...
+    def catalog(self) -> Catalog: ...
+    def document(self) -> RequestsDocument: ...
+    def engine(self) -> Engine: ...
+    def last(self) -> dict[str, Any] | None: ...
+    def published(self) -> dict[str, Any] | None: ...
+
+
+def decision(place: Place, catalog: Catalog) -> Decision:
     """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-    desired = desire(catalog, str(context.state.run), Contents().of(catalog, context.root))
-    document = context.document()
-    observed = Observed(tuple(context.engine().list()))
-    last = context.last() or {}
-    owner = last.get("instance") or context.state.instance(lambda: "")
+    desired = desire(catalog, str(place.state.run), Contents().of(catalog, place.root))
+    observed = Observed(tuple(place.engine().list()))
+    first = _look(place, desired, observed)
+    return _look(place, desired, observed, _ready(place, first, desired))
 
-    def look(memory: Memory) -> Decision:
-        # An interlock is asked when something is done; a plan that is only shown does not wait for it.
-        allowed = {(n, "interlock"): ProbeResult("", True, 0.0) for n, s in catalog.services.items() if s.interlock}
-        return decide(
-            Inputs(
-                desired,
-                document.requests,
-                document.restarts,
-                observed,
-                allowed,
-                memory,
-                0.0,
-                owner,
-                holds=document.holds,
-                suspended=document.suspended,
-                wall=time.time(),
-                confirmed=document.removals,
-            )
+
+def glance(place: Place, catalog: Catalog) -> Decision:
+    """The same without probing: whether something is ready changes nothing of what may be asked for. Where the engine
+    does not answer nothing is known of what runs, as in a pass of the loop."""
+    try:
+        observed = Observed(tuple(place.engine().list()))
+    except Unreachable as error:
+        observed = Observed((), complete=False, error=str(error))
+    return _look(place, desire(catalog), observed)
+
+
+def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
+    """What a pass decides, with the memory of the last rorg unless another one is given."""
+    document, last = place.document(), place.last() or {}
+    if memory is None:
+        # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
+        running = place.published()
+        memory = restore(running, time.monotonic()) if running else restore(last)
+        memory = replace(memory, kept=read_kept(place.state.path))
+    # An interlock is asked when something is done; a plan that is only shown does not wait for it.
+    locked = [n for n, s in desired.catalog.services.items() if s.interlock]
+    return decide(
+        Inputs(
+            desired=desired,
+            requests=document.requests,
+            restarts=document.restarts,
+            observed=observed,
+            results={(n, "interlock"): ProbeResult("", True, 0.0) for n in locked},
+            memory=memory,
+            now=0.0,
+            owner=last.get("instance") or place.state.instance(lambda: ""),
+            holds=document.holds,
+            suspended=document.suspended,
+            wall=time.time(),
+            confirmed=document.removals,
         )
-
-    # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
-    running = context.published()
-    memory = restore(running, time.monotonic()) if running else restore(context.last())
-    memory = replace(memory, kept=read_kept(context.state.path))
-    return look(_ready(context, look(memory), desired))
+    )
 
 
-def _ready(context: Context, first: Decision, desired: Desired) -> Memory:
+def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
     """What is ready, found by one look at each: this process has seen nothing run yet."""
     progress = dict(first.situation.memory.progress)
     containers = first.situation.observed.by_service()
-    ask = ProbeRunner(context.engine(), lambda name: next(iter(containers.get(name, [])), None))
+    ask = ProbeRunner(place.engine(), lambda name: next(iter(containers.get(name, [])), None))
     for name, step in progress.items():
         service = desired.catalog.services.get(name)
         ready = service.ready if service else None
         if step.running_since is None:
             continue
-        with contextlib.suppress(CannotAsk):
-            if ready is None or ready.kind == "delay" or not ask((name, "ready"), Target(ready, step.incarnation, 0.0)):
-                progress[name] = replace(step, running_since=0.0, ready=True)
+        if ready is None or ready.kind == "delay" or ask((name, "ready"), Target(ready, step.incarnation, 0.0)).ok:
+            progress[name] = replace(step, running_since=0.0, ready=True)
     return Memory(progress, kept=first.memory.kept)
 
 
-def view(context: Context) -> dict[str, Any]:
+def view(place: Place) -> dict[str, Any]:
     """What a running rorg would publish."""
-    catalog = context.catalog()
+    catalog = place.catalog()
     return snapshot(
-        decision(context, catalog),
+        decision(place, catalog),
         {
             "pid": None,
-            "engine_name": context.engine_name,
-            "tree": {"root": str(context.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []},
+            "engine_name": place.engine_name,
+            "tree": {"root": str(place.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []},
         },
     )

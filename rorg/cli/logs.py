@@ -5,15 +5,13 @@ from __future__ import annotations
 import sys
 from typing import Annotated
 
-import typer
-
-from rorg.cli.options import EngineName, ServiceName, StateDirectory
+from rorg.cli.options import EngineName, Option, ServiceName, StateDirectory
 
 
 def command(
     service: ServiceName,
-    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on with what comes.")] = False,
-    tail: Annotated[int | None, typer.Option("--tail", min=0, help="Only the last so many lines.")] = None,
+    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Go on with what comes.")] = False,
+    tail: Annotated[int | None, Option(names=("--tail",), least=0, help="Only the last so many lines.")] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:

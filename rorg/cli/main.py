@@ -1,91 +1,39 @@
-"""The `rorg` command: its list of commands, and where errors become messages and exit codes."""
+"""The `rorg` command: who reads its line, and where errors become messages and exit codes."""
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import sys
+from typing import Any
 
-import typer
-
+from rorg.cli.commands import COMMANDS, command_of
 from rorg.errors import Exit, RorgError
-
-COMMANDS = (
-    "validate",
-    "diff",
-    "apply",
-    "run",
-    "get",
-    "describe",
-    "why",
-    "request",
-    "release",
-    "restart",
-    "hold",
-    "suspend",
-    "wait",
-    "events",
-    "top",
-    "logs",
-    "graph",
-    "build",
-    "demo",
-    "completion",
-)
 
 CLIENT_CODES = {
     "forbidden": Exit.REFUSED,
     "refused": Exit.REFUSED,
     "not-ready": Exit.NOT_READY,
     "unreachable": Exit.UNREACHABLE,
+    "busy": Exit.UNREACHABLE,
     "internal": Exit.INTERNAL,
 }
 """What the API answers, as exit codes."""
 
-app = typer.Typer(
-    name="rorg",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="Run a robot's services: declared in YAML, started and ceased by requests.",
-    epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
-    "4 applied but not ready, 5 refused, 70 internal error.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
+def __getattr__(name: str) -> Any:
+    """`app` is the whole command line for typer, which is imported where it is needed."""
+    if name == "app":
+        from rorg.cli.app import app
 
-def _version(value: bool) -> None:
-    if value:
-        from rorg import __version__
-
-        typer.echo(f"rorg {__version__}")
-        raise typer.Exit()
-
-
-@app.callback()
-def _options(
-    version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
-    ),
-) -> None:
-    pass
-
-
-for _name in COMMANDS:
-    _module = importlib.import_module(f"rorg.cli.{_name}")
-    app.command(_name)(_module.command)
+        return app
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def run() -> None:
     """Entry point. An uncaught exception is a bug and exits 70, never 1, which means differences."""
     try:
-        if "_RORG_COMPLETE" in os.environ:
-            from typer.completion import completion_init
-
-            completion_init()
-        app()
+        _complete() if "_RORG_COMPLETE" in os.environ else _command(sys.argv[1:])
     except RorgError as error:
         _complain(f"rorg: {error}")
         sys.exit(int(error.code))
@@ -103,6 +51,34 @@ def run() -> None:
             "This is a bug; RORG_TRACEBACK=1 shows where. Nothing more was changed."
         )
         sys.exit(int(Exit.INTERNAL))
+
+
+def _command(words: list[str]) -> None:
+    """Runs what the line says: read here where it is plain, else by typer."""
+    if words and words[0] in COMMANDS:
+        from rorg.cli import plain, signature
+
+        command = command_of(words[0])
+        values = plain.read(signature.parameters(command), words[1:], os.environ)
+        if values is not None:
+            command(**values)
+            return
+    from rorg.cli.app import app
+
+    app(prog_name="rorg")
+
+
+def _complete() -> None:
+    """Says to a shell what may follow."""
+    from rorg.cli.completing import answered
+
+    if not answered():
+        from typer.completion import completion_init  # type: ignore[attr-defined]
+
+        from rorg.cli.app import app
+
+        completion_init()
+        app(prog_name="rorg")
 
 
 def _complain(text: str) -> None:

@@ -1,45 +1,55 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options of commands, as plain values: `cli/plain.py` reads simple command lines by them, and
+`cli/app.py` makes typer's parameters of them where help, errors or anything unusual is needed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Annotated, Any, NamedTuple
 
 
-def complete_service(incomplete: str) -> list[str]:
-    """Names of services and groups for the shell."""
-    from rorg.cli.context import Context
+class Argument(NamedTuple):
+    """A word of the command line that has no name."""
 
-    try:
-        catalog = Context(None, None).catalog()
-    except Exception:
-        return []
-    return [n for n in (*catalog.services, *catalog.groups) if n.startswith(incomplete)]
+    help: str
+    show_default: bool = True
+    service: bool = False
+    """It is the name of a service or a group, which shells complete."""
+
+
+class Option(NamedTuple):
+    """A word with a name, such as `--for 10m`, or a flag."""
+
+    names: tuple[str, ...]
+    """None for that of the parameter: --tls-cert for tls_cert."""
+    help: str
+    show_default: bool = True
+    envvar: str | None = None
+    metavar: str | None = None
+    parser: Callable[[str], Any] | None = None
+    """Makes its value of its text; raises ValueError."""
+    least: float | None = None
+    most: float | None = None
 
 
 def duration(text: str) -> float:
-    """Seconds of "10m" or "1m30s"."""
+    """Seconds of "10m" or "1m30s". Raises ValueError."""
     from rorg.model.units import parse_duration
 
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
+    return parse_duration(text)
 
 
 Directory = Annotated[
     Path | None,
-    typer.Argument(
+    Argument(
         help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
         show_default=False,
     ),
 ]
 StateDirectory = Annotated[
     Path | None,
-    typer.Option(
-        "--state-dir",
+    Option(
+        names=("--state-dir",),
         envvar="RORG_STATE_DIR",
         show_default=False,
         help="State directory of this robot. Default: /var/lib/rorg for root, else ~/.local/state/rorg.",
@@ -47,19 +57,23 @@ StateDirectory = Annotated[
 ]
 EngineName = Annotated[
     str | None,
-    typer.Option("--engine", envvar="RORG_ENGINE", show_default=False, help="docker or process. Default: docker."),
+    Option(names=("--engine",), envvar="RORG_ENGINE", show_default=False, help="docker or process. Default: docker."),
 ]
-Output = Annotated[str, typer.Option("-o", "--output", help="table, wide, name, yaml or json.")]
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
-Wait = Annotated[bool, typer.Option("--wait", help="Return when everything is ready; exit 4 if it does not get so.")]
-Timeout = Annotated[float, typer.Option("--timeout", help="Seconds to wait at the most.")]
-ServiceName = Annotated[str, typer.Argument(help="A service or a group.", autocompletion=complete_service)]
-ServiceNames = Annotated[list[str], typer.Argument(help="Services or groups.", autocompletion=complete_service)]
+Output = Annotated[str, Option(names=("-o", "--output"), help="table, wide, name, yaml or json.")]
+Yes = Annotated[bool, Option(names=("--yes", "-y"), help="Do not ask.")]
+Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is ready; exit 4 if it does not get so.")]
+Timeout = Annotated[float, Option(names=("--timeout",), help="Seconds to wait at the most.")]
+ServiceName = Annotated[str, Argument(help="A service or a group.", service=True)]
+ServiceNames = Annotated[list[str], Argument(help="Services or groups.", service=True)]
 For = Annotated[
     float | None,
-    typer.Option(
-        "--for", parser=duration, metavar="DURATION", show_default=False, help="How long, such as 10m or 1h30m."
+    Option(
+        names=("--for",),
+        parser=duration,
+        metavar="DURATION",
+        show_default=False,
+        help="How long, such as 10m or 1h30m.",
     ),
 ]
-End = Annotated[bool, typer.Option("--end", help="End it now.")]
-Reason = Annotated[str, typer.Option("--reason", help="For people: shown in every listing.")]
+End = Annotated[bool, Option(names=("--end",), help="End it now.")]
+Reason = Annotated[str, Option(names=("--reason",), help="For people: shown in every listing.")]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-import typer
 
 from rorg.errors import Invalid
 
@@ -16,30 +15,47 @@ FORMS = ("table", "wide", "name", "yaml", "json")
 
 
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
+    """Raises Invalid for an output format that there is not."""
     if form not in allowed:
         raise Invalid(f"print as '{form}'", "there is no such form", "one of " + ", ".join(allowed))
+
+
+def echo(text: Any, end: str = "\n") -> None:
+    """Data: to standard output, at once."""
+    print(text, end=end, flush=True)
 
 
 def note(text: str) -> None:
     """For people; data alone goes to standard output. That nobody reads it ends nothing."""
     with contextlib.suppress(OSError):
-        typer.echo(text, err=True)
+        print(text, file=sys.stderr, flush=True)
+
+
+def confirm(question: str) -> bool:
+    """Asks the person at the terminal; no answer is a no."""
+    print(f"{question} [y/N]: ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def dump(value: Any, form: str) -> None:
     """JSON or YAML."""
     if form == "json":
-        typer.echo(json.dumps(value, indent=2))
+        echo(json.dumps(value, indent=2))
     else:
         import yaml
 
-        typer.echo(yaml.safe_dump(value, sort_keys=False), nl=False)
+        echo(yaml.safe_dump(value, sort_keys=False), end="")
+
+
+def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
+    """(lines of cells, the head first; the width of each column)."""
+    cells = [[c.upper() for c in columns]] + [[str(row.get(c, "")) for c in columns] for row in rows]
+    return cells, [max(len(line[i]) for line in cells) for i in range(len(columns))]
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """A plain table: upper-case heads, columns as wide as needed."""
-    cells = [[c.upper() for c in columns]] + [[str(row.get(c, "")) for c in columns] for row in rows]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    cells, widths = _cells(rows, columns)
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
 
 
@@ -54,10 +70,28 @@ COLOURS = {
     "OutOfSync": "yellow",
     "Unknown": "magenta",
 }
+CODES = {"bold": "1", "dim": "2", "red": "31", "green": "32", "yellow": "33", "blue": "34", "magenta": "35"}
+
+
+def coloured_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], width: int) -> str | None:
+    """The same with colours, for a terminal; None where it does not fit into `width` columns."""
+    cells, widths = _cells(rows, columns)
+    narrow = sum(widths) + 2 * (len(widths) - 1) > width
+    if narrow or not all(c.isascii() and c.isprintable() for line in cells for c in line):
+        return None
+    styles = [["bold"] * len(columns), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
+    return "\n".join(
+        "  ".join(_styled(c.ljust(w), style) for c, w, style in zip(line, widths, of, strict=True)).rstrip()
+        for line, of in zip(cells, styles, strict=True)
+    )
+
+
+def _styled(text: str, style: str) -> str:
+    return f"\033[{CODES[style]}m{text}\033[0m" if style else text
 
 
 def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title: str = "") -> Any:
-    """The same for a terminal, with colours."""
+    """The same for any terminal: a narrow one, or one that takes no colours."""
     from rich.table import Table
     from rich.text import Text
 
@@ -75,17 +109,31 @@ def print_rows(
 ) -> None:
     """Rows in any form. `full` is what YAML and JSON show instead of the rows."""
     check_form(form)
+    shown = [*columns, *(wide if form == "wide" else ())]
     if form in ("json", "yaml"):
         dump(rows if full is None else full, form)
     elif form == "name":
         for row in rows:
-            typer.echo(row[columns[0]])
+            echo(row[columns[0]])
     elif sys.stdout.isatty():
-        from rich.console import Console
-
-        Console().print(rich_table(rows, [*columns, *(wide if form == "wide" else ())]))
+        _on_terminal(rows, shown)
     else:
-        typer.echo(table(rows, [*columns, *(wide if form == "wide" else ())]))
+        echo(table(rows, shown))
+
+
+def _on_terminal(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+    try:
+        width = int(os.environ.get("COLUMNS") or os.get_terminal_size(sys.stdout.fileno()).columns)
+    except (OSError, ValueError):
+        width = 0
+    text = coloured_table(rows, columns, width) if colours else None
+    if text is not None:
+        echo(text)
+        return
+    from rich.console import Console
+
+    Console().print(rich_table(rows, columns))
 
 
 def missing(what: str, name: str, known: Any) -> Invalid:
@@ -96,4 +144,5 @@ def missing(what: str, name: str, known: Any) -> Invalid:
 
 
 def nearest_kind(kind: str, known: Any) -> str:
+    """Raises Invalid with the closest kind as its remedy."""
     raise missing("kind", kind, known)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import confirm, echo
 
 
 def command(
@@ -18,24 +17,21 @@ def command(
     engine: EngineName = None,
 ) -> None:
     """Stop and start a service (or each of a group) that is active. Drivers ask first."""
-    from rorg_client import Refused as RefusedByApi
-
     from rorg.cli.context import Context
+    from rorg.cli.operating import operating
+    from rorg.errors import Unconfirmed
 
-    context = Context(state_dir, engine)
-    client = context.client()
-    if client:
-        try:
-            names = client.restart(service, force=yes)
-        except RefusedByApi as refused:
-            _confirm(service, refused.cause)
-            names = client.restart(service, force=True)
-    else:
-        names = _write(context, service, yes)
-    typer.echo(f"restart of {', '.join(names)} asked for")
-    if wait and client:
-        active = [n for n in names if client.service(n)["wanted"]]
-        client.wait(*active, timeout=timeout)
+    robot = operating(Context(state_dir, engine))
+    if wait:
+        robot.waiting(f"wait for {service}")
+    try:
+        names = robot.restart(service, force=yes)
+    except Unconfirmed as asked:
+        _confirm(service, asked.why)
+        names = robot.restart(service, force=True)
+    echo(f"restart of {', '.join(names)} asked for")
+    if wait:
+        robot.wait([n for n in names if robot.why(n)[0]["wanted"]], timeout)
 
 
 def _confirm(service: str, why: str) -> None:
@@ -44,25 +40,5 @@ def _confirm(service: str, why: str) -> None:
 
     if not sys.stdin.isatty():
         raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
-    if not typer.confirm(f"{why}. Restart?", err=True):
+    if not confirm(f"{why}. Restart?"):
         raise Refused(f"restart {service}", "you said no")
-
-
-def _write(context: object, service: str, yes: bool) -> list[str]:
-    """Into the requests file, where no rorg serves."""
-    from dataclasses import replace
-
-    from rorg.cli.output import missing
-    from rorg.host.clock import wall_clock
-
-    catalog = context.catalog()  # type: ignore[attr-defined]
-    names = [n for n in catalog.members(service) if not catalog.services[n].meta]
-    if not names:
-        raise missing("service", service, {*catalog.services, *catalog.groups})
-    drivers = [n for n in names if catalog.services[n].driver]
-    if drivers and not yes:
-        _confirm(service, f"{', '.join(drivers)} moves hardware")
-    context.change(  # type: ignore[attr-defined]
-        lambda document: replace(document, restarts={**document.restarts, **dict.fromkeys(names, wall_clock())})
-    )
-    return names

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from rorg.cli.options import Directory, EngineName, Option, StateDirectory
 
-from rorg.cli.options import Directory, EngineName, StateDirectory
-
-Pem = Annotated[Path | None, typer.Option(show_default=False, help="PEM file, for --listen.")]
+Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
 
 
 def command(
@@ -18,14 +16,16 @@ def command(
     engine: EngineName = None,
     group: Annotated[
         str,
-        typer.Option(
-            "--group", envvar="RORG_GROUP", help=("Members of this group may do everything through the socket.")
+        Option(
+            names=("--group",),
+            envvar="RORG_GROUP",
+            help=("Members of this group may do everything through the socket."),
         ),
     ] = "rorg",
     listen: Annotated[
         str,
-        typer.Option(
-            "--listen",
+        Option(
+            names=("--listen",),
             metavar="HOST:PORT",
             show_default=False,
             help=("Serve the API on TCP too; only with TLS, and for clients with a certificate."),

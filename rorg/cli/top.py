@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from rorg.cli.options import Option, Output, StateDirectory
+from rorg.cli.output import echo
 
-from rorg.cli.options import Output, StateDirectory
+if TYPE_CHECKING:
+    from rorg_client.types import Usage
 
 
 def command(
-    once: Annotated[bool, typer.Option("--once", help="Print one table and end.")] = False,
-    interval: Annotated[float, typer.Option("--interval", min=0.2, help="Seconds between two looks.")] = 1.0,
+    once: Annotated[bool, Option(names=("--once",), help="Print one table and end.")] = False,
+    interval: Annotated[float, Option(names=("--interval",), least=0.2, help="Seconds between two looks.")] = 1.0,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
@@ -31,8 +33,8 @@ def command(
         if output == "json":
             dump(found, "json")
         else:
-            typer.echo(table(found["services"], COLUMNS))
-            typer.echo(found["summary"])
+            echo(table(found["services"], COLUMNS))
+            echo(found["summary"])
         return
     from rich.console import Group
     from rich.live import Live
@@ -51,7 +53,7 @@ def command(
 COLUMNS = ("service", "state", "cpu", "memory", "priority", "why")
 
 
-def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) -> dict[str, Any]:
+def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
     """Rates between two looks at the usage, busiest first; and the machine in one line."""
     from rorg.model.units import format_memory
 
@@ -72,8 +74,8 @@ def look(before: dict[str, Any], now: dict[str, Any], status: dict[str, Any]) ->
             }
         )
     rows.sort(key=lambda r: (-float(r["cpu"]), r["service"]))
-    machine, old = now["machine"], before["machine"]
-    cores = (machine["cpu_seconds"] - old["cpu_seconds"]) / seconds
+    machine = now["machine"]
+    cores = (machine["cpu_seconds"] - before["machine"]["cpu_seconds"]) / seconds
     pressure = status["pressure"]
     told = f"; pressure: {pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else ""
     return {

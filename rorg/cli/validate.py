@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import typer
+import sys
 
 from rorg.cli.options import Directory, Output
 
@@ -24,7 +24,7 @@ def command(directory: Directory = None, output: Output = "table") -> None:
         note(str(diagnostic))
     if loaded.catalog is None:
         note(f"{len(loaded.errors)} error(s): nothing would be changed by these manifests")
-        raise typer.Exit(int(Exit.USAGE))
+        sys.exit(int(Exit.USAGE))
     count = sum(not s.meta for s in loaded.catalog.services.values())
     note(
         f"fine: {count} services, {len(loaded.catalog.groups)} groups, {len(loaded.catalog.images)} images, "

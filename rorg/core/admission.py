@@ -142,6 +142,8 @@ def effective_priorities(catalog: Catalog, found: Wanted, requests: Collection[R
 
 @dataclass(frozen=True, slots=True)
 class Contest:
+    """One service that others keep from being active."""
+
     loser: str
     why: str
     winners: tuple[str, ...]
@@ -189,7 +191,9 @@ def _overbooked(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) ->
         if catalog.services[n].exclusive and not catalog.services[n].meta
     ]
     for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
-        left, winners, losers = catalog.policy.resources.get(resource, 1), [], []
+        left = catalog.policy.resources.get(resource, 1)
+        winners: list[str] = []
+        losers: list[Contest] = []
         for name in users:
             units = catalog.services[name].exclusive.get(resource, 0)
             if units > left:
@@ -227,7 +231,9 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
     wait. Only where the Policy says so: `over: queue`. What is preempted takes no room."""
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
     rivals = _rivals(catalog) | set(excluded)
-    names, admitted, queued = set(_contest(catalog, (), excluded).wanted), [], {}
+    names = set(_contest(catalog, (), excluded).wanted)
+    admitted: list[Request] = []
+    queued: dict[str, str] = {}
     while (request := next((r for r in waiting if r.requester in names), None)) is not None:
         waiting.remove(request)
         asked = closure(catalog.services, [m for s in request.services for m in catalog.members(s)])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Sequence
 
-from rorg.core.desired import Situation
-from rorg.core.plan import Action, Plan
+from rorg.core.onward import Planned
+from rorg.core.plan import Action
+from rorg.core.situation import Situation
 
 STATES = {
     "start": ("created", "exited"),
@@ -18,37 +19,45 @@ STATES = {
 """In which state of a container the engine takes a verb; other verbs go in any."""
 
 
-def check(plan: Plan, situation: Situation) -> list[str]:
-    """What is wrong with a plan, in words; empty for every plan that may be executed."""
+def check(planned: Planned) -> list[str]:
+    """What is wrong with a plan, in words, as far as it was made in this pass; empty for one that may be executed."""
+    plans, places = planned.plans, planned.places
     found: list[str] = []
-    at_once = Counter(a.service for a in plan.actions if not a.after)
-    found += [f"two actions at once for {name}" for name, count in sorted(at_once.items()) if count > 1]
-    known = {c.id: c for c in situation.observed.containers}
-    for action in plan.actions:
-        if action.service in situation.memory.in_flight:
-            found.append(f"a second action for {action.service} while one is under way")
+    for name in planned.looked_at:
+        for action in plans[name].actions:
+            before = [other for other in action.after if other != name or not action.index]
+            if any(not plans[other].actions or places[other] >= places[name] for other in before):
+                found.append(f"{action} comes before what it must follow")
+        found += _chain(name, plans[name].actions, planned.situation)
+    return found
+
+
+def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
+    """The same of the actions of one service."""
+    containers = situation.observed.by_service().get(name, [])
+    known = {c.id: c for c in containers}
+    found = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
+    if actions and not situation.observed.complete:
+        found.append(f"actions for {name} on an incomplete observation")
+    for action in actions:
+        if name in situation.memory.in_flight:
+            found.append(f"a second action for {name} while one is under way")
         if action.container and action.container not in known:
-            found.append(f"{action} touches a container that is not ours")
-        elif action.container and known[action.container].service != action.service:
-            found.append(f"{action} touches a container of {known[action.container].service}")
-        if any(i >= action.index for i in action.after):
-            found.append(f"{action} comes before what it must follow")
+            owner = next((c.service for c in situation.observed.containers if c.id == action.container), "")
+            found.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
         if not action.after and action.container:
             state = known[action.container].state if action.container in known else ""
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
         found += _activation(action, situation)
         if not action.after and action.verb in ("start", "resume"):
-            others = situation.observed.by_service().get(action.service, [])
             found += [
                 f"{action} beside another active container of it"
-                for c in others
+                for c in containers
                 if c.active and c.id != action.container
             ]
-        if situation.interlocks.get(action.service) and action.verb not in ("create", "rename"):
+        if situation.interlocks.get(name) and action.verb not in ("create", "rename"):
             found.append(f"{action} against its interlock")
-    if plan.actions and not situation.observed.complete:
-        found.append("actions on an incomplete observation")
     return found
 
 
@@ -70,11 +79,8 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
-    if (
-        name in situation.wanted
-        and action.verb in ("pause", "remove", "stop")
-        and not (action.part_of or action.reason in ("a second container of this service", "the engine calls it dead"))
-    ):
+    ends = action.verb in ("pause", "remove", "stop")
+    if name in situation.wanted and ends and not (action.part_of or action.surplus):
         return [f"{action}, which is wanted"]
     return []
 

@@ -5,27 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rorg.core.desired import Desired
-from rorg.core.memory import Memory
-from rorg.core.observed import Container, Observed
+from rorg.core.memory import Progress
+from rorg.core.observed import Container
 from rorg.core.update import Update
 
 
-def note_content(memory: Memory, desired: Desired, observed: Observed) -> Memory:
+def noted(step: Progress, current: Container, there: Mapping[str, str]) -> Progress:
     """Of a run that we began, it is what was there then. Of one that is new to us, it is taken to be what is there
-    now: a new rorg restarts nothing by itself."""
-    if not observed.complete:
-        return memory
-    progress = {}
-    for name, there in desired.contents.items():
-        current = next(iter(observed.by_service().get(name, ())), None)
-        if current is None or not current.alive or current.brief:
-            continue
-        step = memory.of(name)
-        update = _noted(step.update, current, there)
-        if update != step.update:
-            progress[name] = replace(step, update=update)
-    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+    now: a new rorg restarts nothing by itself. `there` is what is there now."""
+    if not current.alive or current.brief:
+        return step
+    update = _noted(step.update, current, there)
+    return step if update == step.update else replace(step, update=update)
 
 
 def _noted(update: Update, current: Container, there: Mapping[str, str]) -> Update:

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 
 from rorg.core.admission import admission_for, admit
 from rorg.core.check import check
-from rorg.core.content import note_content
-from rorg.core.desired import Desired, Situation
-from rorg.core.digest import rules_of
+from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import evict
-from rorg.core.memory import Memory, ProbeResults, Progress
-from rorg.core.observed import Container, Observed
+from rorg.core.follow import Followed, follow, renew_all
+from rorg.core.hand import Hand
+from rorg.core.memory import Memory, ProbeResults
+from rorg.core.observed import Observed
+from rorg.core.onward import busy, plan_on
+from rorg.core.outcomes import begin, forget
 from rorg.core.plan import Action, Plan
-from rorg.core.planner import make_plan
 from rorg.core.pressure import Load
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
-from rorg.core.rollout import renew, try_out
-from rorg.core.transitions import advance, begin, doubt_ends, forget
-from rorg.core.wanted import urgent
-from rorg.core.withheld import over, withhold
-from rorg.model.catalog import Hold, Probe, Request
+from rorg.core.schedule import Schedule, Target, interlocks, schedule
+from rorg.core.situation import Situation
+from rorg.core.wanted import Wanted, urgent
+from rorg.core.withheld import Withheld, over, withhold
+from rorg.model.catalog import Hold, Request
 from rorg.model.units import format_time, parse_time, stamp
 
 FRESH = 1.0
 """Seconds for which the answer of an interlock counts, beyond its interval."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
     """What a pass reads. `requests`, `restarts`, `holds` and `suspended` are those of the requests file; standing
     requests come with the catalog."""
@@ -59,20 +61,10 @@ class Inputs:
     """What a person has confirmed to be removed, though it was named."""
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Something to probe, as long as it is told to. Two equal ones ask the same."""
-
-    probe: Probe
-    incarnation: str
-    every: float
-    container: Container | None = field(default=None, compare=False)
-    asked: float | None = field(default=None, compare=False)
-    """Somebody waits for an answer that was asked for since then."""
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
+    """What one pass has found, and what is to be begun."""
+
     situation: Situation
     plan: Plan
     begin: tuple[Action, ...]
@@ -90,61 +82,83 @@ class Decision:
     """Restarts that were asked for, and done."""
     confirmed: tuple[str, ...] = ()
     """Confirmed removals that are done, or void."""
+    looked_at: tuple[str, ...] = ()
+    """Services that were planned in this pass; the others are as at the last one."""
+    whole: bool = True
+    """All were."""
 
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
+    hand, observed = inputs.memory.hand, inputs.observed
+    hand = hand if observed.complete else None
+    touched = observed.since(hand.observed) if hand else set[str]()
     kept, desired, withheld = withhold(
         inputs.memory.kept,
         inputs.desired,
         (*inputs.desired.catalog.requests, *inputs.requests),
-        inputs.observed,
+        observed,
         inputs.confirmed,
     )
-    ended = over(inputs.confirmed, kept, inputs.desired.catalog, inputs.observed)
-    inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept))
-    situation, settled, holds, served = _assess(inputs)
-    situation = replace(situation, withheld=withheld)
-    plan = make_plan(situation)
-    memory = situation.memory
-    if inputs.observed.complete:
-        memory = forget(memory, {a.service for a in plan.actions} | {w.service for w in plan.waitings})
-    violations = tuple(check(plan, situation))
+    ended = over(inputs.confirmed, kept, inputs.desired.catalog, observed)
+    inputs = replace(inputs, desired=desired, memory=replace(inputs.memory, kept=kept, hand=None))
+    assessed = _assess(inputs, hand, touched, withheld)
+    situation = assessed.situation
+    planned = plan_on(hand.planned if hand else None, situation, touched)
+    plan, memory = planned.plan(), situation.memory
+    if observed.complete:
+        memory = forget(memory, planned.looked_at, {n for n in planned.looked_at if busy(planned, n)})
+    violations = tuple(check(planned))
     held_back = violations or situation.suspended
-    chosen = () if held_back else tuple(select(plan, memory.in_flight, inputs.limits, inputs.now))
-    for action in chosen:
-        memory = begin(memory, action, inputs.observed, inputs.now)
+    ready = () if held_back else map(itemgetter(-1), planned.turns)
+    chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
+    memory = begin(memory, chosen, observed, inputs.now)
+    due = schedule(hand.schedule if hand else None, planned, inputs.asked)
+    if assessed.followed and not violations:
+        memory = replace(
+            memory, hand=Hand(observed=observed, followed=assessed.followed, planned=planned, schedule=due)
+        )
     return Decision(
-        situation,
-        plan,
-        chosen,
-        memory,
-        settled,
-        violations,
-        _deadline(situation, plan, inputs),
-        to_probe(situation, plan, inputs.asked),
-        holds,
-        served,
-        ended,
+        situation=situation,
+        plan=plan,
+        begin=chosen,
+        memory=memory,
+        settled=assessed.settled,
+        violations=violations,
+        deadline=_deadline(situation, due, inputs),
+        to_probe=due.targets,
+        holds=assessed.holds,
+        served=assessed.served,
+        confirmed=ended,
+        looked_at=planned.looked_at,
+        whole=planned.whole,
     )
 
 
-def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapping[str, str]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Assessed:
+    situation: Situation
+    followed: Followed | None
+    settled: Settled
+    holds: Mapping[str, str]
+    served: Mapping[str, str]
+
+
+def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withheld: Withheld) -> _Assessed:
     """All that the plan depends on; what became of requests; who is held; which restarts are done."""
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
     holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
-    suspension, interlocks = inputs.suspended, _interlocks(inputs)
+    suspension, locks = inputs.suspended, _interlocks(inputs)
     suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
     shed = inputs.memory.pressure.shed
     excluded = {**{s.service: s.reason for s in shed}, **holds}
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, excluded)
     admission = admitted.admission
-    memory = renew(replace(inputs.memory, leases=settled.leases, admitted=admitted), desired.editions)
-    memory = advance(memory, desired.catalog, admission.wanted, inputs.observed, inputs.results, now, inputs.booted_at)
-    memory = note_content(memory, desired, inputs.observed)
-    memory = try_out(memory, desired, admission.wanted, inputs.observed, now)
+    memory, followed = _followed(
+        replace(inputs.memory, leases=settled.leases, admitted=admitted), admission.wanted, inputs, hand, touched
+    )
     memory, eviction = evict(
         memory,
         desired,
@@ -153,43 +167,58 @@ def _assess(inputs: Inputs) -> tuple[Situation, Settled, Mapping[str, str], Mapp
         inputs.observed,
         inputs.load,
         excluded,
-        [n for n, why in interlocks.items() if why],
+        [n for n, why in locks.items() if why],
         bool(suspended) or not inputs.observed.complete,
     )
     if memory.pressure.shed != shed:
         admission = admit(desired.catalog, requests, {**{s.service: s.reason for s in memory.pressure.shed}, **holds})
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
-    return (
-        Situation(
-            desired,
-            admission.wanted,
-            urgent(desired.catalog, admission.wanted),
-            inputs.observed,
-            memory,
-            now,
-            inputs.owner,
-            {n: due.run for n, due in (memory.restarts or {}).items()},
-            inputs.removals,
-            admission.preempted,
-            frozenset(holds),
-            admission.priorities,
-            interlocks,
-            eviction.lowered,
-            eviction.hurry,
-            eviction.stop_paused,
-            eviction.shed,
-            eviction.closed,
-            suspended,
-        ),
-        settled,
-        holds,
-        served,
+    situation = Situation(
+        desired=desired,
+        wanted=admission.wanted,
+        urgent=_urgent(desired, admission.wanted, hand),
+        observed=inputs.observed,
+        memory=memory,
+        now=now,
+        owner=inputs.owner,
+        restarts={n: due.run for n, due in (memory.restarts or {}).items()},
+        removals=inputs.removals,
+        preempted=admission.preempted,
+        excluded=frozenset(holds),
+        priorities=admission.priorities,
+        interlocks=locks,
+        lowered=eviction.lowered,
+        hurry=eviction.hurry,
+        stop_paused=eviction.stop_paused,
+        shed=eviction.shed,
+        closed=eviction.closed,
+        suspended=suspended,
+        withheld=withheld,
+    )
+    return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
+
+
+def _followed(
+    memory: Memory, wanted: Wanted, inputs: Inputs, hand: Hand | None, touched: Collection[str]
+) -> tuple[Memory, Followed | None]:
+    if not inputs.observed.complete:
+        return renew_all(memory, inputs.desired), None
+    return follow(
+        hand.followed if hand else None,
+        memory,
+        inputs.desired,
+        wanted,
+        inputs.observed,
+        inputs.results,
+        inputs.now,
+        inputs.booted_at,
+        touched,
     )
 
 
-def told_since(step: Progress, asked: float | None) -> bool:
-    """Whether a readiness probe has said yes since somebody asked."""
-    return asked is None or (step.answered is not None and step.answered >= asked)
+def _urgent(desired: Desired, found: Wanted, hand: Hand | None) -> frozenset[str]:
+    before = hand.planned.situation if hand else None
+    return before.urgent if before and before.wanted is found else urgent(desired.catalog, found)
 
 
 def _can_cease(desired: Desired, name: str) -> bool:
@@ -204,72 +233,19 @@ def _until(word: str, hold: Hold) -> str:
 def _interlocks(inputs: Inputs) -> dict[str, str]:
     """What each interlock said just now: empty where it allows."""
     found = {}
-    for name, interlock in _all_interlocks(inputs.desired, inputs.observed).items():
+    for name, interlock in interlocks(inputs.desired, inputs.observed).items():
         said = inputs.results.get((name, "interlock"))
         fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
-        answer = said.message if fresh else f"{interlock} is being asked"
-        found[name] = "" if fresh and said.ok else answer
+        answer = said.message if said and fresh else f"{interlock} is being asked"
+        found[name] = "" if said and fresh and said.ok else answer
     return found
 
 
-def _all_interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
-    """Those of the manifests; and of containers that no manifest declares any more, those that they were made with."""
-    services = desired.catalog.services
-    left = {
-        c.service: found
-        for c in observed.containers
-        if c.rules
-        and (c.service not in services or services[c.service].meta)
-        and (found := rules_of(c.rules).interlock)
-    }
-    return {**left, **{name: s.interlock for name, s in services.items() if s.interlock}}
-
-
-def _deadline(situation: Situation, plan: Plan, inputs: Inputs) -> float | None:
+def _deadline(situation: Situation, due: Schedule, inputs: Inputs) -> float | None:
     now, memory = situation.now, situation.memory
-    times = [w.until for w in plan.waitings if w.until is not None] + [plan.alarm or 0.0]
-    for name, step in memory.progress.items():
-        service = situation.desired.catalog.services.get(name)
-        if service and service.ready and step.running_since is not None and not step.ready:
-            times.append(
-                step.running_since
-                + (float(service.ready.target) if service.ready.kind == "delay" else service.ready.timeout)
-            )
-        if service and (end := doubt_ends(step, service)) is not None:
-            times.append(end)
-    times += [lease.until for lease in memory.leases.values()]
+    times = [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
     ends += [parse_time(asked) for asked in inputs.restarts.values()]
     times += [now + (end - inputs.wall) for end in ends]
-    freed = freed_at(memory.in_flight, now)
-    if freed is not None:
-        times.append(freed)
+    times += [at for at in (freed_at(memory.in_flight, now), due.next(now)) if at is not None]
     return min((t for t in times if t > now), default=None)
-
-
-def to_probe(situation: Situation, plan: Plan, asked: Mapping[str, float]) -> dict[tuple[str, str], Target]:
-    """Readiness of wanted services that run, until they are ready (or always, where it can be lost, and once more for
-    whoever begins to wait for them); life of those that are; interlocks of services that the plan wants to touch, or
-    that measures against pressure may. A probe that is the clock needs nobody to ask."""
-    found: dict[tuple[str, str], Target] = {}
-    containers = situation.observed.by_service()
-    services = situation.desired.catalog.services
-    for name in situation.wanted:
-        service, step = services[name], situation.memory.of(name)
-        if step.running_since is None:
-            continue
-        current = next(iter(containers.get(name, [])), None)
-        if service.ready and service.ready.kind != "delay":
-            since = asked.get(name) if step.answered is not None and not told_since(step, asked.get(name)) else None
-            if not step.ready or since is not None or service.ready.failures:
-                every = max(service.ready.interval, 1.0) if step.ready and since is None else service.ready.interval
-                found[name, "ready"] = Target(service.ready, step.incarnation, every, current, since)
-        if service.live and step.was_ready:
-            found[name, "live"] = Target(service.live, step.incarnation, service.live.interval, current)
-    touched = {a.service for a in plan.actions} | {w.service for w in plan.waitings}
-    if situation.memory.pressure.engaged:
-        touched |= set(situation.wanted)  # any of them may have to go
-    for name, interlock in _all_interlocks(situation.desired, situation.observed).items():
-        if name in touched:
-            found[name, "interlock"] = Target(interlock, "", interlock.interval)
-    return found

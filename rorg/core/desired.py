@@ -1,21 +1,18 @@
-"""What is desired, computed once for a catalog; and the situation: all that a plan depends on."""
+"""What is desired, computed once for a catalog."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.core.memory import Memory
-from rorg.core.observed import Observed
-from rorg.core.wanted import Wanted
-from rorg.model.catalog import RUN, Catalog
+from rorg.model.catalog import RUN, Catalog, Probe
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Desired:
     """The catalog with what is worth computing once for it."""
 
@@ -32,6 +29,11 @@ class Desired:
     """In both directions, whichever side declared them."""
     sharers: Mapping[str, tuple[str, ...]]
     """Exclusive resource -> the services that use it."""
+    rivals: Mapping[str, frozenset[str]]
+    """Service -> those whose plan depends on whether it is active, though they do not need it: it conflicts with them,
+    or shares an exclusive resource with them."""
+    interlocks: Mapping[str, Probe]
+    """Of the services that have one."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
@@ -57,19 +59,25 @@ def desire(
                 conflicts[name].add(other)
                 conflicts[other].add(name)
     return Desired(
-        catalog,
-        {name: digest(s.spec) for name, s in services.items() if s.spec is not None},
-        {
+        catalog=catalog,
+        digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
+        editions={
             name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
             for name, s in services.items()
             if s.spec is not None
         },
-        {name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
-        tuple(TopologicalSorter(graph).static_order()),
-        {name: tuple(sorted(found)) for name, found in dependants.items()},
-        {name: tuple(sorted(found)) for name, found in conflicts.items()},
-        {resource: tuple(sorted(found)) for resource, found in sharers.items()},
-        contents,
+        declared={name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
+        order=tuple(TopologicalSorter(graph).static_order()),
+        dependants={name: tuple(sorted(found)) for name, found in dependants.items()},
+        conflicts={name: tuple(sorted(found)) for name, found in conflicts.items()},
+        sharers={resource: tuple(sorted(found)) for resource, found in sharers.items()},
+        rivals={
+            name: frozenset(conflicts[name].union(*(sharers[r] for r in s.exclusive)))
+            for name, s in services.items()
+            if s.exclusive or conflicts[name]
+        },
+        interlocks={name: s.interlock for name, s in services.items() if s.interlock},
+        contents=contents,
     )
 
 
@@ -85,42 +93,3 @@ def _located(catalog: Catalog, run: str) -> Catalog:
             spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
             found[name] = replace(service, spec=spec)
     return replace(catalog, services={**catalog.services, **found}) if found else catalog
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """All that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` holds, for each service
-    that somebody asked to restart, the run that is to end by it."""
-
-    desired: Desired
-    wanted: Wanted
-    urgent: frozenset[str]
-    observed: Observed
-    memory: Memory
-    now: float
-    owner: str
-    restarts: Mapping[str, str] = field(default_factory=dict)
-    removals: bool = True
-    """False while manifests do not load: then nothing that they do not name is removed."""
-    preempted: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted but for something, each with the reason."""
-    excluded: Collection[str] = frozenset()
-    """Services that must not be active now, whoever asks."""
-    priorities: Mapping[str, int] = field(default_factory=dict)
-    """How much each wanted service matters (see admission)."""
-    interlocks: Mapping[str, str] = field(default_factory=dict)
-    """Services with an interlock: empty text where it allows touching them now, else why not."""
-    lowered: frozenset[str] = frozenset()
-    """Services that are to leave the CPU to others."""
-    hurry: bool = False
-    """Nothing lingers."""
-    stop_paused: bool = False
-    """What is paused and not wanted is stopped."""
-    shed: frozenset[str] = frozenset()
-    """Services that must free what they use: pausing them is not enough."""
-    closed: str = ""
-    """Why nothing below `admit` is started now; empty when everything may be."""
-    suspended: str = ""
-    """Why nothing is done at all now."""
-    withheld: Mapping[str, str] = field(default_factory=dict)
-    """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

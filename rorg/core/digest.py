@@ -13,11 +13,12 @@ from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_PREVIOUS, LABE
 from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def canonical(value: Any) -> str:
     """The one text form of a JSON value: sorted keys, no white space."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return _CANONICAL.encode(value)
 
 
 def digest(spec: Spec) -> str:
@@ -48,13 +49,14 @@ class Rules:
     """Whichever side declared them."""
 
 
-def labels(owner: str, service: str, spec: Spec, rules: Rules, previous: str = "") -> Mapping[str, str]:
-    """What marks a container as ours and says what it was created from, and in the place of which one."""
+def labels(owner: str, service: str, spec: Spec, made_from: str, rules: Rules, previous: str = "") -> Mapping[str, str]:
+    """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
+    the place of which one."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
         LABEL_SERVICE: service,
-        LABEL_SPEC: digest(spec),
+        LABEL_SPEC: made_from,
         LABEL_DECLARED: canonical(declared_fields(spec)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
         **({LABEL_PREVIOUS: previous} if previous else {}),

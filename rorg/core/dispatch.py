@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain, islice
 
 from rorg.core.memory import InFlight
-from rorg.core.plan import Action, Plan
+from rorg.core.plan import Action
 
 STUCK = 5.0
 """Seconds after which a call counts as waiting for something, not as load; it no longer takes a place."""
@@ -21,21 +22,26 @@ class DispatchLimits:
     most: int = 64
 
 
-def select(plan: Plan, in_flight: Mapping[str, InFlight], limits: DispatchLimits, now: float) -> list[Action]:
-    """Actions to begin now: those that follow nothing, the higher priority first within their lane."""
+def select(
+    ready: Iterable[Action], in_flight: Mapping[str, InFlight], limits: DispatchLimits, now: float
+) -> list[Action]:
+    """Actions to begin now. `ready` are those that follow nothing, urgent ones first, then the higher priority."""
     busy = [f.action for f in in_flight.values() if now - f.since < STUCK]
     room = {
         True: limits.urgent - sum(a.urgent for a in busy),
         False: limits.bulk - sum(not a.urgent for a in busy),
     }
-    if any(a.urgent for a in (*busy, *(a for a in plan.actions if not a.after))):
+    ready = iter(ready)
+    first = [*islice(ready, 1)]
+    if any(a.urgent for a in (*busy, *first)):
         # What somebody waits for takes three times as long beside two calls of bulk work as beside one.
         room[False] = min(room[False], 1 - sum(not a.urgent for a in busy))
     left = limits.most - len(in_flight)
     chosen: list[Action] = []
-    ready = [a for a in plan.actions if not a.after]
-    for action in sorted(ready, key=lambda a: (not a.urgent, -a.priority, a.index)):
-        if left > 0 and room[action.urgent] > 0:
+    for action in chain(first, ready):
+        if left <= 0 or (room[False] <= 0 and (not action.urgent or room[True] <= 0)):
+            break
+        if room[action.urgent] > 0:
             room[action.urgent] -= 1
             left -= 1
             chosen.append(action)

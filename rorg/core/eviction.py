@@ -9,7 +9,7 @@ from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
-from rorg.core.pressure import Chances, Load, Victim, advance, excess, helps, without
+from rorg.core.pressure import NONE, Chances, Load, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
 
 ALIVE = ("running", "restarting", "paused")
@@ -39,15 +39,15 @@ def evict(
 ) -> tuple[Memory, Eviction]:
     """Steps the state of pressure by a sample, and says what follows. `free` is the admission as if nothing were shed;
     `excluded` must not be active anyway; `locked` must not be touched now. While suspended nothing can be done, so
-    nothing more is concluded."""
+    nothing more is concluded; without thresholds nothing is in force."""
     policy = desired.catalog.policy
-    if policy.pressure is None and not memory.pressure.engaged:
-        return memory, Eviction()
+    if policy.pressure is None:
+        return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Eviction()
     states = {name: cs[0].state for name, cs in observed.by_service().items()}
     lower = _below_the_top(desired, admission)
     before = state = memory.pressure
     if not suspended:
-        over = excess(policy.pressure, policy.budget, load) if policy.pressure and load else {}
+        over = excess(policy.pressure, policy.budget, load) if load else {}
         victims = Victims(desired, admission, free, excluded, locked, states, load, over)
         # Shedding is for what is wanted but for this, and never for what is protected by now, or needed by that.
         state = without(

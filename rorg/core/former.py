@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
+from rorg.core.desired import Desired
 from rorg.model.catalog import Catalog, Group, Service
-
-if TYPE_CHECKING:
-    from rorg.core.desired import Desired
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
@@ -15,6 +16,9 @@ from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.model.catalog import Service
+
+if TYPE_CHECKING:
+    from rorg.core.hand import Hand
 
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
@@ -40,7 +44,7 @@ ProbeResults = Mapping[tuple[str, str], ProbeResult]
 class Attempt:
     """Of one verb of one service."""
 
-    signature: tuple = ()
+    signature: tuple[object, ...] = ()
     """The action, and what was observed when it was begun."""
     count: int = 0
     """How often that same action was begun with nothing observed to change."""
@@ -113,6 +117,8 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
+    """An action that a worker has, and since when, by the loop's clock."""
+
     action: Action
     since: float
 
@@ -136,6 +142,8 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
+    """All that a pass passes on to the next one."""
+
     progress: Mapping[str, Progress] = field(default_factory=dict)
     in_flight: Mapping[str, InFlight] = field(default_factory=dict)
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
@@ -146,6 +154,8 @@ class Memory:
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
     kept: Kept = Kept()
+    hand: Hand | None = field(default=None, compare=False, repr=False)
+    """What was found at the last pass, for the next one to go on with. Without it, all is found anew, and the same."""
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
+
+from rorg.core.changes import changed_items
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
@@ -14,8 +16,18 @@ LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
 
 
-def from_labels(labels: Mapping[str, str]) -> dict[str, str]:
-    """What our labels say of a container, as fields of Container."""
+class Labelled(TypedDict):
+    """Those fields of Container that stand in its labels."""
+
+    service: str
+    digest: str
+    declared: str
+    rules: str
+    previous: str
+
+
+def from_labels(labels: Mapping[str, str]) -> Labelled:
+    """What our labels say of a container."""
     return {
         "service": labels.get(LABEL_SERVICE, ""),
         "digest": labels.get(LABEL_SPEC, ""),
@@ -88,8 +100,25 @@ class Observed:
     def by_service(self) -> dict[str, list[Container]]:
         """Containers of each service: alive ones first, then the last started. Found once, asked often in a pass."""
         if self._by_service is None:
-            found: dict[str, list[Container]] = {}
-            for container in sorted(self.containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
-                found.setdefault(container.service, []).append(container)
-            object.__setattr__(self, "_by_service", found)
+            object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
+
+    def since(self, before: Observed) -> set[str]:
+        """Services whose containers are others, or otherwise, than before. What is the same needs no sorting again."""
+        if before is self:
+            return set()
+        changed = {c.service for c in changed_items(before.containers, self.containers)}
+        if self._by_service is None:
+            found = {**before.by_service()}
+            for name in changed:
+                found.pop(name, None)
+            found |= _sorted(c for c in self.containers if c.service in changed) if changed else {}
+            object.__setattr__(self, "_by_service", found)
+        return changed
+
+
+def _sorted(containers: Iterable[Container]) -> dict[str, list[Container]]:
+    found: dict[str, list[Container]] = {}
+    for container in sorted(containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
+        found.setdefault(container.service, []).append(container)
+    return found

@@ -26,6 +26,7 @@ class Action:
     """One engine call. All that is needed to perform it is here: the executor decides nothing."""
 
     index: int
+    """Its place in its service's chain."""
     verb: str
     """create, update, rename, signal, start, resume, pause, stop or remove."""
     service: str
@@ -34,9 +35,10 @@ class Action:
     reason: str = ""
     fields: tuple[str, ...] = ()
     """Declared options that changed."""
-    after: tuple[int, ...] = ()
-    """Actions of this plan that must have happened, and made their service ready, before this one. Only actions
-    without any can be performed now; after each outcome the rest is planned anew."""
+    after: tuple[str, ...] = ()
+    """Services whose actions in this plan must have happened, and made them ready, before this one; its own service for
+    the action before it in its chain. Only actions without any can be performed now; after each outcome the rest is
+    planned anew."""
     args: Mapping[str, Any] = field(default_factory=dict)
     """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
     remove: volumes (with them), words (its last ones are worth telling)."""
@@ -45,6 +47,9 @@ class Action:
     priority: int = 50
     part_of: str = ""
     """"replace" or "restart" for the actions that do that together."""
+    surplus: bool = False
+    """Its container is not the one by which its service is active: a second one, or one that the engine calls dead. It
+    goes though the service is wanted."""
 
     def __str__(self) -> str:
         return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({_why(self)})"
@@ -65,6 +70,8 @@ class Waiting:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
+    """What is to be done and what waits, in the order in which it is to happen."""
+
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()
     alarm: float | None = None
@@ -77,14 +84,15 @@ class Plan:
     def text(self) -> str:
         """The canonical text: what `rorg diff` prints and planner tests compare."""
         lines: list[str] = []
-        width = max((len(n.service) for n in (*self.actions, *self.waitings)), default=0)
+        named: list[Action | Waiting] = [*self.actions, *self.waitings]
+        width = max((len(n.service) for n in named), default=0)
         replaced = ""
         for action in self.actions:
             part = action.part_of == "replace"
             if part and replaced != action.service:
                 lines.append(_line("replace", action.service, width, _why(action)))
             replaced = action.service if part else ""
-            reason = ", ".join(filter(None, ["" if part else _why(action), _after(action, self)]))
+            reason = ", ".join(filter(None, ["" if part else _why(action), _after(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
         return "".join(line.rstrip() + "\n" for line in [*lines, self.summary()])
@@ -102,20 +110,21 @@ class Plan:
 
     def as_json(self) -> dict[str, Any]:
         """For machines: every action with its reason and order; never the values of the environment."""
+        last = {a.service: index for index, a in enumerate(self.actions)}
         return {
             "actions": [
                 {
-                    "index": a.index,
+                    "index": index,
                     "verb": a.verb,
                     "service": a.service,
                     "container": a.container,
                     "reason": a.reason,
                     "fields": list(a.fields),
-                    "after": list(a.after),
+                    "after": [index - 1 if other == a.service else last[other] for other in a.after],
                     "part_of": a.part_of,
                     "urgent": a.urgent,
                 }
-                for a in self.actions
+                for index, a in enumerate(self.actions)
             ],
             "waitings": [{"service": w.service, "reason": w.reason, "code": w.code} for w in self.waitings],
             "summary": self.summary(),
@@ -130,8 +139,6 @@ def _why(action: Action) -> str:
     return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")
 
 
-def _after(action: Action, plan: Plan) -> str:
-    others = dict.fromkeys(plan.actions[i].service for i in action.after if plan.actions[i].service != action.service)
-    if not others:
-        return ""
-    return f"after {', '.join(others)}"
+def _after(action: Action) -> str:
+    others = [other for other in action.after if other != action.service]
+    return f"after {', '.join(others)}" if others else ""

@@ -1,251 +1,187 @@
-"""The one planner: make_plan(situation) -> Plan. Pure.
+"""The one planner. For each service: the whole chain of engine calls that leads from what is observed to what is
+desired, as far as it may happen now; what must wait for other actions of the plan is linked to them, and the rest is a
+waiting with a reason. Pure.
 
-For each service it writes down the whole chain of engine calls that leads from what is observed to what is desired;
-then it lets through what may happen, links what must wait for other actions of the plan, and turns the rest into
-waitings with a reason.
+A service's plan depends on the situation, and on the plans of services that come before it. So a plan can be made anew
+for some services only (see onward.py), by the same code as for all.
 """
 
 from __future__ import annotations
 
-from rorg.core.desired import Situation
-from rorg.core.digest import rules_of
-from rorg.core.plan import Action, Plan, Waiting
-from rorg.core.reconcile import ReconcileSteps
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+
+from rorg.core.exclusive import Exclusive
+from rorg.core.gates import gate, unready
+from rorg.core.plan import Action, Waiting
+from rorg.core.reconcile import chain
+from rorg.core.situation import Situation
 from rorg.core.steps import Step, away
+from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
 
-def make_plan(situation: Situation) -> Plan:
-    """What to do, in order: first what must be ceased, dependants first; then what must run, needs first."""
-    if not situation.observed.complete:
-        return Plan(waitings=(Waiting("engine", situation.observed.error or "the engine has not answered yet"),))
-    return _Planner(situation).plan()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServicePlan:
+    """Of one service. `notes` are waitings that hold nothing back; `alarm` is when something will be done that is no
+    waiting of anybody's."""
+
+    actions: tuple[Action, ...] = ()
+    waitings: tuple[Waiting, ...] = ()
+    notes: tuple[Waiting, ...] = ()
+    alarm: float | None = None
+    unready: str = ""
+    """What those that need it wait for; empty when it is ready, or will be by this plan."""
+    restless: bool = False
+    """It depends on more than the service and its neighbours, such as the time."""
+
+    @property
+    def busy(self) -> bool:
+        return bool(self.actions or self.waitings or self.notes)
 
 
-class _Planner:
-    def __init__(self, situation: Situation) -> None:
-        self.s = situation
-        self.desired = situation.desired
+NOTHING = ServicePlan()
+
+
+def in_order(situation: Situation) -> list[str]:
+    """Services in the order in which they are planned: first what must be ceased, dependants first; then what must run,
+    needs first. Meta-services have nothing to plan."""
+    services, wanted = situation.desired.catalog.services, situation.wanted
+    own = [n for n in situation.desired.order if not services[n].meta]
+    ceasing = [n for n in reversed(own) if n not in wanted]
+    return [*sorted(undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
+
+
+def undeclared(situation: Situation) -> set[str]:
+    """Services with a container that no manifest declares, or not as having one."""
+    return situation.observed.by_service().keys() - situation.desired.digests.keys()
+
+
+def leave_at_once(situation: Situation, exclusive: Exclusive) -> frozenset[str]:
+    """What is in somebody's way, or must not be active; and what needs that."""
+    found: set[str] = set()
+    wanted, desired = situation.wanted, situation.desired
+    for name in desired.order:
+        if name in wanted:
+            continue
+        service = desired.catalog.services[name]
+        if (
+            name in situation.preempted
+            or name in situation.excluded
+            or any(o in wanted for o in desired.conflicts.get(name, ()))
+            or any(n in found for n in service.needs)
+            or exclusive.contested(service)
+        ):
+            found.add(name)
+    return frozenset(found)
+
+
+class Planner:
+    """Of one situation. `places` is the order of the services; `plans` are filled in by plan()."""
+
+    def __init__(self, situation: Situation, places: Mapping[str, int], leaving: Collection[str] | None) -> None:
+        self.s, self.places = situation, places
         self.services = situation.desired.catalog.services
         self.containers = situation.observed.by_service()
-        self.actions: list[Action] = []
-        self.waitings: list[Waiting] = []
-        self.last: dict[str, int] = {}
-        """Index of the last action of a service's chain."""
-        self.blocked: dict[str, str] = {}
-        """Why a service's chain stops short, for those who wait for it."""
-        self.steps = ReconcileSteps(situation, self.containers, self.last)
-        self.leaving = self.leave_at_once()
-        """Unwanted services that do not linger."""
+        self.undeclared = {n: self.containers[n] for n in undeclared(situation)}
+        self.exclusive = Exclusive(situation, self.containers, self.undeclared)
+        self.leaving = leave_at_once(situation, self.exclusive) if leaving is None else leaving
+        self.plans: dict[str, ServicePlan] = {}
 
-    def plan(self) -> Plan:
-        for name in sorted(self.steps.undeclared):
-            self.undeclared(name)
-        for name in reversed(self.desired.order):
-            if name not in self.s.wanted:
-                self.let_through(self.services[name])
-        for name in self.desired.order:
-            if name in self.s.wanted and not self.services[name].meta:
-                self.let_through(self.services[name])
-        self.waitings += [Waiting(name, reason, code="preempted") for name, reason in self.s.preempted.items()]
-        self.waitings += [
-            Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`", code="withheld")
-            for name, why in self.s.withheld.items()
-        ]
-        self.waitings += self.steps.notes
-        if self.s.suspended:
-            self.waitings.append(Waiting("rorg", self.s.suspended, code="suspended"))
-        return Plan(tuple(self.actions), tuple(self.waitings), min(self.steps.alarms, default=None))
-
-    def leave_at_once(self) -> set[str]:
-        """What is in somebody's way, or must not be active; and what needs that."""
-        found: set[str] = set()
-        for name in self.desired.order:
-            service = self.services[name]
-            if name not in self.s.wanted and (
-                name in self.s.preempted
-                or name in self.s.excluded
-                or any(o in self.s.wanted for o in self.desired.conflicts.get(name, ()))
-                or any(n in found for n in service.needs)
-                or self.steps.contested(service)
-            ):
-                found.add(name)
+    def plan(self, name: str) -> ServicePlan:
+        """The plan of one service, once those of all before it that it looks at are there."""
+        view = View(self.s, self.containers, self.exclusive)
+        found = self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
+        self.plans[name] = found
         return found
 
-    def undeclared(self, name: str) -> None:
+    def _undeclared(self, name: str, view: View) -> ServicePlan:
         """A service of ours that no manifest declares any more."""
         if name in self.s.memory.in_flight or name in self.s.withheld:
-            return
+            return NOTHING
         if not self.s.removals:
-            self.waitings.append(Waiting(name, "not declared; its removal is withheld until the manifests load"))
-            return
+            why = "not declared; its removal is withheld until the manifests load"
+            return ServicePlan(waitings=(Waiting(name, why),))
         steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]
-        self.emit(Service(name), steps)
+        actions, waitings, _ = self._let_through(Service(name), steps, view)
+        return ServicePlan(actions=actions, waitings=waitings, restless=view.restless)
 
-    # -- what may happen now -----------------------------------------------------------------------------------
-
-    def let_through(self, service: Service) -> None:
-        name = service.name
-        if service.meta:
-            return
-        flight = self.s.memory.in_flight.get(name)
+    def _declared(self, service: Service, view: View) -> ServicePlan:
+        name, flight = service.name, self.s.memory.in_flight.get(service.name)
         if flight:
-            self.blocked[name] = f"{flight.action.verb} under way for {format_seconds(self.s.now - flight.since)}"
-            return
-        if any(c.state == "removing" for c in self.containers.get(name, [])):
-            self.blocked[name] = "the engine is removing its container"
-            self.waitings.append(Waiting(name, self.blocked[name]))
-            return
-        self.emit(service, self.steps.of(service))
+            blocked = f"{flight.action.verb} under way for {format_seconds(view.now - flight.since)}"
+            return ServicePlan(unready=f"waits: {blocked}", restless=True)
+        if any(c.state == "removing" for c in view.of(name)):
+            blocked = "the engine is removing its container"
+            return ServicePlan(waitings=(Waiting(name, blocked),), unready=f"waits: {blocked}")
+        found = chain(view, service, Before(self, name).moving)
+        actions, waitings, blocked = self._let_through(service, found.steps, view)
+        needed = self.s.desired.dependants[name]
+        return ServicePlan(
+            actions=actions,
+            waitings=waitings,
+            notes=found.notes,
+            alarm=found.alarm,
+            unready=unready(view, service, blocked, bool(actions)) if needed else "",
+            restless=view.restless,
+        )
 
-    def emit(self, service: Service, steps: list[Step]) -> None:
-        """Appends a chain's steps up to the first one that must wait. A name or an option that the engine refuses
-        holds nothing back."""
-        name = service.name
+    def _let_through(
+        self, service: Service, steps: Iterable[Step], view: View
+    ) -> tuple[tuple[Action, ...], tuple[Waiting, ...], str]:
+        """A chain's steps up to the first one that must wait; what is waited for; and why it stops short, for those who
+        wait for it. A name or an option that the engine refuses holds nothing back."""
+        actions: list[Action] = []
+        waitings: dict[Waiting, None] = {}
+        before = Before(self, service.name)
         for step in steps:
-            after = () if name not in self.last else (self.last[name],)
-            linked, waiting = self.gate(service, step)
+            linked, waiting = gate(view, service, step, before, self.leaving)
             if waiting:
-                self.waitings += [waiting] if waiting not in self.waitings else []
+                waitings[waiting] = None
                 if step.verb in ("update", "rename", "signal"):
                     continue
-                self.blocked[name] = waiting.reason
-                return
-            self.last[name] = len(self.actions)
-            self.actions.append(
-                Action(
-                    index=len(self.actions),
-                    verb=step.verb,
-                    service=name,
-                    container=step.container.id if step.container else "",
-                    reason=step.reason,
-                    fields=step.fields,
-                    after=tuple(dict.fromkeys(after + linked)),
-                    args=step.args,
-                    urgent=self.is_urgent(name, step),
-                    priority=service.priority,
-                    part_of=step.part_of,
-                )
-            )
+                return tuple(actions), tuple(waitings), waiting.reason
+            own = (service.name,) if actions else ()
+            actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
+        return tuple(actions), tuple(waitings), ""
 
-    def is_urgent(self, name: str, step: Step) -> bool:
+    def _action(self, service: Service, step: Step, index: int, after: tuple[str, ...], view: View) -> Action:
+        return Action(
+            index=index,
+            verb=step.verb,
+            service=service.name,
+            container=step.container.id if step.container else "",
+            reason=step.reason,
+            fields=step.fields,
+            after=after,
+            args=step.args,
+            urgent=self._is_urgent(service.name, step, view),
+            priority=service.priority,
+            part_of=step.part_of,
+            surplus=step.surplus,
+        )
+
+    def _is_urgent(self, name: str, step: Step, view: View) -> bool:
         """What brings up a service that a live request waits for; not what replaces one that runs."""
         if name not in self.s.urgent:
             return False
-        return step.verb in ("create", "rename", "start", "resume") and not any(
-            c.active for c in self.containers.get(name, [])
-        )
+        return step.verb in ("create", "rename", "start", "resume") and not view.active(name)
 
-    def gate(self, service: Service, step: Step) -> tuple[tuple[int, ...], Waiting | None]:
-        """Actions that this step must follow, or what it waits for."""
-        memory = self.s.memory.of(service.name)
-        tried = memory.attempts.get(step.verb)
-        if tried and tried.at > self.s.now:
-            wait = format_seconds(tried.at - self.s.now)
-            word = "stalled" if memory.stalled else "failed"
-            return (), Waiting(
-                service.name, f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}", tried.at, "failed"
-            )
-        swap = step.part_of == "replace" and step.verb in ("stop", "rename")
-        locked = self.s.interlocks.get(service.name, "") if swap or step.verb not in ("create", "rename") else ""
-        if locked:
-            return (), Waiting(service.name, f"interlock: {locked}")
-        begins = step.verb in ("start", "resume") or step.part_of
-        if (
-            self.s.closed
-            and begins
-            and self.s.priorities.get(service.name, 0) < self.desired.catalog.policy.pressure.admit
-        ):
-            return (), Waiting(service.name, self.s.closed)
-        if step.verb in ("start", "resume") or (swap and service.name in self.s.wanted):
-            return self.gate_start(service)  # what runs goes on until the new one can begin
-        if step.verb in ("pause", "stop", "remove") and service.name not in self.s.wanted:
-            return self.gate_cease(service)
-        return (), None
 
-    def gate_start(self, service: Service) -> tuple[tuple[int, ...], Waiting | None]:
-        after: list[int] = []
-        for need in service.needs:
-            if need in self.last:
-                after.append(self.last[need])
-            reason = self.unready(need)
-            if reason:
-                return (), Waiting(service.name, f"{need} {reason}", self.deadline(need))
-        left = [n for n, cs in self.steps.undeclared.items() if service.name in rules_of(cs[0].rules).conflicts]
-        for other in (*self.desired.conflicts.get(service.name, ()), *left):
-            if any(c.active for c in self.containers.get(other, [])):
-                if other not in self.last:
-                    return (), Waiting(service.name, f"conflicts with {other}, which is active")
-                after.append(self.last[other])
-        for resource in service.exclusive:
-            holders = self.holders(service, resource)
-            if holders and all(h in self.last for h in holders):
-                after += [self.last[h] for h in holders]
-            elif holders:
-                return (), Waiting(service.name, f"waits for {resource}, which {', '.join(holders)} still uses")
-        return tuple(after), None
+class Before:
+    """What a service may know of the plans of others: those that come before it."""
 
-    def holders(self, service: Service, resource: str) -> list[str]:
-        """Who must let go of an exclusive resource before this service can begin; a paused one still holds it."""
-        users = [
-            o
-            for o in self.desired.sharers[resource]
-            if o != service.name and any(c.alive for c in self.containers.get(o, []))
-        ]
-        left = self.steps.left_over(resource)
-        used = service.exclusive[resource] + sum(self.steps.units(o, resource) for o in users) + sum(left.values())
-        if used <= self.desired.catalog.policy.resources.get(resource, 1):
-            return []
-        return [*(o for o in users if o not in self.s.wanted), *left] or users
+    def __init__(self, planner: Planner, service: str) -> None:
+        self.planner, self.place = planner, planner.places[service]
 
-    def completed(self, need: str) -> bool:
-        """It did what it was for, and ended well."""
-        current = next(iter(self.containers.get(need, [])), None)
-        return (
-            current is not None and current.exit_code == 0 and self.s.memory.of(need).over(self.services[need], current)
-        )
+    def _plan(self, name: str) -> ServicePlan:
+        places = self.planner.places
+        return self.planner.plans[name] if name in places and places[name] < self.place else NOTHING
 
-    def unready(self, need: str) -> str:
-        """Why a needed service is not ready and nothing in this plan will make it so; empty otherwise."""
-        if need not in self.services or self.services[need].meta:
-            return "" if need in self.services else "is not declared"
-        if need in self.blocked:
-            return f"waits: {self.blocked[need]}"
-        if need in self.last:
-            return ""
-        step, ready = self.s.memory.of(need), self.services[need].ready
-        if step.ready or self.completed(need):
-            return ""
-        if step.running_since is None:
-            return f"is not running ({step.error or 'ended'})"
-        seconds = None if ready is None else float(ready.target) if ready.kind == "delay" else ready.timeout
-        limit = "" if seconds is None else f" of {format_seconds(seconds)}"
-        detail = f": {step.probe}" if step.probe else ""
-        return f"is not ready ({format_seconds(self.s.now - step.running_since)}{limit}){detail}"
+    def moving(self, name: str) -> bool:
+        return bool(self._plan(name).actions)
 
-    def deadline(self, need: str) -> float | None:
-        """When a needed service becomes ready by the clock alone."""
-        step, ready = self.s.memory.of(need), self.services[need].ready if need in self.services else None
-        if ready and ready.kind == "delay" and step.running_since is not None:
-            return step.running_since + float(ready.target)
-        return None
-
-    def gate_cease(self, service: Service) -> tuple[tuple[int, ...], Waiting | None]:
-        active = any(c.active for c in self.containers.get(service.name, []))
-        if not active or service.name not in self.services:
-            return (), None
-        after = []
-        for dependant in self.desired.dependants.get(service.name, ()):
-            if any(c.active for c in self.containers.get(dependant, [])):
-                if dependant not in self.last:
-                    return (), Waiting(service.name, f"not wanted, but {dependant} needs it and is still active")
-                after.append(self.last[dependant])
-        since = self.s.memory.of(service.name).unwanted_since
-        until = (self.s.now if since is None else since) + service.idle.linger
-        began = self.s.memory.of(service.name).running_since
-        if began is not None:
-            until = max(until, began + service.idle.min_active)
-        if until > self.s.now and not self.s.hurry and service.name not in self.leaving:
-            return (), Waiting(service.name, f"not wanted; lingers for {format_seconds(until - self.s.now)}", until)
-        return tuple(after), None
+    def unready(self, name: str) -> str:
+        service = self.planner.services.get(name)
+        return "is not declared" if service is None else "" if service.meta else self._plan(name).unready

@@ -96,11 +96,11 @@ class Chances:
 
     useful: frozenset[str] = frozenset()
     """Those of MEASURES that would change something now."""
-    next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda pressed: None
+    next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda _: None
     """Whom to shed next, given what is pressed."""
     settling: bool = False
     """What was shed last still has to end."""
-    below: Callable[[str], Sequence[Victim]] = lambda service: ()
+    below: Callable[[str], Sequence[Victim]] = lambda _: ()
     """Who runs and could be shed in place of a service, because it matters less; who matters least comes first."""
 
 
@@ -285,7 +285,7 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
     level = state.level - 1
     while level and MEASURES[level - 1] in state.skipped:
         level -= 1
-    left = replace(
+    undone = replace(
         state, level=level, skipped=state.skipped & {*MEASURES[:level]}, changed_at=load.at, calm_since=load.at
     )
-    return left if left.engaged else replace(left, reason="")
+    return undone if undone.engaged else replace(undone, reason="")

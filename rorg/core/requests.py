@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 from rorg.core.admission import expected, over_budget
 from rorg.core.memory import Lease
@@ -13,6 +14,35 @@ from rorg.model.catalog import Catalog, Request
 from rorg.model.diagnostics import nearest
 from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import format_seconds
+
+
+class ProblemCode(StrEnum):
+    """Why a request cannot be accepted."""
+
+    UNKNOWN = "unknown"
+    """The requester, or something that it names, is not declared."""
+    EMPTY = "empty"
+    """It names no service."""
+    CONFLICT = "conflict"
+    """Two services that would both be wanted must not be active together."""
+    RESOURCES = "resources"
+    """It takes more units of an exclusive resource than there are."""
+    OVER_BUDGET = "over-budget"
+    """Its services would use more than the Policy's budget, which says `over: refuse`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One reason against a request; `cause` and `remedy` are for people."""
+
+    code: ProblemCode
+    cause: str
+    remedy: str
+
+    @property
+    def mistaken(self) -> bool:
+        """The request is wrong in itself, and not only in the way of what else is asked for."""
+        return self.code in (ProblemCode.UNKNOWN, ProblemCode.EMPTY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,17 +130,9 @@ def _obituary(request: Request, containers: list[Container]) -> str:
     return f"{request.requester} ended" + (f" with exit code {code}" if code is not None else "")
 
 
-def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> list[tuple[str, str]]:
-    """Why a request cannot be accepted, as (cause, remedy) pairs; empty when it can. Accepted whole or not at all."""
-    found: list[tuple[str, str]] = []
-    if new.requester not in catalog.services:
-        found.append((f"unknown requester '{new.requester}'", nearest(new.requester, catalog.services)))
-    if not new.services:
-        found.append(("it names no service", "`rorg release` to give a request up"))
-    known = {*catalog.services, *catalog.groups}
-    for name in new.services:
-        if name not in known:
-            found.append((f"unknown service '{name}'", nearest(name, known)))
+def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> list[Problem]:
+    """Why a request cannot be accepted; empty when it can. Accepted whole or not at all."""
+    found = _mistakes(catalog, new)
     if found:
         return found
     kept = [r for r in existing if r.key != new.key]
@@ -120,15 +142,35 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     before = set(conflicting(catalog.services, wanted(catalog, [*catalog.requests, *kept])))
     for a, b in conflicting(catalog.services, names):
         if (a, b) not in before:
-            found.append((f"'{a}' and '{b}' conflict and would both be wanted", "`rorg why` for who wants which"))
+            cause = f"'{a}' and '{b}' conflict and would both be wanted"
+            found.append(Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which"))
     own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
+    remedy = "to request them one after another, or `resources` in the Policy"
     found += [
-        (f"it does not fit: {why}", "to request them one after another, or `resources` in the Policy")
+        Problem(ProblemCode.RESOURCES, f"it does not fit: {why}", remedy)
         for why in overbooked(catalog, closure(catalog.services, own))
     ]
     budget = catalog.policy.budget
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)
         if why and expected(catalog, names) != expected(catalog, wanted(catalog, [*catalog.requests, *kept])):
-            found.append((f"it does not fit: {why}", "to release something, or a larger budget in the Policy"))
+            remedy = "to release something, or a larger budget in the Policy"
+            found.append(Problem(ProblemCode.OVER_BUDGET, f"it does not fit: {why}", remedy))
+    return found
+
+
+def _mistakes(catalog: Catalog, new: Request) -> list[Problem]:
+    """What is wrong with a request whatever else is asked for."""
+    found: list[Problem] = []
+    if new.requester not in catalog.services:
+        cause = f"unknown requester '{new.requester}'"
+        found.append(Problem(ProblemCode.UNKNOWN, cause, nearest(new.requester, catalog.services)))
+    if not new.services:
+        found.append(Problem(ProblemCode.EMPTY, "it names no service", "`rorg release` to give a request up"))
+    known = {*catalog.services, *catalog.groups}
+    found += [
+        Problem(ProblemCode.UNKNOWN, f"unknown service '{name}'", nearest(name, known))
+        for name in new.services
+        if name not in known
+    ]
     return found

@@ -6,14 +6,15 @@ A new container carries the id of the one before it in a label, so whoever comes
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
-from rorg.core.memory import Memory, Progress
-from rorg.core.observed import Container, Observed
+from rorg.core.memory import Progress
+from rorg.core.observed import Container
 from rorg.core.plan import Action
+from rorg.core.seen import Seen
 from rorg.core.update import Update
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
@@ -32,7 +33,7 @@ def patience(service: Service) -> float:
     """Seconds of running after which the trial ends, one way or the other."""
     if service.ready is None:
         return TRIAL
-    return max(TRIAL, float(service.ready.target)) if service.ready.kind == "delay" else service.ready.timeout
+    return service.ready.timeout if service.ready.delay is None else max(TRIAL, service.ready.delay)
 
 
 def asks(service: Service) -> bool:
@@ -40,32 +41,21 @@ def asks(service: Service) -> bool:
     return service.ready is not None and service.ready.kind != "delay"
 
 
-def renew(memory: Memory, editions: Mapping[str, str]) -> Memory:
+def renewed(step: Progress, edition: str) -> Progress:
     """A new edition of a service begins afresh: no back-off, nothing that failed."""
-    progress = dict(memory.progress)
-    for name, edition in editions.items():
-        step = memory.of(name)
-        was = step.update
-        if was.edition == edition:
-            continue
-        kept = was if was.failed == edition else replace(was, failed="", error="")
-        step = replace(step, update=replace(kept, edition=edition))
-        progress[name] = replace(step, exits=0, attempts={}, error="") if was.edition else step
-    return memory if progress == memory.progress else replace(memory, progress=progress)
+    was = step.update
+    if was.edition == edition:
+        return step
+    kept = was if was.failed == edition else replace(was, failed="", error="")
+    step = replace(step, update=replace(kept, edition=edition))
+    return replace(step, exits=0, attempts={}, error="") if was.edition else step
 
 
-def try_out(memory: Memory, desired: Desired, wanted: Collection[str], observed: Observed, now: float) -> Memory:
-    """Takes note of trials that are over. Only of wanted services, and not while we act on them."""
-    if not observed.complete:
-        return memory
-    progress = dict(memory.progress)
-    for name, containers in observed.by_service().items():
-        service, step = desired.catalog.services.get(name), memory.of(name)
-        pair = candidate(containers, step.update) if len(containers) > 1 else None
-        if service is None or pair is None or name not in wanted or name in memory.in_flight:
-            continue
-        progress[name] = _judge(step, service, desired, containers[0], pair, now)
-    return replace(memory, progress=progress) if progress != memory.progress else memory
+def judged(step: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
+    """Takes note of a trial that is over. Only of a wanted service, and not while we act on it."""
+    containers = seen.containers.get(service.name, ())
+    pair = candidate(containers, step.update) if len(containers) > 1 and seen.wanted and not seen.busy else None
+    return step if pair is None else _judge(step, service, desired, containers[0], pair, seen.now)
 
 
 def _judge(
@@ -107,9 +97,6 @@ def _failed(step: Progress, error: str) -> Progress:
     )
 
 
-def refuse(memory: Memory, action: Action, error: str) -> Memory:
+def refused(step: Progress, action: Action, error: str) -> Progress:
     """The engine refused an action for what was asked, not for want of an answer."""
-    step = memory.of(action.service)
-    if action.verb != "start" or action.args.get("trial") != step.update.edition:
-        return memory
-    return replace(memory, progress={**memory.progress, action.service: _failed(step, error)})
+    return _failed(step, error) if action.verb == "start" and action.args.get("trial") == step.update.edition else step

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.desired import Situation
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import candidate
-from rorg.core.wanted import chain
+from rorg.core.situation import Situation
+from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
 
 
@@ -29,6 +29,8 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Status:
+    """How one service is."""
+
     service: str
     state: str
     """The engine's word for its container; `none` without one, `meta` for a meta-service."""
@@ -56,6 +58,8 @@ class Status:
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
     withheld: str = ""
     """Why it is still there though no manifest declares it any more."""
+    chain: tuple[Link, ...] = ()
+    """Why it is wanted: from it to a root. Empty when it is not."""
 
     def condition(self, kind: str) -> Condition:
         """Its condition of this type; "Unknown" for one that it does not have."""
@@ -91,8 +95,10 @@ class Status:
         }
 
 
-def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None) -> dict[str, Status]:
-    """Of every declared service, by name. `holds` are those of the decision."""
+def statuses(
+    situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None, only: Collection[str] | None = None
+) -> dict[str, Status]:
+    """Of every declared service, or `only` of these, by name. `holds` are those of the decision."""
     containers = situation.observed.by_service()
     pending = {a.service: a.verb for a in reversed(plan.actions)}
     waiting = {w.service: w.reason for w in plan.waitings}
@@ -104,13 +110,14 @@ def statuses(situation: Situation, plan: Plan, holds: Mapping[str, str] | None =
         name: _status(
             situation,
             service,
-            (containers.get(name) or [None])[0],
+            next(iter(containers.get(name, ())), None),
             pending.get(name, ""),
             waiting.get(name, ""),
             (holds or {}).get(name, ""),
             actions.get(name, []),
         )
         for name, service in sorted(situation.desired.catalog.services.items())
+        if only is None or name in only
     }
     for name, why in situation.withheld.items():
         if name in found:
@@ -142,10 +149,11 @@ def _status(
 ) -> Status:
     name = service.name
     causes = situation.wanted.get(name, ())
+    links = tuple(Link(s, c) for s, c in reversed(chain(situation.wanted, name)))
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
     why = why or held or situation.preempted.get(name, "")
     if service.meta:
-        return Status(name, "meta", "Synced", "Healthy", True, why)
+        return Status(name, "meta", "Synced", "Healthy", True, why, chain=links)
     step = situation.memory.of(name)
     known = situation.observed.complete
     ready, reason, message = _readiness(situation, service, current, waiting, actions)
@@ -156,13 +164,13 @@ def _status(
             "Requested",
             str(bool(causes)),
             "Wanted" if causes else "NotWanted",
-            " <- ".join(f"{s} ({c})" for s, c in reversed(chain(situation.wanted, name))),
+            " <- ".join(map(str, links)),
         ),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
         Condition("Stalled", str(step.stalled), _stalled(step), step.error),
         *_updated(situation, name),
     )
-    health = _health(situation, bool(causes), ready, reason, step.stalled) if known else "Unknown"
+    health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(
         name,
         current.state if current else "none",
@@ -181,10 +189,12 @@ def _status(
         held,
         name in situation.lowered,
         ros_nodes(service),
+        chain=links,
     )
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
+    """Names of the ROS nodes that it runs, as far as they are declared."""
     ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
 
@@ -205,7 +215,7 @@ def _stalled(step: Progress) -> str:
     return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
-def _health(situation: Situation, is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
+def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
     if not is_wanted:
         return "Idle"
     if ready:

@@ -22,6 +22,8 @@ class Step:
     fields: tuple[str, ...] = ()
     args: Mapping[str, Any] = field(default_factory=dict)
     part_of: str = ""
+    surplus: bool = False
+    """See Action."""
 
 
 def away(container: Container, reason: str, service: Service | None = None, volumes: bool = False) -> list[Step]:
@@ -44,6 +46,7 @@ def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
+    """Ends a run with the signal and the time that its service, or else its own label, declares."""
     spec = (service.spec if service else None) or declared_of(container.declared)
     return Step(
         "stop",

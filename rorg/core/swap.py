@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.desired import Situation
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.rollout import asks, candidate, patience
+from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
@@ -16,21 +16,19 @@ from rorg.model.units import format_seconds
 class Swap:
     """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others."""
 
-    def __init__(
-        self, situation: Situation, service: Service, new: Container | None, stale: Sequence[Container]
-    ) -> None:
-        self.s, self.service, self.step = situation, service, situation.memory.of(service.name)
+    def __init__(self, view: View, service: Service, new: Container | None, stale: Sequence[Container]) -> None:
+        self.view, self.service, self.step = view, service, view.s.memory.of(service.name)
         self.update = self.step.update
         self.new: Container | None = None
         """The new one, as long as it is on trial."""
         self.old: Container | None = None
         """What is kept, to be gone back to."""
         tried = self.step.attempts.get("create")
-        self.denied = new is None and tried is not None and tried.at > situation.now
+        self.denied = new is None and bool(tried and tried.at and tried.at > view.now)
         """It cannot be created now."""
         self.failed = ""
         """Why the edition that is desired is not tried again, in words."""
-        if self.update.failed and self.update.failed == situation.desired.editions[service.name]:
+        if self.update.failed and self.update.failed == view.desired.editions[service.name]:
             self.failed = f"its change failed ({self.update.error}); it stays as it was until it is changed again"
         pair = candidate([c for c in (new, *stale) if c], self.update)
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
@@ -61,7 +59,7 @@ class Swap:
     def note(self) -> Waiting:
         """That the trial goes on."""
         since, limit = self.step.running_since, patience(self.service)
-        ran = 0.0 if since is None else self.s.now - since
+        ran = 0.0 if since is None else self.view.now - since
         what = "is ready" if asks(self.service) else "has run"
         return Waiting(
             self.service.name,

@@ -1,57 +1,35 @@
-"""How the loop's memory changes with what is seen and done. Each step takes a memory and returns the next one."""
+"""How what is remembered of a service changes with what is seen of it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 from typing import TypeGuard
 
-from rorg.core.backoff import STABLE, STALLED_AFTER, delay
-from rorg.core.digest import canonical
-from rorg.core.memory import DEFAULT_GRACE, Attempt, InFlight, Memory, ProbeResult, ProbeResults, Progress
-from rorg.core.observed import Container, Observed
-from rorg.core.plan import Action
+from rorg.core.backoff import STABLE, delay
+from rorg.core.memory import DEFAULT_GRACE, ProbeResult, Progress
+from rorg.core.observed import Container
 from rorg.core.propagation import counts_on
-from rorg.core.wanted import Wanted
-from rorg.model.catalog import Catalog, Service
+from rorg.core.seen import Seen
+from rorg.model.catalog import Service
 
 MARGIN = 4.0
 """Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
 
 
-def advance(
-    memory: Memory,
-    catalog: Catalog,
-    found: Wanted,
-    observed: Observed,
-    results: ProbeResults,
-    now: float,
-    booted_at: str = "",
-) -> Memory:
-    """Takes note of what is wanted and observed now: lingering, runs, exits, readiness, life."""
-    if not observed.complete:
-        return memory
-    by_service = observed.by_service()
-    progress = {name: step for name, step in memory.progress.items() if name in by_service}
-    for name, service in catalog.services.items():
-        if service.meta:
-            continue
-        containers = by_service.get(name, [])
-        current = containers[0] if containers else None
-        step = _fresh(_wanted(memory.of(name), name in found, now), current)
-        step = _ceased(_run(step, current, now), current, now)
-        counted_on = counts_on(step.counted_on, service, current, by_service, step.begun)
-        step = step if counted_on is step.counted_on else replace(step, counted_on=counted_on, begun=None)
-        if name not in found and current is not None and current.state == "exited":
-            step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
-        step = _doubt(step, service, current if name not in memory.in_flight else None, now)
-        if name in found and name not in memory.in_flight:
-            step = _exit(step, current, now, booted_at)
-        step = _ready(step, service, results.get((name, "ready")), now)
-        if name in found and name not in memory.in_flight:
-            step = _live(step, service, results.get((name, "live")), now)
-        progress[name] = step
-    return replace(memory, progress=progress)
+def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
+    """Takes note of what is wanted and observed of a service now: lingering, runs, exits, readiness, life."""
+    current, now = seen.current(service.name), seen.now
+    step = _fresh(_wanted(step, seen.wanted, now), current)
+    step = _ceased(_run(step, current, now), current, now)
+    counted_on = counts_on(step.counted_on, service, current, seen.containers, step.begun)
+    step = step if counted_on is step.counted_on else replace(step, counted_on=counted_on, begun=None)
+    if not seen.wanted and current is not None and current.state == "exited":
+        step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
+    step = _doubt(step, service, None if seen.busy else current, now)
+    if seen.wanted and not seen.busy:
+        step = _exit(step, current, now, seen.booted_at)
+    step = _ready(step, service, seen.ready, now)
+    return _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
 
 
 def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
@@ -133,11 +111,11 @@ def _ready(step: Progress, service: Service, found: ProbeResult | None, now: flo
         return replace(step, ready=False) if step.ready else step
     if service.ready is None:
         return replace(step, ready=True, was_ready=True) if not step.ready else step
-    if service.ready.kind == "delay":
+    if service.ready.delay is not None:
         # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
         return (
             replace(step, ready=True, was_ready=True)
-            if not step.ready and now >= step.running_since + float(service.ready.target)
+            if not step.ready and now >= step.running_since + service.ready.delay
             else step
         )
     if not _fits(found, step):
@@ -186,54 +164,3 @@ def _fits(found: ProbeResult | None, step: Progress) -> TypeGuard[ProbeResult]:
         and found.incarnation == step.incarnation
         and found.at >= step.running_since
     )
-
-
-def forget(memory: Memory, busy: Collection[str]) -> Memory:
-    """Failed attempts of services for which there is nothing to do any more. `busy` are all others."""
-    done = {
-        name: replace(step, attempts={}, error=step.error if step.exits else "")
-        for name, step in memory.progress.items()
-        if step.attempts and name not in busy and name not in memory.in_flight
-    }
-    return replace(memory, progress={**memory.progress, **done}) if done else memory
-
-
-def begin(memory: Memory, action: Action, observed: Observed, now: float) -> Memory:
-    """An action is handed to a worker: its service gets no second one until the outcome."""
-    step = memory.of(action.service)
-    containers = observed.by_service().get(action.service, [])
-    state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
-    signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
-    before = step.attempts.get(action.verb, Attempt())
-    count = before.count + 1 if signature == before.signature else 1
-    step = replace(step, attempts={**step.attempts, action.verb: replace(before, signature=signature, count=count)})
-    if action.verb == "start":
-        step = replace(
-            step, begun=action.args.get("counts_on", {}), update=replace(step.update, begun=action.args.get("content"))
-        )
-    if action.verb == "stop":
-        # From now on its end is our doing, even if this rorg does not live to see it.
-        step = replace(step, stopped=action.args.get("incarnation", ""))
-    return replace(
-        memory,
-        progress={**memory.progress, action.service: step},
-        in_flight={**memory.in_flight, action.service: InFlight(action, now)},
-    )
-
-
-def finish(memory: Memory, action: Action, error: str, now: float) -> Memory:
-    """The outcome of an action. `error` is empty when it went well."""
-    in_flight = {name: flight for name, flight in memory.in_flight.items() if name != action.service}
-    step = memory.of(action.service)
-    tried = step.attempts.get(action.verb, Attempt())
-    if error or tried.count >= STALLED_AFTER:
-        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
-        step = replace(step, attempts={**step.attempts, action.verb: tried}, error=error)
-    elif tried.error and not step.exits:
-        step = replace(step, attempts={**step.attempts, action.verb: replace(tried, at=0.0, error="")})
-        step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
-    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
-        step = replace(step, update=replace(step.update, content=action.args["content"]))
-    if action.verb == "start" and error:
-        step = replace(step, begun=None)
-    return replace(memory, progress={**memory.progress, action.service: step}, in_flight=in_flight)

@@ -23,6 +23,17 @@ class Cause:
         return {"always_on": "always on", "meta": "meta-service"}.get(self.kind, f"needed by {self.by}")
 
 
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Of the chain from a root to a service: a service, and why it is wanted."""
+
+    service: str
+    cause: Cause
+
+    def __str__(self) -> str:
+        return f"{self.service} ({self.cause})"
+
+
 Wanted = Mapping[str, tuple[Cause, ...]]
 
 

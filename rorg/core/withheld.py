@@ -53,7 +53,8 @@ def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collect
     last = kept.catalog
     if last is not None and last is not catalog:
         held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
-        for name, what in {**last.services, **last.groups}.items():
+        declared: dict[str, Service | Group] = {**last.services, **last.groups}
+        for name, what in declared.items():
             found[name] = Former(
                 what,
                 tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
@@ -78,7 +79,7 @@ def _judged(
 ) -> dict[str, Former]:
     """With the reason of each that is withheld. What only needed each other goes together."""
     found = dict(former)
-    while True:
+    while found:
         staying = {*catalog.services, *(n for n, f in found.items() if f.withheld and n not in confirmed)}
         more = {
             name: replace(f, withheld=why)
@@ -86,8 +87,9 @@ def _judged(
             if not f.withheld and (why := _why(name, f, requests, staying))
         }
         if not more:
-            return found
+            break
         found |= more
+    return found
 
 
 def _why(name: str, former: Former, requests: Collection[Request], staying: Collection[str]) -> str:

@@ -11,9 +11,8 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.former import Kept
 from rorg.core.observed import Container
+from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
-from rorg.core.rollout import refuse
-from rorg.core.transitions import finish
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.daemon.snapshot import restore
@@ -25,6 +24,8 @@ SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
 HANDOVER = 0.0003
 """Seconds that the pass steps aside, so that a worker can make the call that somebody waits for."""
+GATHER = 0.005
+"""Seconds for which outcomes and events that nobody waits for are gathered before a pass."""
 AGAIN = 1.0
 """Seconds after a pass that a bug has ended."""
 
@@ -91,7 +92,15 @@ class Loop:
             self.publisher.flush()
         if not self.wakes.woken():
             self._wait(min(until, default=None))
+        if not self._awaited(decision):
+            self.wakes.gather(GATHER)
         self.wakes.clear()
+
+    @staticmethod
+    def _awaited(decision: Decision) -> bool:
+        """Whether a live request waits for something."""
+        situation = decision.situation
+        return any(not decision.memory.of(n).ready for n in situation.urgent if n in situation.desired.digests)
 
     def _wait(self, until: float | None) -> bool:
         return self.wakes.wait(None if until is None else until - self.clock())
@@ -146,7 +155,8 @@ class Loop:
             # What is left of this pass can wait; a worker that has to share the interpreter with it begins later.
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
-        self.ros.look(decision.situation)
+        if self.engine.local:  # who refuses connections on this machine is no node of another one
+            self.ros.look(decision.situation)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
@@ -177,10 +187,8 @@ class Loop:
                 self.wakes.again()
 
     def _take_outcomes(self) -> None:
-        for outcome in self.workers.take():
-            self.memory = finish(self.memory, outcome.action, outcome.error, self.clock())
-            if outcome.refused:
-                self.memory = refuse(self.memory, outcome.action, outcome.error)
+        if outcomes := self.workers.take():
+            self.memory = finish(self.memory, outcomes, self.clock())
 
     # -- what the loop's parts ask -----------------------------------------------------------------------------
 
@@ -198,12 +206,16 @@ class Loop:
         )
 
     def use(self) -> dict[str, tuple[float, int]]:
-        """(CPU seconds since it began, bytes) of each service that is alive."""
+        """(CPU seconds since it began, bytes) of each service that is alive, all its containers together."""
         alive = [c for c in self.observer.snapshot().containers if c.alive]
-        usage = self.engine.usage(alive)
-        return {c.service: (usage[c.id].cpu, usage[c.id].memory) for c in alive if c.id in usage}
+        usage, found = self.engine.usage(alive), dict[str, tuple[float, int]]()
+        for container in alive:
+            if container.id in usage:
+                used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
+                found[container.service] = cpu + used.cpu, memory + used.memory
+        return found
 
     def paused(self, service: str) -> None:
         """A service was just paused."""
-        if self.engine.capabilities.isolation:
+        if self.engine.capabilities.isolation and self.engine.local:
             reclaim_paused(self.tree.desired.catalog.services.get(service), self.container_of(service), self.recorder)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from rorg.core.decide import Decision
-from rorg.daemon.snapshot import about_tree, snapshot
+from rorg.daemon.snapshot import Snapshots, about_tree
 from rorg.daemon.tree import Tree
 from rorg.store.files import write_atomic
 from rorg.store.requests_file import RequestsFile
@@ -26,12 +25,14 @@ class Publisher:
         self, state: StateDir, clock: Callable[[], float], about: Mapping[str, Any], tell: Callable[[str], None]
     ) -> None:
         self.state, self.clock, self.about, self.tell = state, clock, about, tell
+        self._snapshots = Snapshots()
         self._published = ""
         self._due = 0.0
         self._next: tuple[Decision, dict[str, Any]] | None = None
 
     def publish(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
         """Keeps what is to be published until flush()."""
+        self._snapshots.note(decision)
         if self._next is None:
             self._due = max(self.clock() + AFTER, self._due)
         self._next = decision, {**self.about, **about_tree(tree, requests)}
@@ -45,7 +46,7 @@ class Publisher:
         if self._next is None:
             return
         decision, about = self._next
-        text = json.dumps(snapshot(decision, about))
+        text = self._snapshots.text(decision, about)
         self._next, self._due = None, self.clock() + EVERY
         if text != self._published:
             self._published = text

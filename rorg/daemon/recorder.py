@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.losses import losses, ready_runs
+from rorg.core.memory import Progress
 from rorg.core.plan import Action
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
@@ -39,6 +41,8 @@ class Recorder:
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
+        self._progress: Mapping[str, Progress] = {}
+        """Of the last pass."""
         self._lock = threading.Lock()
 
     def event(self, kind: str, message: str, **more: Any) -> None:
@@ -78,7 +82,9 @@ class Recorder:
         self._when_new("engine", (observed.complete, observed.error), self._engine, observed)
         for violation in decision.violations:
             self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
-        for name, step in decision.memory.progress.items():
+        before, self._progress = self._progress, decision.memory.progress
+        for name in changed_keys(before, self._progress):
+            step = self._progress[name]
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
             self._when_new(f"stalled {name}", step.stalled, self._stalled, (name, step))
             self._when_new(f"update {name}", step.update.failed, self._updated, (name, step))
@@ -143,7 +149,11 @@ class Recorder:
             for s in r.services
             if s not in known
         )
-        self._when_new("unknown", found, lambda lines: [self.event("unknown-service", line) for line in lines], found)
+        self._when_new("unknown", found, self._unknown_names, found)
+
+    def _unknown_names(self, lines: Any) -> None:
+        for line in lines:
+            self.event("unknown-service", line)
 
     def _engine(self, observed: Any) -> None:
         if observed.complete:

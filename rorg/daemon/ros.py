@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 
-from rorg.core.desired import Situation
+from rorg.core.situation import Situation
 from rorg.probes import ros_master
 
 LOCAL = ("localhost", "127.0.0.1", "::1")

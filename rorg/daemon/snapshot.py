@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,66 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
 def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
     """`about` is put in front: who runs, on which tree."""
     situation = decision.situation
+    return {
+        **_of_all(decision, about),
+        "runs": {n: _run_json(p, situation.now) for n, p in decision.memory.progress.items()},
+        "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
+    }
+
+
+class Snapshots:
+    """The same as text, decision after decision, where what is said of a service is written anew only when something
+    was found of it since."""
+
+    def __init__(self) -> None:
+        self._stale: set[str] | None = None
+        """Services that were looked at since the last text; None for all."""
+        self._services: dict[str, str] = {}
+        self._runs: dict[str, tuple[Progress, str]] = {}
+
+    def note(self, decision: Decision) -> None:
+        """Every decision must be noted, whether a text of it is wanted or not."""
+        if decision.whole:
+            self._stale = None
+        elif self._stale is not None:
+            self._stale.update(decision.looked_at)
+
+    def text(self, decision: Decision, about: dict[str, Any]) -> str:
+        """Of the decision that was noted last."""
+        head = json.dumps(_of_all(decision, about))
+        runs, services = self._run_texts(decision), self._service_texts(decision)
+        return f'{head[:-1]}, "runs": {_joined(runs)}, "services": {_joined(services)}}}'
+
+    def _run_texts(self, decision: Decision) -> dict[str, str]:
+        before, self._runs = self._runs, {}
+        now = decision.situation.now
+        for name, step in decision.memory.progress.items():
+            known = before.get(name)
+            timed = any(tried.at for tried in step.attempts.values()) if step.attempts else False
+            same = known is not None and known[0] is step and not timed
+            self._runs[name] = known if known and same else (step, json.dumps(_run_json(step, now)))
+        return {name: text for name, (_, text) in self._runs.items()}
+
+    def _service_texts(self, decision: Decision) -> dict[str, str]:
+        situation, stale = decision.situation, self._stale
+        if stale is not None and not situation.withheld:
+            late = (n for n, p in situation.memory.progress.items() if p.running_since is not None and not p.ready)
+            stale.update(late)  # with time alone
+            found = statuses(situation, decision.plan, decision.holds, stale)
+        else:
+            self._services, found = {}, statuses(situation, decision.plan, decision.holds)
+        self._services.update((name, json.dumps(status.as_json())) for name, status in found.items())
+        self._stale = set()
+        return self._services
+
+
+def _joined(texts: Mapping[str, str]) -> str:
+    return "{" + ", ".join(f"{json.dumps(name)}: {text}" for name, text in texts.items()) + "}"
+
+
+def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
+    """What is not said of each service by itself."""
+    situation = decision.situation
     requests = (*situation.desired.catalog.requests, *decision.settled.requests)
     return {
         **about,
@@ -42,9 +103,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
         "plan": decision.plan.as_json(),
-        "runs": {n: _run_json(p, situation.now) for n, p in decision.memory.progress.items()},
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
-        "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
 
 
@@ -80,7 +139,10 @@ def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
             said = {k: str(known.get(k) or "") for k in ("edition", "failed", "error", "proven")}
             content, loaded = known.get("content"), str(known.get("loaded") or "")
             update = Update(
-                **said,
+                edition=said["edition"],
+                failed=said["failed"],
+                error=said["error"],
+                proven=said["proven"],
                 run=loaded if isinstance(content, Mapping) else "",
                 content={str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {},
             )
@@ -102,6 +164,7 @@ def _tries(known: Any, now: float) -> dict[str, Attempt]:
 
 
 def request_json(request: Request) -> dict[str, Any]:
+    """A request as the API shows it."""
     return {
         "id": request.id,
         "requester": request.requester,

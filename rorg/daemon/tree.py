@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -24,7 +25,11 @@ CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
 MOUNTS_REST = 0.5
 """Seconds for which what services mount must be left alone before its change counts: it may never be still."""
-Stamp = tuple[tuple, tuple, tuple]
+Stats = tuple[tuple[str | int, ...], ...]
+"""Of files: name, time, size and inode."""
+Stamp = tuple[Stats, Stats, Stats]
+MOST_FOLDERS = 4000
+"""Directories that are watched: the kernel has few watches, and others need some too."""
 
 
 class Tree:
@@ -41,7 +46,7 @@ class Tree:
         self._inputs = Inputs()
         self._stamp: Stamp | None = None
         """Of what was read last."""
-        self._mounts: tuple[tuple, float] = (), 0.0
+        self._mounts: tuple[Stats, float] = (), 0.0
         """How what is mounted was when last looked at, and since when it has been so."""
         self._since: float | None = None
         """Since when the tree has been too busy to be read."""
@@ -55,6 +60,11 @@ class Tree:
         """Whether the removal of undeclared services may be planned."""
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
 
+    @property
+    def busy(self) -> bool:
+        """Whether it is being written, and left for later."""
+        return self._since is not None
+
     def stamp(self) -> Stamp:
         """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
         and what is mounted. Whatever else is below it does not count."""
@@ -67,6 +77,17 @@ class Tree:
             _stats(sorted(self._inputs.files)),
             _stats([*strays, *_below(sorted(self._inputs.mounted))]),
         )
+
+    def folders(self) -> list[Path]:
+        """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to."""
+        top, found = os.path.realpath(self.root), [self.root]
+        with contextlib.suppress(OSError):
+            found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and p.is_dir())
+        found += sorted(path.parent for path in self._inputs.files)
+        found += [p for p in _below(sorted(self._inputs.mounted)) if p.is_dir() and not p.is_symlink()]
+        found += sorted(path.parent for path in self._inputs.mounted)
+        inside = (p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and p.is_dir())
+        return list(itertools.islice(inside, MOST_FOLDERS))
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
@@ -133,7 +154,7 @@ def _below(places: Iterable[Path]) -> Iterator[Path]:
             yield from (Path(folder, name) for name in (*folders, *sorted(files)))
 
 
-def _stats(paths: Iterable[Path]) -> tuple:
+def _stats(paths: Iterable[Path]) -> Stats:
     found = []
     for path in paths:
         try:

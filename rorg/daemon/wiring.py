@@ -38,11 +38,12 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     wakes, tree = Wakes(), Tree(root.resolve(), str(state.run))
     recorder = Recorder(state, say, wall_clock, clock, engine)
     publisher = Publisher(state, clock, about, recorder.tell)
-    observer = Observer(engine, wakes.wake, lambda: tree.desired.catalog.policy.resync)
+    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
     sampler = Sampler(
         Meter(clock),
-        lambda: limits.step if (limits := loop.limits()) else None,
+        # This machine's load says nothing of an engine's on another one.
+        lambda: limits.step if engine.local and (limits := loop.limits()) else None,
         lambda load: loop.load_matters(load),
         lambda: loop.use(),
         wakes.wake,
@@ -53,9 +54,9 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
         )
     )
     workers = Workers(
-        engine, observer, recorder, clock, wakes.wake, lambda service: loop.paused(service), DispatchLimits().most
+        engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
-    watcher = Watcher([tree.root, state.path], wakes.files_changed, _own_files(state))
+    watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
     # What outlives a restart of rorg is numbered by the time of day.
     loop = Loop(

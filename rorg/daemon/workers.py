@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
 
+from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
 from rorg.engines.execute import perform, said_no
@@ -19,15 +19,6 @@ AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
 PATIENCE = 10.0
 """Seconds that the end of the loop waits for calls under way."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    action: Action
-    error: str = ""
-    """Empty when it went well."""
-    refused: bool = False
-    """The engine said no to what was asked, rather than that it gave no answer."""
 
 
 class Workers:

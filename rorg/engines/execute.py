@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.core.plan import Action
-from rorg.engines.protocol import Engine
+from rorg.engines.protocol import Lifecycle
 from rorg.errors import EngineError, RorgError
 
 
@@ -12,7 +12,7 @@ def said_no(error: RorgError) -> bool:
     return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken")
 
 
-def perform(engine: Engine, action: Action) -> str:
+def perform(engine: Lifecycle, action: Action) -> str:
     """Does what the action says and returns the id of the container that it was done to."""
     args = action.args
     match action.verb:

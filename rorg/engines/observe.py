@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
-from rorg.engines.protocol import Engine
+from rorg.engines.protocol import Observation
 from rorg.errors import RorgError
 
 RETRY = (0.2, 0.5, 1.0, 2.0)
@@ -20,7 +20,7 @@ RETRY = (0.2, 0.5, 1.0, 2.0)
 class Observer:
     """Keeps the cache in a thread of its own, so that a pass never waits for the engine."""
 
-    def __init__(self, engine: Engine, wake: Callable[[], None], resync: Callable[[], float]) -> None:
+    def __init__(self, engine: Observation, wake: Callable[[], None], resync: Callable[[], float]) -> None:
         self.engine, self.wake, self.resync = engine, wake, resync
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
@@ -30,6 +30,8 @@ class Observer:
         self._acting: dict[str, list[str]] = {}
         """Containers with a call under way, and the states that events told of them meanwhile."""
         self._snapshot = Observed(complete=False)
+        self._changed = False
+        """The cache is ahead of the snapshot, which is made when it is asked for."""
         self._stop, self._doubt = threading.Event(), threading.Event()
         self._threads: list[threading.Thread] = []
         self.lists = 0
@@ -47,6 +49,9 @@ class Observer:
 
     def snapshot(self) -> Observed:
         with self._lock:
+            if self._changed:
+                told, self._changed = self._snapshot, False
+                self._snapshot = Observed(tuple(self._containers.values()), told.complete, told.error)
             return self._snapshot
 
     def refresh(self, container: str) -> None:
@@ -127,6 +132,8 @@ class Observer:
                 if c in found or self._began[c] > began
             }
             changed = found != self._containers or not self._snapshot.complete
+            # What is as it was stays the same object, by which a pass tells that it has nothing to look at.
+            found = {c: known if (known := self._containers.get(c)) == new else new for c, new in found.items()}
             self._containers = found
             if changed:
                 self._publish(True, "")
@@ -141,8 +148,9 @@ class Observer:
         return replace(known, state=found.state) if known.alive and found.alive else known
 
     def _publish(self, complete: bool, error: str) -> None:
-        containers = tuple(sorted(self._containers.values(), key=lambda c: (c.service, c.id)))
-        self._snapshot = Observed(containers, complete, error)
+        self._changed = True
+        if (complete, error) != (self._snapshot.complete, self._snapshot.error):
+            self._snapshot = Observed((), complete, error)
 
     def _lost(self, error: Exception) -> None:
         with self._lock:

@@ -1,7 +1,8 @@
-"""The one small protocol that every engine speaks."""
+"""What every engine speaks, by use: Lifecycle, Observation and Inspection. Engine is all of them."""
 
 from __future__ import annotations
 
+import builtins
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,25 +33,8 @@ class Usage:
     memory: int
 
 
-class Engine(Protocol):
-    """Every method may be called from any thread. They raise Unreachable when the engine does not answer, and
-    EngineError (with a stable `kind`) when it says no. Only containers with our owner label are ever returned."""
-
-    name: str
-    capabilities: Capabilities
-
-    def ping(self) -> str:
-        """The engine's version. Raises Unreachable."""
-
-    def list(self) -> list[Container]:
-        """All containers of ours."""
-
-    def inspect(self, container: str) -> Container | None:
-        """One container of ours; None when it is gone or not ours."""
-
-    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
-        the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
+class Lifecycle(Protocol):
+    """Making, changing and ending containers."""
 
     def create(
         self,
@@ -80,6 +64,30 @@ class Engine(Protocol):
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         """Sets live options in place."""
 
+
+class Observation(Protocol):
+    """What is there, how it changes, and what it uses."""
+
+    def ping(self) -> str:
+        """The engine's version. Raises Unreachable."""
+
+    def list(self) -> builtins.list[Container]:
+        """All containers of ours."""
+
+    def inspect(self, container: str) -> Container | None:
+        """One container of ours; None when it is gone or not ours."""
+
+    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
+        """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
+        the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
+
+    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
+        """By container id; those that do not run are left out, and all where the engine is on another machine."""
+
+
+class Inspection(Protocol):
+    """What is inside one container."""
+
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         """Output of the container, standard error included; the last `tail` lines, then what comes when following."""
 
@@ -87,11 +95,19 @@ class Engine(Protocol):
         """Output of the run of now from a place on ("" for its beginning), and the place after it."""
 
     def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
-        """Runs a command inside and returns its exit code and output; (124, ...) when it took longer than `timeout`
-        seconds, as timeout(1) says it."""
+        """Runs a command inside and returns its exit code and output. What takes longer than `timeout` seconds is
+        ended with all that it began, and gives (124, the output so far and a line that says so), as timeout(1) does."""
 
-    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        """By container id; those that do not run are left out."""
+
+class Engine(Lifecycle, Observation, Inspection, Protocol):
+    """Every method may be called from any thread. They raise Unreachable when the engine does not answer, and
+    EngineError (with a stable `kind`) when it says no. Only containers with our owner label are ever returned."""
+
+    name: str
+    capabilities: Capabilities
+    local: bool
+    """Its processes are those of this machine. Where they are not, no Container has a pid, and nothing of this machine
+    may be taken for the container's: no process, no file, no port."""
 
     def close(self) -> None: ...
 

@@ -12,13 +12,15 @@ COMMIT_PATIENCE = 60.0
 """Seconds for a commit: a hook may run."""
 STALE = 600.0
 """Seconds after which index.lock is one that a killed git left behind."""
+SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
+"""Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
 
 
 def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
     try:
         # Ended by SIGTERM, upon which git takes its locks away.
         with subprocess.Popen(
-            ["git", "-C", str(directory), *args],
+            ["git", *SAFE, "-C", str(directory), *args],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,

@@ -46,26 +46,26 @@ def machine() -> dict[str, float]:
 
 
 class Meter:
-    """Samples of the machine; rates are since the sample before."""
+    """Samples of what `look` sees, which is the machine; rates are since the sample before."""
 
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self.clock = clock
+    def __init__(self, clock: Callable[[], float], look: Callable[[], Mapping[str, float]] = machine) -> None:
+        self.clock, self.look = clock, look
         self._busy: tuple[float, float] | None = None
         self._use: tuple[float, dict[str, tuple[float, int]]] = (0.0, {})
 
     def sample(self, use: Use | None = None) -> Load:
         """One sample; with `use`, what each service takes as well."""
-        now, busy, memory = self.clock(), _busy(), psutil.virtual_memory()
-        before, self._busy = self._busy, (now, busy)
-        cpu = (busy - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
+        now, seen = self.clock(), self.look()
+        before, self._busy = self._busy, (now, seen["cpu_seconds"])
+        cpu = (seen["cpu_seconds"] - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
         return Load(
             now,
             cpu,
-            float(os.cpu_count() or 1),
-            memory.total - memory.available,
-            memory.total,
-            psi("cpu"),
-            psi("memory"),
+            float(seen["cores"]),
+            int(seen["memory"]),
+            int(seen["memory_total"]),
+            seen["cpu_some"],
+            seen["memory_some"],
             self._rates(now, use) if use else {},
         )
 

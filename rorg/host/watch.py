@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import watchfiles
@@ -17,8 +17,13 @@ STEP = 100
 
 
 class Watcher:
-    def __init__(self, paths: list[Path], wake: Callable[[], None], ignore: Callable[[str], bool]) -> None:
-        self.paths, self.wake, self.ignore = paths, wake, ignore
+    """Watches the directories that `folders` names, each by itself and never what a link in them leads to: the kernel
+    has few watches, and a link to / would take them all. `folders` is asked anew after every change."""
+
+    def __init__(
+        self, folders: Callable[[], Collection[Path]], wake: Callable[[], None], ignore: Callable[[str], bool]
+    ) -> None:
+        self.folders, self.wake, self.ignore = folders, wake, ignore
         self._stop = threading.Event()
 
     def start(self) -> None:
@@ -38,13 +43,14 @@ class Watcher:
             again = True
 
     def _follow(self, again: bool) -> None:
-        """Until one of the directories is not the one any more that is watched: the kernel follows the directory, not
-        its name."""
-        watched, first = self._identity(), True
+        """Until there is something else to watch, or a directory is not the one any more that is watched: the kernel
+        follows the directory, not its name."""
+        folders = self.folders()
+        watched, first = _identity(folders), True
         if again:
             self.wake()  # nobody watched meanwhile
         for changes in watchfiles.watch(
-            *self.paths,
+            *folders,
             debounce=DEBOUNCE,
             step=STEP,
             stop_event=self._stop,
@@ -52,13 +58,15 @@ class Watcher:
             watch_filter=lambda _, path: not self.ignore(path),
             raise_interrupt=False,
             yield_on_timeout=True,
+            recursive=False,
         ):
-            moved = self._identity() != watched
+            moved = _identity(folders) != watched
             if changes or first:
                 self.wake()  # what changed before the kernel was asked to watch is told by nobody
-            first = False
-            if moved:
+            if moved or ((changes or first) and set(self.folders()) != set(folders)):
                 return
+            first = False
 
-    def _identity(self) -> list[tuple[int, int]]:
-        return [(stat.st_dev, stat.st_ino) for stat in (os.stat(path) for path in self.paths)]
+
+def _identity(folders: Collection[Path]) -> list[tuple[int, int]]:
+    return [(stat.st_dev, stat.st_ino) for stat in (os.stat(path) for path in folders)]

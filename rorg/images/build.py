@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rorg.errors import EngineError, Invalid, RorgError
+from rorg.manifest.files import read_text
 from rorg.model.catalog import Catalog, Image
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
@@ -28,6 +29,8 @@ class Builder(Protocol):
 
 @dataclass(frozen=True)
 class Result:
+    """What became of one image."""
+
     image: str
     outcome: str
     """built, imported, present, pulled, failed or skipped."""
@@ -62,9 +65,11 @@ def image_parents(image: Image) -> list[str]:
     if image.context is None:
         return []
     try:
-        text = (Path(image.context) / image.dockerfile).read_text(encoding="utf-8")
+        text = read_text(Path(image.context) / image.dockerfile, Path(image.context))
     except OSError as error:
-        raise Invalid(f"build {image.name}", f"{image.where}: {error}", "to create the Dockerfile") from error
+        raise Invalid(
+            f"build {image.name}", f"{image.where}: {image.dockerfile}: {error.strerror}", "to create the Dockerfile"
+        ) from error
     return parents(text, image.args)
 
 
@@ -118,7 +123,7 @@ def _one(catalog: Catalog, name: str, builder: Builder, say: Callable[[str], Non
         return Result(name, "failed", error.why)
 
 
-def import_stream(image: Image) -> subprocess.Popen:
+def import_stream(image: Image) -> subprocess.Popen[bytes]:
     """Starts an image's import command; its standard output is the tar stream."""
     try:
         return subprocess.Popen(

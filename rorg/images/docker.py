@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rorg.engines.docker.engine import DockerEngine, docker_errors
+from rorg.engines.docker.engine import DockerEngine
+from rorg.engines.docker.errors import docker_errors
 from rorg.errors import EngineError
 from rorg.images.build import import_stream
 from rorg.model.catalog import Image
 
 
 class DockerBuilder:
+    """Builds with the engine that also runs what is built."""
+
     def __init__(self, engine: DockerEngine) -> None:
         self.api = engine.api()
 

@@ -23,6 +23,7 @@ from rorg.manifest.option_parts import (
     Limit,
     Limitless,
     Logging,
+    Many,
     Networks,
     Pairs,
     Signal,
@@ -31,21 +32,22 @@ from rorg.manifest.option_parts import (
     Ulimits,
     Volume,
     Words,
-    many,
-    texts,
 )
 from rorg.manifest.scalars import Duration
 
 
 def recreate(**extra: Any) -> Any:
+    """A field whose change costs a new container."""
     return Field(default=None, json_schema_extra={"x-rorg-change": "recreate"}, **extra)
 
 
 def live(**extra: Any) -> Any:
+    """A field that the engine changes in place."""
     return Field(default=None, json_schema_extra={"x-rorg-change": "live"}, **extra)
 
 
 def unchanging(default: Any = None, **extra: Any) -> Any:
+    """A field whose change costs a running container nothing."""
     return Field(default=default, json_schema_extra={"x-rorg-change": "none"}, **extra)
 
 
@@ -76,17 +78,19 @@ class ContainerOptions(Strict):
     cpuset_mems: Annotated[Text, check.CPUS] | None = live()
     device_cgroup_rules: list[Annotated[str, check.DEVICE_RULE]] | None = recreate()
     devices: list[Device] | None = recreate()
-    dns: many(check.IP) | None = recreate()
-    dns_opt: many(check.WORD) | None = recreate()
-    dns_search: many(check.DOMAIN) | None = recreate()
+    dns: Many[Annotated[str, check.IP]] | None = recreate()
+    dns_opt: Many[Annotated[str, check.WORD]] | None = recreate()
+    dns_search: Many[Annotated[str, check.DOMAIN]] | None = recreate()
     domainname: Annotated[str, check.DOMAIN] | None = recreate()
     entrypoint: Words | None = recreate()
-    env_file: many(check.WORD) | None = recreate(description="Files of KEY=VALUE lines; `environment` wins over them.")
+    env_file: Many[Annotated[str, check.WORD]] | None = recreate(
+        description="Files of KEY=VALUE lines; `environment` wins over them."
+    )
     environment: Annotated[Pairs, check.VARIABLES] | None = recreate()
-    expose: texts(check.EXPOSE) | None = recreate()
+    expose: list[Annotated[Text, check.EXPOSE]] | None = recreate()
     extra_hosts: Hosts | None = recreate()
     gpus: Gpus | None = recreate()
-    group_add: texts(check.GROUP) | None = recreate()
+    group_add: list[Annotated[Text, check.GROUP]] | None = recreate()
     healthcheck: Healthcheck | None = recreate()
     hostname: Annotated[str, check.HOST_NAME] | None = recreate()
     init: bool | None = recreate()
@@ -109,7 +113,7 @@ class ContainerOptions(Strict):
     pid: Annotated[str, check.PID] | None = recreate()
     pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live()
     platform: Annotated[str, check.PLATFORM] | None = recreate()
-    ports: texts(check.PORTS) | None = recreate()
+    ports: list[Annotated[Text, check.PORTS]] | None = recreate()
     privileged: bool | None = recreate()
     publish_all_ports: bool | None = recreate()
     read_only: bool | None = recreate()
@@ -125,7 +129,7 @@ class ContainerOptions(Strict):
     stop_signal: Signal | None = recreate()
     storage_opt: Pairs | None = recreate()
     sysctls: Annotated[Pairs, check.SYSCTLS] | None = recreate()
-    tmpfs: many(check.TMPFS) | None = recreate()
+    tmpfs: Many[Annotated[str, check.TMPFS]] | None = recreate()
     tty: bool | None = recreate()
     ulimits: Ulimits | None = recreate()
     user: Annotated[Text, check.USER] | None = recreate()

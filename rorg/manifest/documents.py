@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
+from rorg.manifest.files import read_text
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_parts import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+UNEXPECTED = "cannot be understood"
+
+
+def unexpected(where: Where, bug: Exception) -> Diagnostic:
+    """For what nobody thought of: whatever a file says, the robot goes on with what it said before."""
+    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "to report this")
 
 
 @dataclass(frozen=True)
@@ -26,8 +36,11 @@ class Source:
     name: str
     description: str
     labels: dict[str, str]
-    spec: Strict
+    spec: Any
+    """The validated model of its kind, one of SPECS."""
     path: Path
+    root: Path
+    """The directory of the tree that it is in."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -55,7 +68,9 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     """Manifests among that: most likely the folder is misspelt."""
     strays = []
     for path in stray_files(root):
-        if path.exists() and re.search(r"^apiVersion: rorg/", path.read_text(errors="replace"), re.M):
+        with contextlib.suppress(OSError):
+            if not re.search(r"^apiVersion: rorg/", read_text(path, root), re.M):
+                continue
             message = f"a manifest in '{path.parent.name}/', which is not read"
             strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
     return strays
@@ -76,14 +91,17 @@ def read_tree(
         if path in (overlay or {}) and text is None:
             continue
         try:
-            texts[path] = path.read_text(encoding="utf-8", errors="replace") if text is None else text
+            texts[path] = read_text(path, root) if text is None else text
         except OSError as error:
             diagnostics.append(
                 Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or delete it")
             )
             broken.add(path.stem)
     for path, text in texts.items():
-        source, found = read_source(text, path, str(path))
+        try:
+            source, found = read_source(text, path, str(path), root)
+        except Exception as bug:
+            source, found = None, [unexpected(Where(str(path)), bug)]
         diagnostics += found
         if source:
             folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
@@ -98,7 +116,7 @@ def read_tree(
     return sources, diagnostics, broken
 
 
-def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[Diagnostic]]:
+def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | None, list[Diagnostic]]:
     """One file's manifest, or None with the reasons."""
     document, found = read_yaml(text, file)
     if document is None:
@@ -111,16 +129,16 @@ def read_source(text: str, path: Path, file: str) -> tuple[Source | None, list[D
     kind = document.value.get("kind")
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
-    if kind not in SPECS or "spec" not in document.value:
+    if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None, found
     spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:
         return None, found + more
     meta = envelope.metadata
-    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path), []
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
 
 
-def _validate(model: type[Strict], document: Document, value: object, at: tuple) -> tuple[typing.Any, list[Diagnostic]]:
+def _validate(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
     try:
         return model.model_validate(value), []
     except ValidationError as error:
@@ -132,7 +150,7 @@ def _validate(model: type[Strict], document: Document, value: object, at: tuple)
         return None, list(found.values())
 
 
-def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tuple) -> Diagnostic:
+def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Diagnostic:
     """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
     loc = _place(document, at + tuple(entry["loc"]))
     if entry["type"] == "extra_forbidden":
@@ -151,16 +169,16 @@ def _explain(model: type[Strict], document: Document, entry: typing.Any, at: tup
     return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
 
 
-def _place(document: Document, loc: tuple) -> tuple:
+def _place(document: Document, loc: Loc) -> Loc:
     """Without the names that pydantic puts in for the members of a union."""
-    path: tuple = ()
+    path: Loc = ()
     for index, part in enumerate(loc):
         if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
             path = (*path, part)
     return path
 
 
-def _unknown_key(model: type[Strict], document: Document, loc: tuple, at: tuple) -> Diagnostic:
+def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
     where, key = document.where(loc, key=True), str(loc[-1])
     kind = document.value.get("kind")
     feature = NOT_YET.get((kind, *loc[len(at) :]))
@@ -185,7 +203,7 @@ def _other_level(kind: object, key: str) -> str:
     return ELSEWHERE.get(key, "")
 
 
-def _model_at(model: type[BaseModel], path: tuple) -> type[BaseModel] | None:
+def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
     """The model that a path of keys leads to, through optional fields, lists and mappings."""
     for part in path:
         if isinstance(part, int):
@@ -200,6 +218,6 @@ def _model_at(model: type[BaseModel], path: tuple) -> type[BaseModel] | None:
     return model
 
 
-def _types(annotation: object) -> list:
-    args = typing.get_args(annotation)
+def _types(annotation: object) -> list[Any]:
+    args = get_args(annotation)
     return [annotation] if not args else [t for a in args for t in _types(a)]

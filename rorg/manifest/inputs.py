@@ -24,7 +24,7 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     """Those of all services and images, with what any profile may add to a service."""
     files: set[Path] = set()
     mounted: set[Path] = set()
-    profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]  # type: ignore[attr-defined]
+    profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]
     for source in by_kind.get("Service", {}).values():
         spec: Any = source.spec
         for options in (spec.container, *profiles):
@@ -44,10 +44,11 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
 def _sources(options: Any) -> Iterator[str]:
     """Paths on the host of what a container mounts to read."""
     for volume in getattr(options, "volumes", None) or ():
+        source: str | None
         if isinstance(volume, str):
             source, _, rest = volume.partition(":")
             reads = "ro" in rest.partition(":")[2].split(",")
         else:
             source, reads = getattr(volume, "source", None), bool(getattr(volume, "read_only", False))
-        if reads and source and str(source).startswith((".", "/")):
-            yield str(source)
+        if reads and source and source.startswith((".", "/")):
+            yield source

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.inputs import Inputs, inputs
-from rorg.manifest.profiles import COMMON, built_in_profiles, merge_profiles
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
-from rorg.model.catalog import DEVELOPER, EVERY, Budget, Catalog, Group, Image, Policy, Request, Service, Thresholds
+from rorg.model.catalog import (
+    DEVELOPER,
+    EMPTY,
+    EVERY,
+    Budget,
+    Catalog,
+    Group,
+    Image,
+    Policy,
+    Request,
+    Service,
+    Thresholds,
+)
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
@@ -51,7 +64,10 @@ def load(
     by_kind, more = _by_kind(sources)
     diagnostics += more
     found(inputs(root, by_kind))
-    catalog, more = _catalog(by_kind, broken)
+    try:
+        catalog, more = _catalog(by_kind, broken)
+    except Exception as bug:
+        catalog, more = EMPTY, [unexpected(Where(str(root)), bug)]
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
@@ -114,7 +130,7 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
             )
         elif source.name == DEVELOPER and (
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
-        ):  # type: ignore
+        ):
             diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
@@ -130,12 +146,12 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
     for name, source in by_kind.get("Service", {}).items():
-        wanted = source.spec.profile or COMMON  # type: ignore[attr-defined]
+        wanted = source.spec.profile or COMMON
         if wanted not in profiles and wanted not in broken:
             diagnostics.append(
                 Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
             )
-        services[name], found = render(source, merged.get(wanted, merged[COMMON]), policy)
+        services[name], found = _rendered(source, merged.get(wanted, merged[COMMON]), policy)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
@@ -165,6 +181,13 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     return catalog, diagnostics
 
 
+def _rendered(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[Diagnostic]]:
+    try:
+        return render(source, profile, policy)
+    except Exception as bug:
+        return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
+
+
 def _resolve(
     source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
 ) -> tuple[Service, list[Diagnostic]]:
@@ -182,12 +205,13 @@ def _resolve(
                 what = "itself" if name == service.name else f"'{name}', which it needs"
                 diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them"))
             elif name not in known:
-                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"  # type: ignore
+                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
-    return replace(service, **resolved, restarts_with=tuple(sorted(follows))), diagnostics
+    needs, conflicts = resolved["needs"], resolved["conflicts"]
+    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
 
 
 def _policy(spec: Any) -> Policy:
@@ -275,7 +299,7 @@ def _image(source: Source) -> Image:
 def _image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:
     diagnostics = []
     for name, image in images.items():
-        if image.context and not (Path(image.context) / image.dockerfile).is_file():
+        if image.context and not os.path.isfile(os.path.join(image.context, image.dockerfile)):
             where: Where = sources[name].where("spec", "context")
             diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
     return diagnostics

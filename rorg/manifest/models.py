@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions, recreate, unchanging
-from rorg.manifest.option_parts import Device, Pairs, Strict, Words, texts
+from rorg.manifest.option_parts import Device, Pairs, Strict, Text, Words
 from rorg.manifest.policy import Idle, PolicySpec, Units
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -19,6 +19,8 @@ Priority = Annotated[int, Field(ge=0, le=100)]
 
 
 class Metadata(Strict):
+    """What a manifest is called."""
+
     name: Name
     description: str | None = None
     labels: Pairs = Field(default_factory=dict)
@@ -35,7 +37,7 @@ class Driver(Strict):
     """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
 
     devices: list[Device] = Field(default_factory=list, json_schema_extra={"x-rorg-change": "recreate"})
-    groups: texts(check.GROUP) | None = recreate(
+    groups: list[Annotated[Text, check.GROUP]] | None = recreate(
         description="Extra groups inside the container, such as dialout or video."
     )
     realtime: bool = Field(
@@ -96,6 +98,8 @@ def _container_only(spec: ServiceSpec) -> list[str]:
 
 
 class ServiceSpec(Strict):
+    """A service: what runs, what it needs, and when it may end."""
+
     type: Literal["container", "meta"] = unchanging("container", description="meta: no container, always active.")
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
         description="An Image of this tree, or any reference that the engine knows."
@@ -175,6 +179,8 @@ class ServiceSpec(Strict):
 
 
 class GroupSpec(Strict):
+    """A name for several services."""
+
     services: Annotated[list[Name], Field(min_length=1)]
 
 

@@ -49,6 +49,8 @@ def like(pattern: str, what: str) -> AfterValidator:
 
 
 def between(*ranges: tuple[float, float], what: str) -> AfterValidator:
+    """A number in one of these ranges, ends included; `what` says how to write it."""
+
     def check(value: Any) -> Any:
         if not any(low <= value <= high for low, high in ranges):
             raise ValueError(f"{value:g} is out of range; {what}")
@@ -98,6 +100,7 @@ def _capability(value: str) -> None:
 
 
 def check_ulimit(name: str) -> None:
+    """Raises ValueError for a limit that Linux does not have."""
     if name not in ULIMITS:
         raise ValueError(f"'{name}' is no limit{_near(name, ULIMITS)}")
 

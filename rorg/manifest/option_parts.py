@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import shlex
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -83,17 +83,14 @@ Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what=
 Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memory")]
 
 
-def texts(item: Any) -> Any:
-    """A list of text or numbers of which each passes a check."""
-    return list[Annotated[Text, item]]
-
-
-def many(item: Any) -> Any:
-    """The same of text; one alone needs no list."""
-    return Annotated[list[Annotated[str, item]], BeforeValidator(_one_or_many)]
+T = TypeVar("T")
+Many = Annotated[list[T], BeforeValidator(_one_or_many)]
+"""A list; one alone needs no list."""
 
 
 class Ulimit(Strict):
+    """A limit of the kernel; -1 is none."""
+
     soft: Annotated[int, Field(ge=-1)]
     hard: Annotated[int, Field(ge=-1)]
 
@@ -105,6 +102,8 @@ class Ulimit(Strict):
 
 
 class Logging(Strict):
+    """Where the output goes."""
+
     driver: str = "json-file"
     options: Pairs = Field(default_factory=dict)
 
@@ -119,6 +118,8 @@ Pause = Annotated[Duration, check.between((0, 0), (0.001, MOST), what="the engin
 
 
 class Healthcheck(Strict):
+    """The engine's own question to the container."""
+
     test: (
         Annotated[
             list[str], BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v), AfterValidator(_test)
@@ -133,16 +134,22 @@ class Healthcheck(Strict):
 
 
 class BindOptions(Strict):
+    """Of a mount from the host."""
+
     propagation: Literal[PROPAGATION] | None = None  # type: ignore[valid-type]
     create_host_path: bool | None = None
     selinux: Literal["z", "Z"] | None = None
 
 
 class VolumeOptions(Strict):
+    """Of a mount of a volume."""
+
     nocopy: bool | None = None
 
 
 class TmpfsOptions(Strict):
+    """Of a mount of memory."""
+
     size: Bytes | None = None
     mode: Annotated[int, Field(ge=0, le=0o7777)] | None = None
 
@@ -182,6 +189,8 @@ DevicePath = Annotated[str, check.PATH]
 
 
 class Rate(Strict):
+    """Most of one device, a second."""
+
     path: DevicePath
     rate: Bytes
 
@@ -190,11 +199,15 @@ Share = Annotated[int, check.between((0, 0), (10, 1000), what="write 10 to 1000"
 
 
 class Weight(Strict):
+    """Share of one device."""
+
     path: DevicePath
     weight: Share
 
 
 class BlkioConfig(Strict):
+    """Limits and shares of block devices."""
+
     weight: Share | None = None
     weight_device: list[Weight] | None = None
     device_read_bps: list[Rate] | None = None
@@ -204,6 +217,8 @@ class BlkioConfig(Strict):
 
 
 class Gpu(Strict):
+    """One request for GPUs."""
+
     driver: str | None = None
     count: Annotated[int, Field(ge=-1)] | Literal["all"] | None = None
     device_ids: list[str] | None = None
@@ -230,6 +245,8 @@ def _of_version(version: int) -> AfterValidator:
 
 
 class Network(Strict):
+    """How the container is joined to one network."""
+
     aliases: list[Annotated[str, check.WORD]] | None = None
     ipv4_address: Annotated[str, _of_version(4)] | None = None
     ipv6_address: Annotated[str, _of_version(6)] | None = None
@@ -239,6 +256,7 @@ class Network(Strict):
 
 
 def read_networks(value: object) -> object:
+    """A list of names as a mapping."""
     if isinstance(value, list):
         if not all(isinstance(name, str) for name in value):
             raise ValueError("each item must be the name of a network")
@@ -257,16 +275,19 @@ def _network_names(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_ulimits(value: object) -> object:
+    """One number for both limits."""
     if isinstance(value, dict):
         return {k: {"soft": v, "hard": v} if type(v) is int else v for k, v in value.items()}
     return value
 
 
 def read_hosts(value: object) -> object:
+    """A mapping as lines NAME:ADDRESS."""
     return [f"{name}:{address}" for name, address in value.items()] if isinstance(value, dict) else value
 
 
 def read_gpus(value: object) -> object:
+    """`all` as a request for every GPU."""
     return [{"count": "all"}] if value == "all" else value
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
-from rorg.manifest.container import Strict, Words, unchanging
+from rorg.manifest.container import unchanging
+from rorg.manifest.option_parts import Strict, Words
+from rorg.manifest.patterns import compiled
 from rorg.manifest.scalars import Duration, Interval
 
 
@@ -31,10 +32,7 @@ def _absolute(value: str) -> str:
 
 
 def _pattern(value: str) -> str:
-    try:
-        re.compile(value)
-    except re.error as error:
-        raise ValueError(f"not a regular expression: {error}") from error
+    compiled(value)
     return value
 
 

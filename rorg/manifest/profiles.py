@@ -22,7 +22,9 @@ def built_in_profiles() -> dict[str, Source]:
     """The profiles that come with rorg: common, plain, ros1, ros2."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
-        source, diagnostics = read_source(path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}")
+        source, diagnostics = read_source(
+            path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}", path.parent
+        )
         if source is None:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
         found[source.name] = source
@@ -145,7 +147,7 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         # What `common` itself extends stands on nothing: it is what everything else stands on.
         based = COMMON in merged or COMMON not in (*trail, name)
         result = visit(COMMON, ()) if based and name != COMMON and not _alone(name, sources) else Merged()
-        for index, parent in enumerate(spec.extends):  # type: ignore[attr-defined]
+        for index, parent in enumerate(spec.extends):
             where = source.where("spec", "extends", index)
             if parent in (*trail, name):
                 ring = (*trail, name, parent)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from graphlib import CycleError, TopologicalSorter
+from collections.abc import Mapping
+from graphlib import TopologicalSorter
 
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Catalog, Group, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
-from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.graph import closure, conflicting, cycles, overbooked
 
 
 def expand_groups(
@@ -19,29 +19,25 @@ def expand_groups(
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         graph[name] = []
-        for index, member in enumerate(source.spec.services):  # type: ignore[attr-defined]
+        for index, member in enumerate(source.spec.services):
             if member in sources:
                 graph[name].append(member)
             elif member not in services and member not in broken:
                 where = source.where("spec", "services", index)
                 known = {*services, *sources}
                 diagnostics.append(Diagnostic(where, f"unknown service '{member}'", nearest(member, known)))
-    cycle = find_cycle(graph)
-    if cycle:
+    rings = cycles(graph)
+    for cycle in rings:
         source = sources[cycle[0]]
-        index = list(source.spec.services).index(cycle[1])  # type: ignore[attr-defined]
-        diagnostics.append(
-            Diagnostic(
-                source.where("spec", "services", index),
-                f"groups contain each other: {' -> '.join(cycle)}",
-                "to break the cycle",
-            )
-        )
+        index = list(source.spec.services).index(cycle[1])
+        where, what = source.where("spec", "services", index), f"groups contain each other: {' -> '.join(cycle)}"
+        diagnostics.append(Diagnostic(where, what, "to break the cycle"))
+    if rings:
         return {}, diagnostics
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
         members: list[str] = []
-        for member in sources[name].spec.services:  # type: ignore[attr-defined]
+        for member in sources[name].spec.services:
             members += groups[member].services if member in groups else [member] if member in services else []
         groups[name] = Group(
             name, tuple(dict.fromkeys(members)), sources[name].description, sources[name].where("metadata", "name")
@@ -49,31 +45,32 @@ def expand_groups(
     return groups, diagnostics
 
 
-def find_cycle(graph: Mapping[str, Iterable[str]]) -> list[str] | None:
-    """A cycle as a path whose first and last name are the same, in the direction of the edges; None without one."""
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        # graphlib gives the path from a predecessor to its successor; our edges point the other way.
-        path = list(reversed(error.args[1]))
-        start = path.index(min(path[:-1]))
-        return path[start:-1] + path[:start] + [path[start]]
-    return None
-
-
 def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
     """A service that needs itself, through others or directly, can never start."""
-    cycle = find_cycle({s.name: s.needs for s in services.values()})
-    if not cycle:
-        return []
-    source = sources[cycle[0]]
-    written = [n.service for n in source.spec.needs]  # type: ignore[attr-defined]
-    where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
-    return [Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")]
+    diagnostics = []
+    for cycle in cycles({s.name: s.needs for s in services.values()}):
+        source = sources[cycle[0]]
+        written = [n.service for n in source.spec.needs]
+        where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
+        what = f"services need each other: {' -> '.join(cycle)}"
+        diagnostics.append(Diagnostic(where, what, "to drop one of these needs"))
+    return diagnostics
 
 
 def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Services that would have to be active together and must not: one service's needs, or all that is always on."""
+    """Services that would have to be active together and must not: one service's needs, all that is always on, or what
+    standing requests add to that."""
+    roots = [s.name for s in catalog.services.values() if s.always_on]
+    diagnostics = _conflicting_needs(catalog, sources)
+    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
+        source = sources[a if catalog.services[a].always_on else b]
+        diagnostics.append(
+            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
+        )
+    return diagnostics + _conflicting_requests(catalog, roots)
+
+
+def _conflicting_needs(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
     diagnostics = []
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
@@ -95,12 +92,12 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
                     "fewer units, or `resources` in the Policy",
                 )
             )
-    roots = [s.name for s in catalog.services.values() if s.always_on]
-    for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
-        source = sources[a if catalog.services[a].always_on else b]
-        diagnostics.append(
-            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
-        )
+    return diagnostics
+
+
+def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagnostic]:
+    """One standing request after the other, each on top of those that count as long as rorg runs."""
+    diagnostics, roots = [], list(always_on)
     for request in catalog.requests:
         before = closure(catalog.services, roots)
         if catalog.services[request.requester].meta:

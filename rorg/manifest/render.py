@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source
+from rorg.manifest.files import read_text
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
@@ -38,8 +39,6 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
     spec: Any = source.spec
     diagnostics: list[Diagnostic] = []
     meta = spec.type == "meta"
-    default_idle = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
-    idle = {**default_idle, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins = ({}, {}) if meta else _container(source, profile, diagnostics)
     driver = spec.driver is not None
@@ -58,7 +57,7 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
         may_restart=tuple(spec.may_restart),
         may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
-        idle=_idle(idle),
+        idle=_idle(spec, profile, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
         interlock=None if meta else probe(interlock, "interlock", master),
@@ -79,7 +78,10 @@ def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[
     return service, diagnostics
 
 
-def _idle(declared: Mapping[str, Any]) -> Idle:
+def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
+    """The Policy's, with what the profile and then the manifest say otherwise."""
+    first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
+    declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     escalate = declared.get("escalate")
     return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
 
@@ -145,7 +147,7 @@ def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> It
 
 
 def _values(source: Source) -> dict[str, str]:
-    resources = source.spec.resources  # type: ignore[attr-defined]
+    resources = source.spec.resources
     return {
         "${service}": source.name,
         "${resources.cpu}": f"{resources.cpu:g}",
@@ -178,7 +180,7 @@ def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
 
 def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
     volumes = []
-    for index, mount in enumerate(source.spec.mounts):  # type: ignore[attr-defined]
+    for index, mount in enumerate(source.spec.mounts):
         where = source.where("spec", "mounts", index)
         local, _, target = mount.partition(":")
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
@@ -211,7 +213,7 @@ def _security(source: Source, values: list[str], diagnostics: list[Diagnostic]) 
         kind, _, name = value.partition("=") if "=" in value else value.partition(":")
         if kind == "seccomp" and name not in ("unconfined", "builtin"):
             try:
-                profile = json.loads((source.directory / name).read_text(encoding="utf-8"))
+                profile = json.loads(read_text(source.directory / name, source.root))
             except (OSError, ValueError) as error:
                 where = source.where("spec", "container", "security_opt", index)
                 why = getattr(error, "strerror", None) or "not JSON"
@@ -237,12 +239,12 @@ def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Di
 
 def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:
     """At its place in the manifest, or where that names the profile which brought it."""
-    option, *below = clash.path
+    option, below = clash.path[0], clash.path[1:]
     spec: Any = source.spec
     own = declared(spec.container)
     if option == "volumes" and below:  # the list began with the profile's
         place = mounted_at(options["volumes"][below[0]])
-        below = [i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place][-1:]
+        below = tuple(i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place)[-1:]
     names = origins.get(clash.other or str(option), ())
     by = f", which {names[0]} declares" if names and names[0].profile else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
@@ -253,7 +255,7 @@ def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagno
     found: dict[str, str] = {}
     for index, name in enumerate(options["env_file"]):
         try:
-            lines = (source.directory / name).read_text(encoding="utf-8").splitlines()
+            lines = read_text(source.directory / name, source.root).splitlines()
         except OSError as error:
             where = source.where("spec", "container", "env_file", index)
             diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", "to create it"))

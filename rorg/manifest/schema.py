@@ -32,7 +32,7 @@ def schema(kind: str) -> dict[str, Any]:
 # What a validator turns into the model's type before it is checked: (type of the field, what may be written).
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
-_WRITTEN = {
+_WRITTEN: dict[str, list[Any]] = {
     "command": _WORDS,
     "import": _WORDS,
     "entrypoint": _WORDS,
@@ -69,8 +69,10 @@ def _loosen(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     found = {k: _loosen(v) for k, v in value.items()}
-    for name, field in found.get("properties", {}).items() if isinstance(found.get("properties"), dict) else ():
-        written = _WRITTEN.get(name)
+    fields = found.get("properties")
+    properties: dict[str, Any] = fields if isinstance(fields, dict) else {}
+    for name, field in properties.items():
+        written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [
                 {"type": "object", "additionalProperties": _SCALAR},
@@ -78,7 +80,7 @@ def _loosen(value: Any) -> Any:
             ]
         if written:
             kept = {k: v for k, v in field.items() if k in ("description", "default", "title", "x-rorg-change")}
-            found["properties"][name] = {"anyOf": [*written, {"type": "null"}], **kept}
+            properties[name] = {"anyOf": [*written, {"type": "null"}], **kept}
     return found
 
 

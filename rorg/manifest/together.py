@@ -26,6 +26,7 @@ Rule = Callable[[Options], Iterator[Clash]]
 
 
 def clashes(options: Options) -> list[Clash]:
+    """All that does not go together in one container."""
     return [clash for rule in RULES for clash in rule(options)]
 
 
@@ -157,14 +158,16 @@ def _logging(options: Options) -> Iterator[Clash]:
     if driver not in _DRIVERS and near:
         yield Clash(("logging", "driver"), f"'{driver}' is no driver of logs", f"'{near[0]}'")
     known = _DRIVERS.get(driver)
-    for key, value in values.items() if known is not None else ():
+    if known is None:
+        return
+    for key, value in values.items():
         if key not in (*known, *_BUFFER):
             yield Clash(
                 ("logging", "options", key), f"the driver {driver} has no option '{key}'", f"one of {', '.join(known)}"
             )
         elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
             yield Clash(("logging", "options", key), f"'{value}' is no value of {key}")
-    if known is not None and values.get("max-buffer-size") and values.get("mode") != "non-blocking":
+    if values.get("max-buffer-size") and values.get("mode") != "non-blocking":
         yield Clash(("logging", "options", "max-buffer-size"), "max-buffer-size needs mode: non-blocking")
 
 

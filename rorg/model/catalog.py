@@ -25,6 +25,8 @@ declared. Exactly this is sent to the engine, and exactly this is digested."""
 
 @dataclass(frozen=True, slots=True)
 class Idle:
+    """What becomes of a service that nobody wants."""
+
     action: str = "stop"
     """pause, stop or remove."""
     linger: float = 0.0
@@ -52,6 +54,11 @@ class Probe:
     master: str = ""
     """URI of the ROS 1 master, for ros_*."""
 
+    @property
+    def delay(self) -> float | None:
+        """The seconds that are its whole answer, where it asks nobody; None of every other kind."""
+        return float(self.target) if self.kind == "delay" and not isinstance(self.target, tuple) else None
+
     def __str__(self) -> str:
         target = " ".join(self.target) if isinstance(self.target, tuple) else self.target
         return f"{self.kind} {target}"
@@ -59,6 +66,8 @@ class Probe:
 
 @dataclass(frozen=True, slots=True)
 class Service:
+    """One service, with all that profiles and the Policy add to its manifest."""
+
     name: str
     meta: bool = False
     always_on: bool = False
@@ -105,7 +114,7 @@ class Service:
 
     @property
     def container_name(self) -> str:
-        return (self.spec or {}).get("container_name", self.name)
+        return str((self.spec or {}).get("container_name", self.name))
 
     @property
     def calls(self) -> bool:
@@ -118,6 +127,8 @@ class Service:
 
 @dataclass(frozen=True, slots=True)
 class Group:
+    """A name for several services."""
+
     name: str
     services: tuple[str, ...]
     """Names of services; groups inside are already replaced by their members."""
@@ -127,6 +138,8 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Image:
+    """How an image is built, or imported."""
+
     name: str
     context: str | None
     """Absolute directory of the build, or None."""
@@ -140,6 +153,8 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Request:
+    """That a requester uses services."""
+
     id: str
     requester: str
     services: tuple[str, ...]
@@ -198,6 +213,8 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
+    """What is said of the whole machine."""
+
     resync: float = 60.0
     bulk_workers: int = 2
     budget: Budget | None = None
@@ -212,6 +229,8 @@ class Policy:
 
 @dataclass(frozen=True, slots=True)
 class Catalog:
+    """A whole tree."""
+
     services: Mapping[str, Service] = field(default_factory=dict)
     groups: Mapping[str, Group] = field(default_factory=dict)
     images: Mapping[str, Image] = field(default_factory=dict)

@@ -32,7 +32,7 @@ class Diagnostic:
         tail = f"; try {self.remedy}" if self.remedy else ""
         return f"{self.where}: {self.severity}: {self.message}{tail}"
 
-    def as_json(self) -> dict:
+    def as_json(self) -> dict[str, str | int]:
         return {
             "file": self.where.file,
             "line": self.where.line,

@@ -1,8 +1,11 @@
-"""Of any set of services: what they need, what of them must not be active together, and what does not fit."""
+"""Of any set of services: what they need, where needs go in a circle, what of them must not be active together, and
+what does not fit."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
 
 from rorg.model.catalog import Catalog, Service
 
@@ -19,11 +22,45 @@ def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
     return found
 
 
+def cycles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
+    """For every edge that lies on a cycle, a shortest cycle through it: as a path in the direction of the edges that
+    begins and ends with its least name. Each is there once, sorted; there can be more cycles than one wants to read,
+    but without the edges of these there is none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError:
+        paths = [_path(graph, to, name) for name in graph for to in graph[name]]
+        return [list(path) for path in sorted({_from_least(path) for path in paths if path})]
+    return []
+
+
+def _path(graph: Mapping[str, Iterable[str]], begin: str, end: str) -> tuple[str, ...]:
+    """A shortest way along the edges, both ends included; empty where there is none."""
+    before: dict[str, str] = {begin: ""}
+    pending = deque([begin])
+    while pending and end not in before:
+        name = pending.popleft()
+        for to in graph.get(name, ()):
+            if to not in before:
+                before[to] = name
+                pending.append(to)
+    found = [end] if end in before else []
+    while found and before[found[-1]]:
+        found.append(before[found[-1]])
+    return tuple(reversed(found))
+
+
+def _from_least(names: tuple[str, ...]) -> tuple[str, ...]:
+    """A circle of names, beginning with the least and ending with it again."""
+    start = names.index(min(names))
+    return (*names[start:], *names[:start], names[start])
+
+
 def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[tuple[str, str]]:
     """Pairs among `names` that must not be active together; a conflict declared on one side counts for both."""
     chosen = set(names)
-    pairs = {tuple(sorted((n, c))) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
-    return sorted(p for p in pairs if p[0] != p[1])  # type: ignore[misc]
+    pairs = {(min(n, c), max(n, c)) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
+    return sorted(p for p in pairs if p[0] != p[1])
 
 
 def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:

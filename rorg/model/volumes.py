@@ -47,6 +47,8 @@ _TMPFS_VALUES = ("size", "mode", "uid", "gid", "nr_inodes", "nr_blocks", "mpol")
 
 @dataclass(frozen=True, slots=True)
 class Volume:
+    """One line of `volumes`."""
+
     source: str
     """A path, the name of a volume, or "" for a volume without a name."""
     target: str
@@ -54,6 +56,7 @@ class Volume:
 
 
 def is_path(source: str) -> bool:
+    """Whether the source of a volume is a place on the host, and no name."""
     return source.startswith(("/", "./", "../", "~/")) or source in (".", "..")
 
 

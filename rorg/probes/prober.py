@@ -6,9 +6,10 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.decide import FRESH, Target
+from rorg.core.decide import FRESH
 from rorg.core.memory import ProbeResult
-from rorg.probes.ask import CannotAsk
+from rorg.core.schedule import Target
+from rorg.probes.answer import Answer, cannot_ask
 
 LONGEST = 3600.0
 """Seconds of sleep at the most."""
@@ -16,8 +17,8 @@ WORKERS = 8
 """Attempts at once. What hangs holds a worker for TIMEOUT."""
 
 Key = tuple[str, str]
-Ask = Callable[[Key, Target], str]
-"""Asks once: empty when the answer is yes, else what was found. Raises when the question could not be put."""
+Ask = Callable[[Key, Target], Answer]
+"""Asks once."""
 
 
 class Prober:
@@ -81,31 +82,29 @@ class Prober:
                 self._condition.wait(min(max(0.0, min(waits)), LONGEST) if waits else None)
 
     def _probe(self, key: Key, target: Target) -> None:
-        began, asked = self.clock(), True
+        began = self.clock()
         try:
-            message = self.ask(key, target)
-        except CannotAsk as error:
-            message, asked = f"cannot ask: {error}", False
+            answer = self.ask(key, target)
         except Exception as bug:  # a probe that breaks must neither end the probing nor the service
-            message, asked = f"cannot ask: {type(bug).__name__}: {bug}", False
+            answer = cannot_ask(f"{type(bug).__name__}: {bug}")
         with self._condition:
             self._busy.discard(key)
             now = self._targets.get(key)
-            told = now is not None and now == target and self._learn(key, now, message, asked, began)
+            told = now is not None and now == target and self._learn(key, now, answer, began)
             self._condition.notify()
         if told:
             self.wake()
 
-    def _learn(self, key: Key, target: Target, message: str, asked: bool, began: float) -> bool:
+    def _learn(self, key: Key, target: Target, answer: Answer, began: float) -> bool:
         """Notes a finding; whether it is news. What could not be asked is no failure of the service."""
         old = self._results.get(key)
-        failures = 0 if not message else (old.failures if old else 0) + asked
-        self._results[key] = new = ProbeResult(target.incarnation, not message, began, message, failures)
+        failures = 0 if answer.ok else (old.failures if old else 0) + answer.asked
+        self._results[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
         since = target.asked or 0.0
         self._due[key] = began + target.every if began >= since else self.clock()
         if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":
             # The loop takes an answer that is too old for none, so the same answer is news then.
-            return self.clock() - old.at > target.probe.interval + FRESH
+            return bool(self.clock() - old.at > target.probe.interval + FRESH)
         return failures != old.failures and failures == target.probe.failures

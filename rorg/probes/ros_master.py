@@ -13,6 +13,8 @@ from typing import Any
 from urllib.parse import urlparse
 from xml.parsers.expat import ExpatError
 
+from rorg.probes.answer import YES, Answer, no
+
 CALLER = "/rorg"
 TIMEOUT = 1.0
 """Seconds for one call. A paused program accepts the connection and never answers."""
@@ -41,22 +43,22 @@ def call(uri: str, method: str, *args: Any, timeout: float = TIMEOUT) -> Any:
     return value
 
 
-def probe(kind: str, name: str, master: str) -> str:
-    """Empty when it is there, else what was found. `kind` is ros_node, ros_topic or ros_service."""
+def probe(kind: str, name: str, master: str) -> Answer:
+    """Whether it is there. `kind` is ros_node, ros_topic or ros_service."""
     try:
         if kind == "ros_topic":
             publishers = call(master, "getSystemState", CALLER)[0]
-            return "" if any(topic == name for topic, _ in publishers) else f"nobody publishes {name}"
+            return YES if any(topic == name for topic, _ in publishers) else no(f"nobody publishes {name}")
         if kind == "ros_service":
             where = urlparse(call(master, "lookupService", CALLER, name))
             socket.create_connection((where.hostname or "", where.port or 0), timeout=TIMEOUT).close()
-            return ""
+            return YES
         call(call(master, "lookupNode", CALLER, name), "getPid", CALLER)
-        return ""
+        return YES
     except LookupError:
-        return f"{name} is not registered"
+        return no(f"{name} is not registered")
     except OSError as error:
-        return f"{name} does not answer: {error.strerror or error}"
+        return no(f"{name} does not answer: {error.strerror or error}")
 
 
 def purge(master: str, local: Iterable[str]) -> list[str]:

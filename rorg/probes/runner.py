@@ -2,64 +2,92 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from typing import Protocol
 
-from rorg.core.decide import Target
 from rorg.core.observed import Container
-from rorg.engines.protocol import Engine
+from rorg.core.schedule import Target
+from rorg.engines.protocol import Capabilities, Inspection
 from rorg.errors import RorgError
+from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
-from rorg.probes.ask import CannotAsk, ask_host
+from rorg.probes.answer import YES, Answer, cannot_ask, no
+from rorg.probes.ask import ask_file, ask_host, asks_this_machine
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
+ELSEWHERE = "the engine is on another machine"
+
+
+class Asked(Inspection, Protocol):
+    """What of an engine probes need."""
+
+    capabilities: Capabilities
+    local: bool
+
+    def inspect(self, container: str) -> Container | None: ...
 
 
 class ProbeRunner:
     """Asks probes of one engine's containers. Remembers how far each log was read."""
 
-    def __init__(self, engine: Engine, container_of: Callable[[str], Container | None]) -> None:
+    def __init__(self, engine: Asked, container_of: Callable[[str], Container | None]) -> None:
         self.engine, self.container_of = engine, container_of
         self._read: dict[str, tuple[str, str]] = {}
         """Service -> (incarnation, place in its log)."""
 
-    def __call__(self, key: tuple[str, str], target: Target) -> str:
+    def __call__(self, key: tuple[str, str], target: Target) -> Answer:
         service, role = key
         probe = target.probe
         if role == "interlock":
-            return ask_host(probe)
+            return ask_host(probe)  # it is about this machine, whichever the engine is on
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
-            raise CannotAsk("it is not the same run any more")
+            return cannot_ask("it is not the same run any more")
         try:
             return self._ask(service, role, probe, container)
         except RorgError as error:
-            raise CannotAsk(error.why) from error
+            return cannot_ask(error.why)
 
-    def _ask(self, service: str, role: str, probe: Probe, container: Container) -> str:
+    def _ask(self, service: str, role: str, probe: Probe, container: Container) -> Answer:
         match probe.kind:
             case "exec":
-                code, output = self.engine.exec(container.id, list(probe.target), EXEC_TIMEOUT)  # type: ignore[arg-type]
-                said = output.decode(errors="replace").strip().splitlines()
-                return "" if code == 0 else f"{probe} exits {code}" + (f": {said[-1][:200]}" if said else "")
+                return self._exec(probe, container)
             case "engine":
-                found = self.engine.inspect(container.id)
-                if found is None:
-                    raise CannotAsk("its container is gone")
-                health = found.health
-                return "" if health == probe.target else f"the engine says {health or 'nothing of its health'}"
+                return self._health(probe, container)
             case "log":
                 return self._log(service, probe, container)
             case "file":
-                return ask_host(probe, container.pid, role, self.engine.capabilities.isolation)
+                return self._file(role, probe, container)
+        if not self.engine.local and asks_this_machine(probe):
+            return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
         return ask_host(probe)
 
-    def _log(self, service: str, probe: Probe, container: Container) -> str:
+    def _exec(self, probe: Probe, container: Container) -> Answer:
+        assert isinstance(probe.target, tuple)
+        code, output = self.engine.exec(container.id, probe.target, EXEC_TIMEOUT)
+        said = output.decode(errors="replace").strip().splitlines()
+        return YES if code == 0 else no(f"{probe} exits {code}" + (f": {said[-1][:200]}" if said else ""))
+
+    def _health(self, probe: Probe, container: Container) -> Answer:
+        found = self.engine.inspect(container.id)
+        if found is None:
+            return cannot_ask("its container is gone")
+        return YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing of its health'}")
+
+    def _file(self, role: str, probe: Probe, container: Container) -> Answer:
+        isolated = self.engine.capabilities.isolation
+        if not self.engine.local:
+            return cannot_ask(ELSEWHERE)
+        if isolated and not container.pid:
+            return cannot_ask("the engine does not say which process it is")
+        return ask_file(probe, role, container.pid, isolated)
+
+    def _log(self, service: str, probe: Probe, container: Container) -> Answer:
         incarnation, place = self._read.get(service, ("", ""))
         text, place = self.engine.log_since(container.id, place if incarnation == container.incarnation else "")
-        if re.search(str(probe.target), text.decode(errors="replace"), re.M):
+        if compiled(str(probe.target)).search(text.decode(errors="replace")):
             self._read.pop(service, None)
-            return ""
+            return YES
         self._read[service] = (container.incarnation, place)
-        return f"no line of its output matches {probe.target}"
+        return no(f"no line of its output matches {probe.target}")

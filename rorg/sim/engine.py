@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import builtins
+import contextlib
 import itertools
-from collections.abc import Callable, Collection, Mapping
+import queue
+import threading
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
-from rorg.engines.protocol import Capabilities
+from rorg.engines.protocol import Capabilities, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.live import LIVE
 from rorg.model.units import stamp
@@ -55,6 +59,8 @@ class SimEngine:
 
     name = "sim"
     capabilities = Capabilities(isolation=True, live_update=True, events="all")
+    local = False
+    """Nothing of this machine is a sim container's."""
 
     def __init__(self, owner: str, clock: Callable[[], float], faults: Faults | None = None) -> None:
         self.owner, self.clock, self.faults = owner, clock, faults or Faults()
@@ -63,16 +69,53 @@ class SimEngine:
         """Names taken by containers that are not ours."""
         self.calls: list[tuple[float, str, str]] = []
         """Every call that changed something: (time, verb, service)."""
+        self.needs: dict[str, tuple[float, int]] = {}
+        """Service -> (cores, bytes) that it takes while it runs."""
+        self.answers: dict[tuple[str, ...], tuple[int, bytes]] = {}
+        """Command -> its exit code and output; all others say nothing and exit 0."""
         self._ids = (f"{n:064x}" for n in itertools.count(1))
+        self._output: dict[str, bytes] = {}
+        self._run_from: dict[str, int] = {}
+        """Container -> where the output of its run of now begins."""
+        self._ran: dict[str, tuple[float, float | None]] = {}
+        """Container -> seconds that its run of now has run, up to a pause; and since when it runs again."""
+        self._followers: list[queue.SimpleQueue[str]] = []
 
     def latency(self, verb: str, service: str) -> float:
         return LATENCY[verb] + self.faults.hang.get((verb, service), 0.0)
 
-    def list(self) -> list[Container]:
+    def ping(self) -> str:
+        return "virtual time"
+
+    def list(self) -> builtins.list[Container]:
         return list(self.containers.values())
 
     def inspect(self, container: str) -> Container | None:
         return self.containers.get(container)
+
+    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
+        """Every change, in order. Who follows is in real time, whatever the clock says."""
+        changes: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._followers.append(changes)
+        try:
+            yield "", ""
+            while not stop.is_set():
+                with contextlib.suppress(queue.Empty):
+                    yield changes.get(timeout=0.05), ""
+        finally:
+            self._followers.remove(changes)
+
+    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
+        found = {}
+        for container in containers:
+            if container.alive and container.id in self._ran:
+                cores, memory = self.needs.get(container.service, (0.0, 0))
+                found[container.id] = Usage(cores * self._seconds(container.id), memory)
+        return found
+
+    def _seconds(self, container: str) -> float:
+        before, since = self._ran[container]
+        return before if since is None else before + self.clock() - since
 
     def create(
         self,
@@ -91,6 +134,7 @@ class SimEngine:
         self.containers[container] = Container(
             container, name, state="created", live=live, created_at=iso(self.clock()), **from_labels(labels)
         )
+        self._tell(container)
         return container
 
     def start(self, container: str) -> None:
@@ -99,12 +143,16 @@ class SimEngine:
         self._change(
             "start", container, ("created", "exited"), state="running", started_at=iso(self.clock()), exit_code=None
         )
+        self._ran[container] = 0.0, self.clock()
+        self._run_from[container] = len(self._output.get(container, b""))
 
     def pause(self, container: str) -> None:
         self._change("pause", container, ("running",), state="paused")
+        self._ran[container] = self._seconds(container), None
 
     def resume(self, container: str) -> None:
         self._change("resume", container, ("paused",), state="running")
+        self._ran[container] = self._seconds(container), self.clock()
 
     def stop(self, container: str, signal: str, grace: float) -> None:
         self._change("stop", container, ("running", "paused"), state="exited", exit_code=0)
@@ -115,6 +163,7 @@ class SimEngine:
     def remove(self, container: str, volumes: bool = False) -> None:
         self._change("remove", container, ("created", "exited", "dead"))
         del self.containers[container]
+        self._output.pop(container, None)
 
     def rename(self, container: str, name: str) -> None:
         if name in self.foreign or any(c.name == name for c in self.containers.values() if c.id != container):
@@ -124,6 +173,23 @@ class SimEngine:
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         self._change("update", container, (), live={**self._get(container).live, **options})
 
+    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
+        """What say() was told until now: following waits for nothing, since the time is virtual."""
+        self._get(container)
+        lines = self._output.get(container, b"").splitlines(keepends=True)
+        yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
+
+    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+        self._get(container)
+        output = self._output.get(container, b"")
+        return output[int(place or self._run_from.get(container, 0)) :], str(output.rfind(b"\n") + 1)
+
+    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+        found = self._get(container)
+        if found.state != "running":
+            raise EngineError(f"run {command[0]} in {found.service}", f"it is {found.state}", kind="conflict")
+        return self.answers.get(tuple(command), (0, b""))
+
     def close(self) -> None:
         pass
 
@@ -132,6 +198,15 @@ class SimEngine:
     def kill(self, container: str, code: int = 137) -> None:
         """It ends by itself."""
         self.containers[container] = replace(self._get(container), state="exited", exit_code=code)
+        self._tell(container)
+
+    def say(self, container: str, output: bytes) -> None:
+        """Its program prints something."""
+        self._output[self._get(container).id] = self._output.get(container, b"") + output
+
+    def _tell(self, container: str) -> None:
+        for changes in self._followers:
+            changes.put(container)
 
     def _get(self, container: str) -> Container:
         if container not in self.containers:
@@ -150,3 +225,8 @@ class SimEngine:
             raise EngineError(f"{verb} {found.service}", f"it is {found.state}", kind="conflict")
         self._fault(verb, found.service)
         self.containers[container] = replace(found, **fields)
+        self._tell(container)
+
+
+_held: type[Engine] = SimEngine
+"""mypy holds it to the protocol here."""

@@ -6,16 +6,17 @@ import heapq
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
-from rorg.core.decide import Decision, Inputs, Target, decide
+from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
+from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
-from rorg.core.rollout import refuse
-from rorg.core.transitions import finish
+from rorg.core.schedule import Target
 from rorg.engines.execute import perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
@@ -89,7 +90,7 @@ class SimRobot:
         for action in decision.begin:
             self.at(
                 self.now + self.engine.latency(action.verb, action.service),
-                lambda a=action, life=self.life: self._finish(a, life),
+                partial(self._finish, action, self.life),
             )
         return decision
 
@@ -101,13 +102,12 @@ class SimRobot:
     def _finish(self, action: Action, life: int) -> None:
         error, refused = "", False
         try:
-            perform(self.engine, action)  # type: ignore[arg-type]
+            perform(self.engine, action)
         except RorgError as failed:
             error, refused = failed.why, said_no(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         if life == self.life:
-            self.memory = finish(self.memory, action, error, self.now)
-            self.memory = refuse(self.memory, action, error) if refused else self.memory
+            self.memory = finish(self.memory, [Outcome(action, error, refused)], self.now)
         if action.verb == "start" and not error:
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
@@ -127,16 +127,16 @@ class SimRobot:
             self._seen, not self.faults.unreachable, "the engine does not answer" if self.faults.unreachable else ""
         )
         return Inputs(
-            self.desired,
-            self.document.requests,
-            self.document.restarts,
-            observed,
-            self._findings(),
-            self.memory,
-            self.now,
-            self.owner,
-            self.removals,
-            self.booted_at,
+            desired=self.desired,
+            requests=self.document.requests,
+            restarts=self.document.restarts,
+            observed=observed,
+            results=self._findings(),
+            memory=self.memory,
+            now=self.now,
+            owner=self.owner,
+            removals=self.removals,
+            booted_at=self.booted_at,
             limits=DispatchLimits(bulk=self.desired.catalog.policy.bulk_workers),
             holds=self.document.holds,
             suspended=self.document.suspended,

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import threading
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,10 @@ class Journal:
         self.path = path
         self._lock = threading.Lock()
         self._recent: deque[dict[str, Any]] = deque(_entries(path)[-RECENT:], maxlen=RECENT)
-        self._seq = self._recent[-1].get("seq", 0) if self._recent else 0
+        self._seq: int = self._recent[-1]["seq"] if self._recent else 0
         self._begin = "\n" if _is_torn(path) else ""
         """What ends half a last line, which a machine that lost power may have left."""
+        self._followers: list[Callable[[], None]] = []
 
     def append(self, at: str, kind: str, message: str, **more: Any) -> None:
         """`at` is ISO 8601 in UTC; `kind` a stable word. A full disk loses the line, never the robot."""
@@ -39,6 +41,20 @@ class Journal:
                 self._begin = ""
             except OSError:
                 pass
+            followers = tuple(self._followers)
+        for tell in followers:
+            tell()
+
+    def follow(self, tell: Callable[[], None]) -> Callable[[], None]:
+        """Has `tell` called after every line, in the thread that wrote it, until what this returns is called."""
+        with self._lock:
+            self._followers.append(tell)
+
+        def end() -> None:
+            with self._lock:
+                self._followers.remove(tell)
+
+        return end
 
     @property
     def _old(self) -> Path:
@@ -56,9 +72,9 @@ class Journal:
             recent = list(self._recent)
         if seq >= self._seq or not recent:
             return []
-        if recent[0].get("seq", 0) > seq + 1:
+        if recent[0]["seq"] > seq + 1:
             recent = [*_entries(self._old), *_entries(self.path)]
-        return [e for e in recent if e.get("seq", 0) > seq]
+        return [e for e in recent if e["seq"] > seq]
 
 
 def _is_torn(path: Path) -> bool:
@@ -70,15 +86,19 @@ def _is_torn(path: Path) -> bool:
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:
-    found = []
+    """The lines that are whole. A machine that lost power may have left half of one, at the end or, with later lines
+    behind it, anywhere."""
     try:
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            try:
-                entry = json.loads(line)
-            except ValueError:
-                continue  # half a line, from a machine that lost power
-            if isinstance(entry, dict):
-                found.append(entry)
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
-        pass
-    return found
+        return []
+    return [entry for line in lines if (entry := _entry(line)) is not None]
+
+
+def _entry(line: str) -> dict[str, Any] | None:
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    known = isinstance(entry, dict) and isinstance(entry.get("seq"), int)
+    return entry if known and all(isinstance(entry.get(k), str) for k in ("at", "kind", "message")) else None

@@ -25,7 +25,8 @@ def write_kept(folder: Path, kept: Kept) -> None:
         {**_dump(f.what), "needed_by": f.needed_by, "groups": f.groups, "withheld": f.withheld}
         for f in kept.former.values()
     ]
-    last = [_dump(what) for what in (*kept.catalog.services.values(), *kept.catalog.groups.values())]
+    declared: list[Service | Group] = [*kept.catalog.services.values(), *kept.catalog.groups.values()]
+    last = [_dump(what) for what in declared]
     write_atomic(folder / NAME, json.dumps({"last": last, "former": former}) + "\n", mode=0o600)
 
 
@@ -61,7 +62,10 @@ def _former(entry: Mapping[str, Any]) -> Former:
 
 def _load(entry: Mapping[str, Any]) -> Service | Group:
     data = entry.get("service") or entry["group"]
-    flat = {**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}, "where": Where(**data["where"])}
+    flat: dict[str, Any] = {
+        **{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()},
+        "where": Where(**data["where"]),
+    }
     if "service" not in entry:
         return Group(**flat)
     idle = data["idle"]

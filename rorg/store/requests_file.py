@@ -21,7 +21,7 @@ class RequestsFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._stamp: tuple | None = None
+        self._stamp: tuple[int, ...] | None = None
         self.document = RequestsDocument()
         """The last good content."""
         self.good = False
@@ -68,7 +68,7 @@ class RequestsFile:
             if document is not None:
                 self.document, self.good = document, True
 
-    def _now(self) -> tuple:
+    def _now(self) -> tuple[int, ...]:
         """Changes with every version of the file."""
         try:
             stat = self.path.stat()

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.manifest.yaml_source import Document, Path, read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.units import format_duration, parse_duration, parse_time, stamp
@@ -29,7 +29,7 @@ class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[mi
     pass
 
 
-def _text(dumper: _Dumper, text: str) -> yaml.Node:
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
     style = None if PLAIN.fullmatch(text) else '"'
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
@@ -53,9 +53,10 @@ def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnosti
 
 class _Reader:
     def __init__(self, document: Document) -> None:
-        self.document, self.diagnostics = document, []
+        self.document = document
+        self.diagnostics: list[Diagnostic] = []
 
-    def error(self, path: tuple, message: str, remedy: str = "", key: bool = False) -> None:
+    def error(self, path: Path, message: str, remedy: str = "", key: bool = False) -> None:
         self.diagnostics.append(Diagnostic(self.document.where(path, key), message, remedy))
 
     def read(self) -> RequestsDocument:
@@ -97,14 +98,14 @@ class _Reader:
             return ()
         return tuple(dict.fromkeys(value))
 
-    def hold(self, path: tuple, value: Any) -> Hold | None:
+    def hold(self, path: Path, value: Any) -> Hold | None:
         if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
             self.error(path, "must be a mapping with until and reason")
             return None
         until = self.time((*path, "until"), value["until"])
         return None if until is None else Hold(until, str(value.get("reason") or ""))
 
-    def time(self, path: tuple, value: Any) -> float | None:
+    def time(self, path: Path, value: Any) -> float | None:
         try:
             return parse_time(value)
         except ValueError as error:
@@ -118,14 +119,14 @@ class _Reader:
         times = {name: self.time(("restarts", name), written) for name, written in value.items()}
         return {str(name): stamp(at) for name, at in times.items() if at is not None}
 
-    def ttl(self, path: tuple, value: Any) -> float | None:
+    def ttl(self, path: Path, value: Any) -> float | None:
         try:
             return None if value is None else parse_duration(value) or None
         except ValueError as error:
             self.error((*path, "ttl"), str(error))
             return None
 
-    def request(self, path: tuple, entry: Any) -> Request | None:
+    def request(self, path: Path, entry: Any) -> Request | None:
         if not isinstance(entry, dict):
             self.error(path, "a request must be a mapping with id, requester and services")
             return None
@@ -136,7 +137,7 @@ class _Reader:
         for key in ("id", "services"):
             if not entry.get(key):
                 self.error(path, f"'{key}' is missing")
-        services = entry.get("services")
+        services = entry.get("services") or []
         if services and not (isinstance(services, list) and all(isinstance(s, str) for s in services)):
             self.error((*path, "services"), "must be a list of names", "[NAME]")
         for key in ("id", "requester", "reason", "incarnation", "renewed"):

@@ -15,9 +15,8 @@ from conftest import BASE_IMAGE, ROOT, wait_for
 from cpp_program import compile_all
 from robots import WORK, RealRobot, write_tree
 
-from rorg.core.decide import Inputs, decide
+from rorg.core.decide import decide
 from rorg.core.desired import desire
-from rorg.core.observed import Observed
 from rorg.manifest.load import load_or_raise
 from rorg.sim.robot import SimRobot
 
@@ -49,7 +48,7 @@ def test_a_pass_over_200_unchanged_services(tmp_path):
     robot = SimRobot(load_or_raise(write_tree(tmp_path, specs)))
     robot.settle()
     calls = len(robot.engine.calls)
-    inputs = Inputs(robot.desired, (), {}, Observed(tuple(robot.engine.list())), {}, robot.memory, robot.now, "sim")
+    inputs = robot.inputs()
     show("one pass over 200 services", timed(lambda: decide(inputs), 50))
     show("reading 200 manifests", timed(lambda: desire(load_or_raise(tmp_path)), 5))
     assert len(robot.engine.calls) == calls

@@ -17,24 +17,24 @@ from rorg_client.address import Address, default_address
 from rorg_client.calls import PATIENCE, TTL, check_id, manifest_text
 from rorg_client.client import Client
 from rorg_client.errors import Error, Forbidden, Invalid, NotFound, NotReady, Refused, Unreachable
+from rorg_client.loss import Loss
 from rorg_client.request import Request
-from rorg_client.types import (
-    Condition,
-    Event,
-    GroupView,
-    Loss,
-    ManifestView,
-    Readiness,
-    RequestView,
-    ServiceUsage,
-    ServiceView,
-    Spec,
-    Usage,
-    Why,
-)
 
 if TYPE_CHECKING:
     from rorg_client.aio import AsyncClient, AsyncRequest
+    from rorg_client.types import (
+        Condition,
+        Event,
+        GroupView,
+        ManifestView,
+        Readiness,
+        RequestView,
+        ServiceUsage,
+        ServiceView,
+        Spec,
+        Usage,
+        Why,
+    )
 
 __all__ = [
     "PATIENCE",
@@ -74,11 +74,15 @@ _shared: Client | None = None
 
 
 def __getattr__(name: str) -> Any:
-    """What needs asyncio is imported when it is used: that costs as much as all the rest."""
+    """What needs asyncio is imported when it is used: that costs as much as all the rest. So are the types."""
     if name in ("AsyncClient", "AsyncRequest"):
         from rorg_client import aio
 
         return getattr(aio, name)
+    if name in __all__:
+        from rorg_client import types
+
+        return getattr(types, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

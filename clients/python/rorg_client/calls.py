@@ -7,12 +7,14 @@ import json
 import os
 import re
 import threading
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from urllib.parse import quote, urlencode
 
 from rorg_client.errors import Error, Unreachable, invalid, problem, unreachable
-from rorg_client.types import GroupView, ManifestView, RequestView, ServiceView, Usage, Why
 from rorg_client.wire import Answer
+
+if TYPE_CHECKING:
+    from rorg_client.types import GroupView, ManifestView, RequestView, ServiceView, Usage, Why
 
 PATIENCE = 30.0
 """Seconds for which a call is tried again while nobody answers: a restart of rorg takes less."""

@@ -6,7 +6,7 @@ import json
 import os
 import threading
 import time
-from typing import Any, Callable, Iterator, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, Iterator, TypeVar
 
 from rorg_client import calls
 from rorg_client.address import Address
@@ -14,20 +14,22 @@ from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
 from rorg_client.connection import Connection
 from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
 from rorg_client.request import Request, new_id
-from rorg_client.types import (
-    Event,
-    GroupView,
-    Loss,
-    ManifestView,
-    Readiness,
-    RequestView,
-    ServiceView,
-    Spec,
-    Usage,
-    Why,
-)
 from rorg_client.watch import Watcher
 from rorg_client.wire import Answer, asking, reading, reading_body, reading_chunk, reading_head
+
+if TYPE_CHECKING:
+    from rorg_client.types import (
+        Event,
+        GroupView,
+        Loss,
+        ManifestView,
+        Readiness,
+        RequestView,
+        ServiceView,
+        Spec,
+        Usage,
+        Why,
+    )
 
 T = TypeVar("T")
 RESTART_PAUSE = 0.05
@@ -105,12 +107,12 @@ class Client:
                 made.on_lost(on_lost)
             if wait is not None:
                 made.wait(wait)
-        except Error as error:
+        except Error:
             if made.arrived:
-                made.give_up(error)
+                made.give_up()
             raise
-        except BaseException as error:
-            made.give_up(error)
+        except BaseException:
+            made.give_up()
             raise
         return made
 

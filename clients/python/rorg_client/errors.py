@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rorg_client.types import Readiness
+if TYPE_CHECKING:
+    from rorg_client.types import Readiness
 
 
 class Error(Exception):
@@ -32,7 +33,10 @@ class NotFound(Error):
 
 
 class Refused(Error):
-    """It conflicts with what is, or does not fit."""
+    """It conflicts with what is, or does not fit. `confirm`: services that it would touch, where it is done when asked
+    for with `force`."""
+
+    confirm: list[str] = []
 
 
 class Invalid(Error):
@@ -75,6 +79,8 @@ def problem(status: int, text: bytes) -> Error:
     )
     if isinstance(found, NotReady) and isinstance(told.get("services"), dict):
         found.services = told["services"]
+    if isinstance(found, Refused) and isinstance(told.get("confirm"), list):
+        found.confirm = told["confirm"]
     return found
 
 

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from rorg_client import calls
 from rorg_client.errors import Error, NotFound
-from rorg_client.types import Loss, Readiness
+from rorg_client.loss import Loss
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from rorg_client.client import Client
+    from rorg_client.types import Readiness
 
 _numbers = itertools.count(1)
 
@@ -201,7 +202,7 @@ class Request(Kept):
         self.client.do(calls.release(self.id, self.requester))
         self._given_up = True
 
-    def give_up(self, error: BaseException) -> None:
+    def give_up(self) -> None:
         """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
         with contextlib.suppress(Error):
             self.release()
@@ -223,4 +224,4 @@ class Request(Kept):
         if error is None:
             self.release()
         else:
-            self.give_up(error)
+            self.give_up()

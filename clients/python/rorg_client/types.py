@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, NamedTuple, TypedDict
+from typing import Any, Dict, TypedDict
+
+from rorg_client.loss import Loss as Loss
 
 
 class Readiness(TypedDict):
@@ -58,14 +60,26 @@ class RequestView(TypedDict):
     expires_in: float | None
 
 
+class Link(TypedDict):
+    """A service, and why it is wanted: `kind` is always_on, meta, requested (`by` a service, with a `request`'s id) or
+    needed (`by` a service); `text` is the same for people."""
+
+    service: str
+    kind: str
+    by: str
+    request: str
+    text: str
+
+
 class Why(TypedDict):
-    """Why a service is active, or why not."""
+    """Why a service is active, or why not. `chain` leads from it to a root; `needed_by` are services."""
 
     service: str
     wanted: bool
     state: str
-    chain: list[str]
+    chain: list[Link]
     requests: list[RequestView]
+    needed_by: list[str]
     waits: list[str]
 
 
@@ -122,18 +136,6 @@ class Event(_EventBase, total=False):
     seconds: float
     file: str
     crashes: int
-
-
-class Loss(NamedTuple):
-    """A service that was ready under a request is so no more. `cause` is a stable word: held, shed, preempted,
-    restarted, crashed, hung, replaced, unready or ceased; or dropped, where the request itself is gone."""
-
-    service: str
-    """Empty where the request itself is gone."""
-    cause: str
-    message: str
-    incarnation: str = ""
-    """The run that was lost."""
 
 
 Spec = Dict[str, Any]

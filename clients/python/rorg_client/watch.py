@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Iterable
 from rorg_client import calls
 from rorg_client.connection import Connection
 from rorg_client.errors import Error, Forbidden, Invalid, NotFound, Unreachable
-from rorg_client.types import Event, Loss, ServiceView
+from rorg_client.loss import Loss
 
 if TYPE_CHECKING:
     from rorg_client.client import Client
     from rorg_client.request import Kept, Request
+    from rorg_client.types import Event, ServiceView
 
 PAUSE = 0.5
 """Seconds until it attempts again to follow."""

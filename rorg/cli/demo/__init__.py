@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
-import typer
-
-from rorg.cli.options import EngineName
+from rorg.cli.options import EngineName, Option
 
 
 def command(
     engine: EngineName = None,
-    speed: Annotated[float, typer.Option("--speed", help="2 is twice as fast.", min=0.1, max=20)] = 1.0,
-    keep: Annotated[bool, typer.Option("--keep", help="Leave everything as it is at the end.")] = False,
-    svg: Annotated[str | None, typer.Option("--svg", help="Save the table of the tour as a picture.")] = None,
+    speed: Annotated[float, Option(names=("--speed",), help="2 is twice as fast.", least=0.1, most=20)] = 1.0,
+    keep: Annotated[bool, Option(names=("--keep",), help="Leave everything as it is at the end.")] = False,
+    svg: Annotated[str | None, Option(names=("--svg",), help="Save the table of the tour as a picture.")] = None,
 ) -> None:
     """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind."""
     import signal
@@ -34,7 +33,7 @@ def command(
         play(robot, show)
     except KeyboardInterrupt:
         show.line("interrupted")
-        raise typer.Exit(130) from None
+        sys.exit(130)
     finally:
         show.close()
         if keep:

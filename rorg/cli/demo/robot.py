@@ -43,6 +43,8 @@ def choose_engine(asked: str | None) -> tuple[str, str]:
 
 
 class DemoRobot:
+    """A robot with the tour-guide's tree in a folder of its own, and a loop of its own."""
+
     def __init__(self, engine: str, show: Any) -> None:
         if not (CHECKOUT / "manifests" / "services").is_dir():
             raise Invalid("show the demo", "the tour-guide manifests are not installed", "it in a checkout of rorg")

@@ -17,6 +17,8 @@ from rorg.model.units import format_memory
 
 
 class Show:
+    """What the demo prints and draws."""
+
     def __init__(self, speed: float, svg: str | None) -> None:
         self.console = Console(highlight=False)
         self.speed, self.svg = speed, svg

@@ -24,6 +24,7 @@ DWELL = 3.0
 
 
 def play(robot: DemoRobot, show: Show) -> None:
+    """The demo from beginning to end."""
     show.step("Setting up: a git repository with 41 services, and their images")
     catalog = robot.set_up()
     began = time.monotonic()

@@ -1,4 +1,4 @@
-"""A rendered container as the body of the engine's create call (Docker API 1.41 and later), and back.
+"""A rendered container as the body of the engine's create call (Docker API 1.41 and later).
 
 One entry for each option of the `container:` section: an option that is missing here fails a test, so none can be
 dropped in silence.
@@ -266,38 +266,4 @@ def create_body(spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
     body: Body = {"HostConfig": {}, "Labels": dict(labels)}
     for option in sorted(spec):
         OPTIONS[option](body, spec[option])
-    return body
-
-
-_LIVE = {
-    "cpu_period": "CpuPeriod",
-    "cpu_quota": "CpuQuota",
-    "cpu_rt_period": "CpuRealtimePeriod",
-    "cpu_rt_runtime": "CpuRealtimeRuntime",
-    "cpu_shares": "CpuShares",
-    "cpuset": "CpusetCpus",
-    "cpuset_mems": "CpusetMems",
-    "mem_limit": "Memory",
-    "mem_reservation": "MemoryReservation",
-    "memswap_limit": "MemorySwap",
-}
-
-
-def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
-    """Live options of a container from the HostConfig of an inspection, in the units of manifests."""
-    found = {option: host[key] for option, key in _LIVE.items() if key in host}
-    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
-    found["pids_limit"] = host.get("PidsLimit") or 0
-    policy = host.get("RestartPolicy") or {}
-    count = policy.get("MaximumRetryCount") or 0
-    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
-    return found
-
-
-def update_body(options: Mapping[str, Any]) -> Body:
-    """The body of POST /containers/ID/update. A memory limit moves the limit of memory and swap along, as create
-    does by itself: the engine refuses a limit above the old one of both."""
-    body = create_body(options, {})["HostConfig"]
-    if "Memory" in body and "MemorySwap" not in body:
-        body["MemorySwap"] = 2 * body["Memory"] or -1
     return body

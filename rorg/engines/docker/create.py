@@ -34,14 +34,16 @@ def create_container(
     made = str(api.create_container_from_config(body, name, spec.get("platform"))["Id"])
     try:
         for network, endpoint in later.items():
-            response = api._post_json(
-                api._url("/networks/{0}/connect", network), data={"Container": made, "EndpointConfig": endpoint}
-            )
-            api._raise_for_status(response)
+            post(api, "/networks/{0}/connect", network, {"Container": made, "EndpointConfig": endpoint})
     except APIError:
         api.remove_container(made, v=True)
         raise
     return made
+
+
+def post(api: Any, path: str, name: str, body: Mapping[str, Any]) -> None:
+    """A call to the engine that its client library has no method for, or one that knows less than the engine."""
+    api._raise_for_status(api._post_json(api._url(path, name), data=body))
 
 
 def _image_config(api: docker.APIClient, image: str) -> Mapping[str, Any]:
@@ -54,6 +56,6 @@ def _image_config(api: docker.APIClient, image: str) -> Mapping[str, Any]:
 def _networks_for_later(api: docker.APIClient, body: dict[str, Any]) -> dict[str, Any]:
     """Takes from the body the networks that must be joined after create: all but the first, with an older engine."""
     endpoints = body.get("NetworkingConfig", {}).get("EndpointsConfig", {})
-    if not version_lt(api._version, SEVERAL_NETWORKS):
+    if not version_lt(api.api_version, SEVERAL_NETWORKS):
         return {}
     return {network: endpoints.pop(network) for network in sorted(endpoints)[1:]}

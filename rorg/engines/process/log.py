@@ -1,30 +1,91 @@
-"""What the programs of the process engine print: one file each, read while it grows."""
+"""What the programs of the process engine print: one file each, read while it grows, and kept from growing for ever.
+
+A program keeps the descriptor that it began with, so its file can be neither renamed nor emptied without losing lines
+that are written at that moment. The oldest part is given back to the disk instead: places in the file stay what they
+are, and whoever reads or follows goes on.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+KEPT = 10 << 20
+"""Bytes of each log that are kept at the least, once it has so many."""
+SLACK = 2 << 20
+"""Bytes beyond these at which the oldest are given back."""
+BLOCK = 1 << 16
+"""A whole number of these is given back: a multiple of the blocks of every usual file system."""
+CHUNK = 1 << 20
+"""Bytes that one who follows reads at once."""
+_PUNCH_HOLE, _KEEP_SIZE = 2, 1
+_libc = ctypes.CDLL(None, use_errno=True)
+_fallocate = getattr(_libc, "fallocate64", None) or _libc.fallocate
+_fallocate.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64)
+
+
+def trim_log(path: Path) -> None:
+    """Gives back what is older than the last KEPT bytes. Where the file system cannot do that, the file is emptied:
+    without its lines a robot goes on, with a full disk it does not."""
+    try:
+        if path.stat().st_blocks * 512 <= KEPT + SLACK:
+            return
+        with path.open("r+b") as file:
+            upto = (file.seek(0, os.SEEK_END) - KEPT) // BLOCK * BLOCK
+            if upto > 0 and _fallocate(file.fileno(), _PUNCH_HOLE | _KEEP_SIZE, 0, upto) != 0:
+                file.truncate(0)
+    except OSError:
+        return  # it is gone
+
 
 def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
     """The last `tail` lines, then, when following, what comes, until the container is removed."""
-    with path.open("rb") if path.exists() else open(os.devnull, "rb") as file:
-        lines = file.readlines()
+    descriptor = os.open(path if path.exists() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        text, begin = _read(descriptor, 0, os.fstat(descriptor).st_size)
+        place = begin + len(text)
+        lines = text.splitlines(keepends=True)
         yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
         while follow and path.parent.exists():
-            line = file.readline()
-            if line:
-                yield line
+            text, begin = _read(descriptor, place, CHUNK)
+            place = begin + len(text)
+            if text:
+                yield text
             else:
                 time.sleep(0.1)
+    finally:
+        os.close(descriptor)
 
 
-def read_log_from(path: Path, offset: int) -> bytes:
-    """Everything from an offset on."""
+def read_log_from(path: Path, offset: int) -> tuple[bytes, int]:
+    """Everything from an offset on, as far as it is kept; and the offset where that begins."""
     if not path.exists():
-        return b""
-    with path.open("rb") as file:
-        file.seek(offset)
-        return file.read()
+        return b"", offset
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        return _read(descriptor, offset, os.fstat(descriptor).st_size)
+    finally:
+        os.close(descriptor)
+
+
+def _read(descriptor: int, place: int, most: int) -> tuple[bytes, int]:
+    """What is kept from a place on, and where it begins: there, or at the next whole line that was not given back."""
+    begin = _kept_from(descriptor, place)
+    text = os.pread(descriptor, most, begin)
+    if _kept_from(descriptor, begin) != begin:  # given back while it was read
+        return _read(descriptor, begin, most)
+    cut = text.find(b"\n") + 1 if begin > place else 0
+    return text[cut:], begin + cut
+
+
+def _kept_from(descriptor: int, place: int) -> int:
+    size = os.fstat(descriptor).st_size
+    if place > size:
+        return 0  # it was emptied
+    try:
+        return os.lseek(descriptor, place, os.SEEK_DATA)
+    except OSError:
+        return size  # there is nothing more

@@ -1,0 +1,17 @@
+"""What a request can lose."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Loss(NamedTuple):
+    """A service that was ready under a request is so no more. `cause` is a stable word: held, shed, preempted,
+    restarted, crashed, hung, replaced, unready or ceased; or dropped, where the request itself is gone."""
+
+    service: str
+    """Empty where the request itself is gone."""
+    cause: str
+    message: str
+    incarnation: str = ""
+    """The run that was lost."""

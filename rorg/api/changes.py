@@ -1,0 +1,130 @@
+"""Every operation that changes what is asked of a robot, once: what it does to the requests file, and what is told of
+it. Nothing here does I/O or asks for the time; a running loop and a command without one both bind these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rorg.api.current import Current
+from rorg.core.requests import problems
+from rorg.errors import Invalid, Refused, Unconfirmed
+from rorg.model.catalog import Hold, Request
+from rorg.model.units import format_seconds, stamp
+from rorg.store.requests_document import RequestsDocument
+
+MOST_REQUESTS = 100
+"""Requests that one requester may have at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """An operation that may be done: `edit` is applied to what the requests file says by then, and may still refuse."""
+
+    edit: Callable[[RequestsDocument], RequestsDocument]
+    kind: str
+    """Of its event: a stable word."""
+    message: str
+    """Of its event, for people."""
+    services: tuple[str, ...] = ()
+    """What it is about."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """More fields of its event."""
+
+
+def put_request(current: Current, request: Request) -> Change:
+    """A request, bound to the run of its requester, in place of the one with the same requester and id. It is accepted
+    whole or refused whole. Raises Busy and Refused where its requester is not known to run; the edit raises Invalid for
+    what means nothing, and Refused for what cannot be together with the rest."""
+    catalog = current.catalog
+    request = replace(request, incarnation=current.incarnation(request.requester))
+
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        found = problems(catalog, document.requests, request)
+        if found:
+            kind = Invalid if found[0].mistaken else Refused
+            what = f"request {', '.join(request.services)}"
+            raise kind(what, "; ".join(p.cause for p in found), found[0].remedy)
+        own = [r for r in document.requests if r.requester == request.requester and r.id != request.id]
+        if len(own) >= MOST_REQUESTS:
+            what = f"accept another request of {request.requester}"
+            raise Refused(what, f"it has {len(own)} already", "to release some")
+        return document.put(request)
+
+    told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
+    return Change(edit, "request", told, request.services, {"service": request.requester})
+
+
+def release(key: tuple[str, str]) -> Change:
+    """Gives the request of a (requester, id) up; what is released already is fine."""
+    requester, id = key
+    told = f"request '{id}' of {requester} released"
+    return Change(lambda document: document.without({key}), "release", told, about={"service": requester})
+
+
+def restart(current: Current, name: str, force: bool, now: float) -> Change:
+    """A wish to restart a service, or each of a group, made at `now`, in seconds since the epoch. Raises Missing;
+    Invalid for what has no container; Unconfirmed for what moves hardware, without `force`; Refused for what nobody
+    active requests."""
+    names = tuple(s.name for s in current.containers_of(name))
+    if not names:
+        raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
+    drivers = [n for n in names if current.catalog.services[n].driver]
+    if drivers and not force:
+        raise Unconfirmed(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force", drivers)
+    if not any(current.statuses[n].wanted for n in names):
+        cause = "nobody active requests it, so there is nothing to restart"
+        raise Refused(f"restart {name}", cause, f"`rorg request {name}`")
+
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        return replace(document, restarts={**document.restarts, **dict.fromkeys(names, stamp(now))})
+
+    return _about(Change(edit, "restart", f"restart of {', '.join(names)}", names))
+
+
+def hold(current: Current, asked: Sequence[str], seconds: float | None, reason: str, now: float) -> Change:
+    """Holds services and groups, all of them or none, for so many seconds from `now` (since the epoch) on; without
+    `seconds` their holds end. Raises Missing, and Invalid for what has no container."""
+    found: list[str] = []
+    for name in asked:
+        own = [s.name for s in current.containers_of(name)]
+        if not own:
+            cause = "a meta-service has no container that could be ceased"
+            raise Invalid(f"hold {name}", cause, "the services that it requests")
+        found += own
+    names = tuple(dict.fromkeys(found))
+
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}
+        more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, reason))
+        return replace(document, holds={**kept, **more})
+
+    told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
+    return _about(Change(edit, "hold", f"{', '.join(names)} {told}", names))
+
+
+def suspend(seconds: float | None, reason: str, now: float) -> Change:
+    """Nothing is changed for so many seconds from `now` (since the epoch) on; without `seconds` that ends."""
+    asked = None if seconds is None else Hold(now + seconds, reason)
+    told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
+    return Change(lambda document: replace(document, suspended=asked), "suspend", told)
+
+
+def confirm(current: Current, names: tuple[str, ...]) -> Change:
+    """Lets go of what is withheld: exactly these, and for as long as they are not declared again. Raises Refused for
+    what is not withheld."""
+    withheld = current.decision.situation.withheld
+    others = [n for n in names if n not in withheld]
+    if others:
+        raise Refused(f"confirm the removal of {', '.join(others)}", "it is not withheld", "`rorg diff` for what is")
+
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        return replace(document, removals=tuple(dict.fromkeys((*document.removals, *names))))
+
+    return _about(Change(edit, "removal", f"removal of {', '.join(names)} confirmed", names))
+
+
+def _about(change: Change) -> Change:
+    """Its event names the services that it is about."""
+    return replace(change, about={"services": list(change.services)})

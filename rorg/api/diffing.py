@@ -1,0 +1,85 @@
+"""The route behind `rorg diff` and `rorg apply`: what is to be done, by a look at tree and engine of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import Response
+
+from rorg.api.callers import needs
+from rorg.api.models import Differences
+from rorg.api.not_before import reached
+from rorg.api.operations import Operations
+from rorg.core.decide import Decision
+from rorg.core.plan import Plan, Waiting
+from rorg.daemon.snapshot import about_tree
+from rorg.errors import Busy, RorgError, Unreachable
+
+PATIENCE = 2.0
+"""Seconds to wait at the most for a tree that is being written."""
+
+
+def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The route by which commands see what would change."""
+
+    @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
+    async def diff() -> Response:
+        """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
+        drifted, until now counts."""
+        await _look(operations, changed)
+        return Response(json.dumps(differences(operations)), media_type="application/json")
+
+
+async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """Returns when the last decision has seen how tree and engine are now. Raises Unreachable, or Busy while the tree
+    is being written."""
+    loop = operations.loop
+    try:
+        await asyncio.to_thread(loop.observer.sync)
+    except RorgError as error:
+        raise Unreachable("look at the engine", error.why, error.remedy) from error
+    loop.wakes.files_changed()
+    await reached(operations, operations.changed(), changed)
+    clock = asyncio.get_running_loop().time
+    end = clock() + PATIENCE
+    while loop.wakes.files and clock() < end:
+        event = changed()
+        if loop.wakes.files:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(event.wait(), end - clock())
+    if loop.tree.busy:
+        raise Busy("say what is to be done", "the manifests are being written", "again in a moment")
+
+
+def differences(operations: Operations) -> dict[str, Any]:
+    """The last decision's plan, with what is wrong with the tree."""
+    decision = operations.decision
+    plan = with_calls_under_way(decision)
+    about = about_tree(operations.loop.tree, operations.loop.leases.file)
+    catalog = decision.situation.desired.catalog
+    return {
+        "root": about["tree"]["root"],
+        "fingerprint": catalog.fingerprint,
+        "errors": about["tree"]["errors"],
+        "requests_errors": about["requests_errors"],
+        "withheld": sorted(decision.situation.withheld),
+        "probed": sorted(name for name, service in catalog.services.items() if service.ready),
+        "empty": plan.empty,
+        "text": plan.text(),
+        "plan": plan.as_json(),
+    }
+
+
+def with_calls_under_way(decision: Decision) -> Plan:
+    """The plan, in which each service with a call under way waits for its end: it is planned for again only then."""
+    waitings = [
+        Waiting(name, f"{flight.action.verb} is under way ({flight.action.reason})")
+        for name, flight in decision.memory.in_flight.items()
+    ]
+    return replace(decision.plan, waitings=(*decision.plan.waitings, *waitings))

@@ -1,0 +1,56 @@
+"""What callers send, read: the same words from the API and from commands where no rorg serves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from rorg.api.models import PutRequest
+from rorg.errors import Invalid
+from rorg.model.catalog import Request
+from rorg.model.units import parse_duration
+
+M = TypeVar("M", bound=BaseModel)
+PARTS = ("body", "query", "path")
+
+
+def unreadable(errors: Sequence[Mapping[str, Any]]) -> Invalid:
+    """The error for what pydantic says of a call."""
+    where = ".".join(str(p) for p in errors[0]["loc"] if p not in PARTS)
+    return Invalid("read the request", f"{where or 'body'}: {errors[0]['msg']}")
+
+
+def read(model: type[M], body: Mapping[str, Any]) -> M:
+    """A body as its model. Raises Invalid."""
+    try:
+        return model.model_validate(body)
+    except ValidationError as error:
+        raise unreadable(error.errors()) from error
+
+
+def seconds_of(value: str | None, field: str) -> float | None:
+    """Seconds of a duration such as "10s"; None where none is given. Raises Invalid for what is none, and for 0."""
+    if value is None:
+        return None
+    try:
+        seconds = parse_duration(value)
+    except ValueError as error:
+        raise Invalid("read the request", f"{field}: {error}") from error
+    if not seconds:
+        raise Invalid("read the request", f"{field}: must be more than 0", "10s, for instance")
+    return seconds
+
+
+def request_of(id: str, requester: str, body: PutRequest, renewed: str = "") -> Request:
+    """The request that a body asks for; a service that is named twice counts once. Raises Invalid for its lease."""
+    return Request(
+        id,
+        requester,
+        tuple(dict.fromkeys(body.services)),
+        body.reason,
+        priority=body.priority,
+        ttl=seconds_of(body.ttl, "ttl"),
+        renewed=renewed,
+    )

@@ -1,0 +1,113 @@
+"""The unix sockets below the run directory: one for people, and one for each service that may call."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import socket
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from rorg.api.permissions import Caller
+from rorg.daemon.recorder import Recorder
+
+NAME = "rorg.sock"
+BACKLOG = 1024
+"""Connections that wait to be accepted."""
+RETRY = 5.0
+"""Seconds until sockets that could not be made are tried again."""
+
+Who = Callable[[socket.socket | None, Any], Caller]
+"""Who is at the other end of a connection (its socket, its transport)."""
+
+
+def make_directories(directory: Path) -> None:
+    """Where the sockets are. Services' ones are open to every user, since programs in containers run as any; so nobody
+    else of this machine may get as far as to them. A container has its own directory mounted, whatever stands above
+    it."""
+    directory.mkdir(parents=True, exist_ok=True, mode=0o755)
+    services = directory / "services"
+    services.mkdir(exist_ok=True)
+    services.chmod(0o700)
+
+
+def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = None) -> socket.socket:
+    """A listening socket of this mode and group, in place of one that a killed rorg left behind. It is made where
+    nobody else can reach it, in `directory`, and then moved: whatever lies at its place by then is never followed.
+    Bound by way of an open directory, since a path of its own may be longer than the 107 bytes allowed. Raises
+    OSError."""
+    made = directory / ".new"
+    made.mkdir(mode=0o700, exist_ok=True)
+    (made / NAME).unlink(missing_ok=True)
+    found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    folder = os.open(made, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        found.bind(f"/proc/self/fd/{folder}/{NAME}")
+        os.chmod(made / NAME, mode)
+        if group is not None:
+            with contextlib.suppress(PermissionError):
+                os.chown(made / NAME, -1, group)
+        os.replace(made / NAME, path)
+    except OSError:
+        found.close()
+        raise
+    finally:
+        os.close(folder)
+    found.setblocking(False)
+    return found
+
+
+class ServiceSockets:
+    """The sockets of services, as their manifests ask for them. `protocol` makes what serves a connection, for what
+    tells who is at its other end."""
+
+    def __init__(
+        self,
+        directory: Path,
+        group: int | None,
+        protocol: Callable[[Who], Callable[[], asyncio.Protocol]],
+        recorder: Recorder,
+    ) -> None:
+        self.directory, self.group, self.protocol, self.recorder = directory, group, protocol, recorder
+        self.servers: dict[str, asyncio.AbstractServer] = {}
+        """By service."""
+        self._declared: frozenset[str] = frozenset()
+        self._again = float("inf")
+        """When to try sockets again that could not be made."""
+
+    def due(self, declared: frozenset[str]) -> bool:
+        """Whether there is something to do, now that these services are to have sockets."""
+        if declared == self._declared and time.monotonic() < self._again:
+            return False
+        self._declared, self._again = declared, float("inf")
+        return True
+
+    def prepare(self, names: Iterable[str]) -> None:
+        """The directories that are mounted into containers must be there before a container is made."""
+        for name in names:
+            (self.directory / "services" / name).mkdir(parents=True, exist_ok=True)
+
+    async def serve(self, names: frozenset[str]) -> None:
+        """Serves exactly these. What cannot be served is told, and tried again after a while."""
+        for name in set(self.servers) - names:
+            self.servers.pop(name).close()
+            shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
+        for name in sorted(names - set(self.servers)):
+            caller = Caller("service", service=name)
+            try:
+                self.prepare([name])
+                # Whatever user a program runs as inside its container, the mount is its permission.
+                listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
+                self.servers[name] = await asyncio.get_running_loop().create_server(
+                    self.protocol(lambda *_, caller=caller: caller),
+                    sock=listener,
+                    backlog=BACKLOG,
+                )
+            except OSError as error:
+                self._again = time.monotonic() + RETRY
+                told = f"{name} has no socket to request anything: {error}"
+                self.recorder.when_new(f"socket of {name}", str(error), "no-socket", told)

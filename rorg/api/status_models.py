@@ -1,0 +1,143 @@
+"""What the API gives that is about the robot as a whole: status, plan and events, as pydantic models."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, Field
+
+from rorg.api.models import RequestView, ServiceView
+
+
+class DiagnosticView(BaseModel):
+    """What is wrong with a manifest, and where; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+    severity: str = Field(description="error or warning.")
+    message: str
+    remedy: str
+
+
+class TreeView(BaseModel):
+    """The tree of manifests that is in force."""
+
+    root: str = Field(description="Its directory.")
+    fingerprint: str = Field(description="Two equal ones declare the same.")
+    revision: str = Field(description="The git commit; empty without one.")
+    errors: list[DiagnosticView] = Field(
+        description="While there are any, the last good tree is in force and nothing is removed on its word."
+    )
+
+
+class EngineView(BaseModel):
+    """Whether the engine answers."""
+
+    complete: bool = Field(description="Whether it is known what runs.")
+    error: str = Field(description="Why it is not.")
+
+
+class ActionView(BaseModel):
+    """One engine call that is to be made."""
+
+    index: int
+    verb: str = Field(description="create, update, rename, signal, start, resume, pause, stop or remove.")
+    service: str
+    container: str = Field(description="Empty for one that an earlier action creates.")
+    reason: str
+    fields: list[str] = Field(description="Declared options that changed.")
+    after: list[int] = Field(description="Actions that must have happened before.")
+    part_of: str = Field(description="replace or restart for actions that do that together; else empty.")
+    urgent: bool = Field(description="A live request waits for it.")
+
+
+class WaitingView(BaseModel):
+    """Something that would be done, but not now."""
+
+    service: str
+    reason: str
+    code: str = Field(description="failed, withheld, preempted or suspended; empty for what only takes its time.")
+
+
+class PlanView(BaseModel):
+    """What is to be done, and what waits."""
+
+    actions: list[ActionView]
+    waitings: list[WaitingView]
+    summary: str
+
+
+class PressureView(BaseModel):
+    """What is done against overload."""
+
+    reason: str
+    measures: list[str] = Field(description="In force, mildest first.")
+    helpless: bool = Field(description="Nothing that rorg runs would help.")
+    shed: dict[str, str] = Field(description="Services that had to make room, each with the reason.")
+
+
+class RunView(BaseModel):
+    """What rorg keeps in mind of a service beyond its own runs."""
+
+    run: str = Field(description="The run that counts on runs of what it needs.")
+    needs: dict[str, str] = Field(description="Service that it needs, and the run of it that it counts on.")
+    stopped: str = Field(description="The run that rorg ended itself.")
+    edition: str | None = Field(default=None, description="What was declared when its container was taken into use.")
+    failed: str | None = Field(default=None, description="The edition that did not come up.")
+    error: str | None = Field(default=None, description="Why it did not.")
+    proven: str | None = Field(default=None, description="The container whose trial is over.")
+    loaded: str | None = Field(default=None, description="The run that has read `content`.")
+    content: dict[str, str] | None = Field(default=None, description="Digests of what it mounts from the tree.")
+    attempts: dict[str, tuple[float, str]] | None = Field(
+        default=None, description="Verb, and when it is tried again (the machine's monotonic clock, seconds), and why."
+    )
+
+
+class StatusView(BaseModel):
+    """Everything at once."""
+
+    pid: int | None = Field(description="Of the running rorg.")
+    engine_name: str
+    instance: str = Field(description="The owner whose containers these are.")
+    tree: TreeView
+    requests_errors: list[str] = Field(
+        description="Of the requests file; while there are any, its last content counts."
+    )
+    engine: EngineView
+    suspended: str = Field(description="Why nothing is changed now; empty when it is.")
+    withheld: dict[str, str] = Field(description="What stays though no manifest declares it any more, with the reason.")
+    requests: list[RequestView]
+    restarts: list[str] = Field(description="Services whose restart is asked for.")
+    pressure: PressureView
+    plan: PlanView
+    runs: dict[str, RunView] = Field(description="By service.")
+    in_flight: dict[str, str] = Field(description="Service, and the engine call that is under way.")
+    services: dict[str, ServiceView]
+
+
+class EventView(BaseModel):
+    """A line of the journal; which fields it has beyond the first four depends on its kind."""
+
+    seq: int = Field(description="Its number; they grow.")
+    at: str = Field(description="ISO 8601, UTC.")
+    kind: str = Field(description="A stable word.")
+    message: str
+    author: str | None = Field(default=None, description="Who asked for it.")
+    service: str | None = None
+    services: list[str] | None = None
+    requests: list[str] | None = Field(default=None, description="Requests (REQUESTER/ID, or ids) that it concerns.")
+    request: str | None = None
+    cause: str | None = Field(default=None, description="Of `lost`: a stable word.")
+    incarnation: str | None = Field(default=None, description="The run that it is about.")
+    verb: str | None = None
+    container: str | None = None
+    reason: str | None = None
+    fields: list[str] | None = None
+    error: str | None = None
+    seconds: float | None = Field(default=None, description="How long it took.")
+    file: str | None = None
+    crashes: int | None = None
+    node: str | None = Field(default=None, description="Of a ROS node.")
+    bytes: int | None = Field(default=None, description="Of memory that was given back.")
+    measures: list[str] | None = None
+    helpless: bool | None = None
+    shed: dict[str, str] | None = None

@@ -1,0 +1,62 @@
+"""How things are, as JSON: what the API answers, and what commands show where no rorg serves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rorg.api.current import Current, missing
+from rorg.daemon.snapshot import request_json
+from rorg.model.catalog import Catalog
+
+
+def requests(current: Current) -> list[dict[str, Any]]:
+    """All requests that count, standing ones first, with the seconds that are left of their leases."""
+    leases = current.decision.memory.leases
+    return [
+        {**request_json(r), "expires_in": round(leases[r.key].until - current.clock, 3) if r.key in leases else None}
+        for r in (*current.catalog.requests, *current.decision.settled.requests)
+    ]
+
+
+def why(current: Current, name: str) -> list[dict[str, Any]]:
+    """Why a service, or each of a group, is active, or why not. Raises Missing."""
+    catalog = current.catalog
+    names = catalog.members(name) or ((name,) if name in current.statuses else ())
+    if not names:
+        raise missing(name, {*catalog.services, *catalog.groups})
+    return [_why(current, n) for n in names]
+
+
+def _why(current: Current, name: str) -> dict[str, Any]:
+    """The chain from a service to a root, who requests it, what needs it, and what it waits for."""
+    status, catalog = current.statuses[name], current.catalog
+    return {
+        "service": name,
+        "wanted": status.wanted,
+        "state": status.state,
+        "chain": [
+            {
+                "service": link.service,
+                "kind": link.cause.kind,
+                "by": link.cause.by,
+                "request": link.cause.request,
+                "text": str(link),
+            }
+            for link in status.chain
+        ],
+        "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
+        "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
+        "waits": [w.reason for w in current.decision.plan.waitings if w.service == name],
+    }
+
+
+def groups(catalog: Catalog) -> list[dict[str, Any]]:
+    """The declared groups; their members are services."""
+    return [
+        {"name": g.name, "services": list(g.services), "description": g.description} for g in catalog.groups.values()
+    ]
+
+
+def images(catalog: Catalog) -> list[dict[str, Any]]:
+    """The declared images; `context` is an absolute directory, or null where nothing is built."""
+    return [{"name": i.name, "context": i.context, "dockerfile": i.dockerfile} for i in catalog.images.values()]

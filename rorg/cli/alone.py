@@ -1,0 +1,89 @@
+"""Operations where no rorg serves."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property
+from typing import Any
+
+from rorg.api import changes, views
+from rorg.api.changes import Change
+from rorg.api.current import Current
+from rorg.api.inputs import read, request_of, seconds_of
+from rorg.api.models import HoldBody, HoldsBody, PutRequest
+from rorg.cli.context import Context, unready
+from rorg.cli.local import decision, glance
+from rorg.core.decide import Decision
+from rorg.core.status import statuses
+from rorg.errors import Unreachable
+from rorg.host.clock import wall_clock
+from rorg.model.graph import closure
+
+
+class Local:
+    """Operations where no rorg serves: they are written down for the next one, by the rules of the running one."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self._asked: tuple[str, str] | None = None
+        """(requester, id) of what was requested last."""
+
+    @cached_property
+    def current(self) -> Current:
+        """As one pass sees it, without probing: whether something is ready changes nothing of what may be asked. Where
+        the engine does not answer nothing is known of what runs, as in a pass of the loop."""
+        return _current(glance(self.context, self.context.catalog()))
+
+    def put_request(self, id: str, requester: str, body: dict[str, Any]) -> None:
+        renewed = wall_clock() if body.get("ttl") else ""
+        request = request_of(id, requester, read(PutRequest, body), renewed)
+        self._do(changes.put_request(self.current, request))
+        self._asked = request.key
+
+    def requesters(self, id: str) -> list[str]:
+        return [r.requester for r in self.context.document().requests if r.id == id]
+
+    def release(self, id: str, requester: str) -> None:
+        self._do(changes.release((requester, id)))
+
+    def restart(self, name: str, force: bool) -> list[str]:
+        return self._do(changes.restart(self.current, name, force, time.time()))
+
+    def hold(self, body: dict[str, Any]) -> list[str]:
+        asked = read(HoldsBody, body)
+        seconds = seconds_of(asked.duration, "duration")
+        return self._do(changes.hold(self.current, asked.services, seconds, asked.reason, time.time()))
+
+    def suspend(self, body: dict[str, Any] | None) -> None:
+        asked = read(HoldBody, body) if body else None
+        seconds = seconds_of(asked.duration, "duration") if asked else None
+        self._do(changes.suspend(seconds, asked.reason if asked else "", time.time()))
+
+    def why(self, name: str) -> list[Any]:
+        return views.why(_current(decision(self.context, self.context.catalog())), name)
+
+    def waiting(self, what: str) -> None:
+        if self.context.state.owner() is None:
+            raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
+
+    def wait(self, names: list[str], timeout: float) -> None:
+        """By what the rorg that owns the robot publishes."""
+        what = ", ".join(names)
+        self.waiting(f"wait for {what}")
+        current, catalog = self.current, self.current.catalog
+        asked = [m for s in names for m in current.members(s)]
+        closed = [*asked, *sorted(closure(catalog.services, asked) - set(asked))]
+
+        def done(view: dict[str, Any]) -> str:
+            known = self._asked is None or any((r["requester"], r["id"]) == self._asked for r in view["requests"])
+            return unready(view, closed) if known else "the request has not been read yet"
+
+        self.context.wait(what, done, timeout)
+
+    def _do(self, change: Change) -> list[str]:
+        self.context.change(change.edit)
+        return list(change.services)
+
+
+def _current(found: Decision) -> Current:
+    return Current(found, statuses(found.situation, found.plan, found.holds), found.situation.now)

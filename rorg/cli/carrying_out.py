@@ -1,0 +1,99 @@
+"""`rorg apply` where no rorg runs: the loop runs here until there is nothing left to do, or nothing that helps."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from rorg.cli.context import SETTLED, Context, condition, hopeless
+from rorg.cli.output import note
+from rorg.core.decide import Decision
+from rorg.daemon.snapshot import snapshot
+from rorg.errors import NotReady
+
+
+def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> None:
+    """Does what is to be done. `first` is what was decided for the plan that was shown: where that has nothing to do,
+    neither tree nor engine are looked at again. Raises NotReady."""
+    view = snapshot(first, {})
+    timed_out = not (first.plan.empty and _good_or_bad(first, view)) and _run(context, first, view, timeout)
+    context.state.release()
+    failed = hopeless(view, view["services"])
+    late = {**_late(view), **failed}
+    for name, why in late.items():
+        note(f"{name} is not ready: {why}")
+    if timed_out or failed or (late and wait):
+        raise NotReady(
+            "finish",
+            f"{len(late)} service(s) are not ready" + (f" after {timeout:g} s" if timed_out else ""),
+            "`rorg describe SERVICE`",
+        )
+
+
+def _run(context: Context, first: Decision, view: dict[str, Any], timeout: float) -> bool:
+    """Runs the loop and leaves in `view` how everything is at its end; whether the time was over before."""
+    from rorg.daemon.wiring import make_loop
+
+    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
+    timed_out = threading.Event()
+
+    def over() -> None:
+        timed_out.set()
+        loop.stop()
+
+    timer = threading.Timer(timeout, over)
+    timer.daemon = True
+    timer.start()
+    runs = {c.incarnation for c in first.situation.observed.containers}
+    good_since: list[float] = []
+
+    def finished(decision: Decision) -> bool:
+        """Bad, or good; for SETTLED seconds on end where something began."""
+        view.update(snapshot(decision, {}))
+        good = _good_or_bad(decision, view) if loop.tree.loaded else None
+        if good is None:
+            good_since.clear()
+            return False
+        if not good or not _on_trust(decision, runs):
+            return True
+        if not good_since:
+            good_since.append(loop.clock())
+            threading.Timer(SETTLED, loop.wake).start()
+        return loop.clock() - good_since[0] >= SETTLED
+
+    loop.run(finished)
+    timer.cancel()
+    return timed_out.is_set()
+
+
+def _on_trust(decision: Decision, before: set[str]) -> bool:
+    """Whether something has begun since `before` of which only its running says that it is well."""
+    services, memory = decision.situation.desired.catalog.services, decision.situation.memory
+    return any(
+        c.alive
+        and c.incarnation not in before
+        and c.service in services
+        and (services[c.service].ready is None or memory.of(c.service).answered is None)
+        for c in decision.situation.observed.containers
+    )
+
+
+def _good_or_bad(decision: Decision, view: dict[str, Any]) -> bool | None:
+    """Whether all is done that can be; None while something goes on. What only takes its time is waited for, and what
+    may never be done is not."""
+    if decision.memory.in_flight or decision.plan.actions:
+        return None
+    health = {s["health"] for s in view["services"].values()}
+    if "Degraded" in health or hopeless(view, view["services"]):
+        return False
+    if decision.situation.suspended:
+        return True
+    return None if "Progressing" in health or any(not w.code for w in decision.plan.waitings) else True
+
+
+def _late(view: dict[str, Any]) -> dict[str, str]:
+    """Wanted services that are not ready, with the reason."""
+    ready = {
+        n: condition(s, "Ready") for n, s in view["services"].items() if s["health"] in ("Progressing", "Degraded")
+    }
+    return {name: found["message"] or found["reason"] for name, found in ready.items()}

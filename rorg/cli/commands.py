@@ -1,0 +1,38 @@
+"""The list of commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+COMMANDS = (
+    "validate",
+    "diff",
+    "apply",
+    "run",
+    "get",
+    "describe",
+    "why",
+    "request",
+    "release",
+    "restart",
+    "hold",
+    "suspend",
+    "wait",
+    "events",
+    "top",
+    "logs",
+    "graph",
+    "build",
+    "demo",
+    "completion",
+)
+"""In the order of the help."""
+
+
+def command_of(name: str) -> Callable[..., Any]:
+    """The function of a command."""
+    from importlib import import_module
+
+    found: Callable[..., Any] = import_module(f"rorg.cli.{name}").command
+    return found

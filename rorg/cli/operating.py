@@ -1,0 +1,110 @@
+"""What commands ask of a robot: of the running rorg, or, where none serves, of this process, by the same rules."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rorg.errors import Unconfirmed
+
+if TYPE_CHECKING:
+    from rorg_client import Client
+    from rorg_client.types import Why
+
+    from rorg.cli.context import Context
+
+
+class Operating(Protocol):
+    """Bodies are those of the API. Errors of the running rorg are those of its client, others RorgError."""
+
+    def put_request(self, id: str, requester: str, body: dict[str, Any]) -> None:
+        """Requests services."""
+
+    def requesters(self, id: str) -> list[str]:
+        """Who has a request of this id that can be released."""
+
+    def release(self, id: str, requester: str) -> None:
+        """Gives a request up."""
+
+    def restart(self, name: str, force: bool) -> list[str]:
+        """Restarts a service, or each of a group; returns their names. Raises Unconfirmed."""
+
+    def hold(self, body: dict[str, Any]) -> list[str]:
+        """Holds services, or ends that; returns their names."""
+
+    def suspend(self, body: dict[str, Any] | None) -> None:
+        """Suspends rorg; None ends that."""
+
+    def why(self, name: str) -> list[Why]:
+        """Why a service, or each of a group, is active, or why not."""
+
+    def waiting(self, what: str) -> None:
+        """Raises Unreachable where nobody runs who could bring about what is to be waited for."""
+
+    def wait(self, names: list[str], timeout: float) -> None:
+        """Returns when these services and all that they need are ready, and what was requested before is known;
+        `timeout` in seconds."""
+
+
+class Served:
+    """By the running rorg."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+
+    def put_request(self, id: str, requester: str, body: dict[str, Any]) -> None:
+        from rorg_client import calls
+
+        self.client.do(calls.put_request(id, body, requester))
+
+    def requesters(self, id: str) -> list[str]:
+        return [r["requester"] for r in self.client.requests() if r["id"] == id and not r["standing"]]
+
+    def release(self, id: str, requester: str) -> None:
+        self.client.release(id, requester)
+
+    def restart(self, name: str, force: bool) -> list[str]:
+        from rorg_client import Refused
+
+        self._addressable(name)
+        try:
+            return self.client.restart(name, force)
+        except Refused as refused:
+            if not refused.confirm:
+                raise
+            what = refused.what.removeprefix("cannot ")
+            raise Unconfirmed(what, refused.cause, refused.remedy, refused.confirm) from refused
+
+    def hold(self, body: dict[str, Any]) -> list[str]:
+        found: list[str] = self.client.call("PUT", "/v1/holds", body)["services"]
+        return found
+
+    def suspend(self, body: dict[str, Any] | None) -> None:
+        self.client.call("PUT" if body else "DELETE", "/v1/suspension", body)
+
+    def why(self, name: str) -> list[Why]:
+        self._addressable(name)
+        return self.client.why(name)
+
+    def _addressable(self, name: str) -> None:
+        """Raises Missing for a name that would make another address of a call's."""
+        if not name or "/" in name:
+            from rorg.api.current import missing
+
+            services, groups = self.client.services(), self.client.groups()
+            raise missing(name, {*(s["service"] for s in services), *(g["name"] for g in groups)})
+
+    def waiting(self, what: str) -> None:
+        pass
+
+    def wait(self, names: list[str], timeout: float) -> None:
+        self.client.wait(*names, timeout=timeout)
+
+
+def operating(context: Context) -> Operating:
+    """Whoever does what is asked of this robot."""
+    client = context.client()
+    if client:
+        return Served(client)
+    from rorg.cli.alone import Local
+
+    return Local(context)

@@ -1,0 +1,56 @@
+"""What a command takes, read off its function: the one declaration that both ways of reading a command line use."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from rorg.cli.options import Argument, Option
+
+
+class Parameter(NamedTuple):
+    """One parameter of a command. `type` is that of a single value, `many` says that there is a list of them."""
+
+    name: str
+    declared: Argument | Option
+    hint: Any
+    type: Any
+    many: bool
+    required: bool
+    default: Any
+
+    @property
+    def flag(self) -> bool:
+        """An option without a value."""
+        return self.type is bool
+
+
+def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
+    """All parameters of a command in their order."""
+    # inspect.signature says the same, and its import costs a tenth of what a whole command may take.
+    code, defaults = command.__code__, command.__defaults__ or ()
+    names = code.co_varnames[: code.co_argcount]
+    hints = get_type_hints(command, include_extras=True)
+    first = len(names) - len(defaults)
+    return tuple(
+        _parameter(name, hints[name], i < first, None if i < first else defaults[i - first])
+        for i, name in enumerate(names)
+    )
+
+
+def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
+    plain, declared = get_args(hint)
+    single = next(a for a in get_args(plain) if a is not type(None)) if isinstance(plain, types.UnionType) else plain
+    many = get_origin(single) is list
+    if isinstance(declared, Option) and not declared.names:
+        declared = declared._replace(names=(f"--{name.replace('_', '-')}",))
+    return Parameter(
+        name=name,
+        declared=declared,
+        hint=plain,
+        type=get_args(single)[0] if many else single,
+        many=many,
+        required=required,
+        default=default,
+    )

@@ -1,0 +1,105 @@
+"""What is set right on a container that stays: its name, its live options, what its run has read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rorg.core.content import changed
+from rorg.core.diff import Difference
+from rorg.core.observed import Container
+from rorg.core.pressure import LOWERED_SHARES
+from rorg.core.rollout import candidate
+from rorg.core.steps import Step, stop
+from rorg.core.view import View
+from rorg.model.catalog import Service
+
+DEFAULT_SHARES = 1024
+"""What an engine gives a container that declares no cpu_shares."""
+
+
+def adjust(
+    view: View, service: Service, moving: Callable[[str], bool], container: Container, diff: Difference
+) -> list[Step]:
+    """Name and live options of the container that stays."""
+    steps = []
+    shares = _shares(view, service, container)
+    live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.lowered}
+    if live:
+        steps.append(Step("update", container, "changed", tuple(sorted(live)), {"options": live}))
+    elif shares is not None:
+        why = "leaves the CPU to others" if shares == LOWERED_SHARES else "pressure is over"
+        steps.append(Step("update", container, why, ("cpu_shares",), {"options": {"cpu_shares": shares}}))
+    if container.name != service.container_name and container.name != (name := _next_name(view, service)):
+        steps.append(Step("rename", container, f"it is called {container.name}", args={"name": name}))
+    why, now = _restart(view, service, moving, container), view.desired.contents.get(service.name, {})
+    if (
+        container.state == "running"
+        and service.name in view.s.wanted
+        and service.on_change not in ("restart", "none")
+        and (paths := changed(view.s.memory.of(service.name).update, container, now))
+    ):
+        steps.append(
+            Step(
+                "signal",
+                container,
+                "changed",
+                paths,
+                {"signal": service.on_change, "content": dict(now), "incarnation": container.incarnation},
+            )
+        )
+    if why:
+        steps.append(stop(container, why, service))
+    return steps
+
+
+def _next_name(view: View, service: Service) -> str:
+    """The name to take now: the service's own, or a passing one while another service's container has that, which
+    may be waiting for the name of this one."""
+    taken = any(c.name == service.container_name and c.service != service.name for c in view.all_containers)
+    return passing_name(view, service) if taken else service.container_name
+
+
+def passing_name(view: View, service: Service) -> str:
+    """One that no other edition of the service has."""
+    return f"{service.container_name}.{view.desired.digests[service.name].partition(':')[2][:8]}"
+
+
+def _shares(view: View, service: Service, container: Container) -> int | None:
+    """CPU shares to set because of pressure, or to put back after it; None for as they are."""
+    now = container.live.get("cpu_shares")
+    if service.name in view.s.lowered:
+        return LOWERED_SHARES if container.active and now != LOWERED_SHARES else None
+    declared = (service.spec or {}).get("cpu_shares", DEFAULT_SHARES)
+    return declared if now == LOWERED_SHARES != declared else None
+
+
+def _restart(view: View, service: Service, moving: Callable[[str], bool], container: Container) -> str:
+    """Why the run of now must end though the service is wanted; empty when it may go on."""
+    if not container.alive or service.name not in view.s.wanted:
+        return ""
+    if view.s.restarts.get(service.name) == container.incarnation:
+        return "restart asked for"
+    memory = view.s.memory.of(service.name)
+    if memory.hung == container.incarnation:
+        return memory.error
+    paths = changed(memory.update, container, view.desired.contents.get(service.name, {}))
+    if paths and service.on_change == "restart":
+        return f"changed: {', '.join(paths)}"
+    for need in service.restarts_with:
+        current = view.current(need)
+        # Its readiness is waited for, since what ends now still wants to say goodbye to it.
+        if (
+            current
+            and current.state == "running"
+            and memory.counted_on.lost(need, container, current)
+            and not moving(need)
+            and view.s.memory.of(need).ready
+            and not _tried(view, need)
+        ):
+            return f"{need} was restarted"
+    return ""
+
+
+def _tried(view: View, name: str) -> bool:
+    """Whether a new container of it is on trial: it may yet be that the one before comes back."""
+    return candidate(view.of(name), view.s.memory.of(name).update) is not None

@@ -1,0 +1,131 @@
+"""What a step of a service's chain must follow, or wait for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Protocol
+
+from rorg.core.digest import rules_of
+from rorg.core.memory import Progress
+from rorg.core.plan import Waiting
+from rorg.core.steps import Step
+from rorg.core.view import View
+from rorg.model.catalog import Service
+from rorg.model.units import format_seconds
+
+Passage = tuple[tuple[str, ...], Waiting | None]
+"""Services whose actions the step must follow, or what it waits for."""
+FREE: Passage = (), None
+
+
+class Earlier(Protocol):
+    """What is planned for the services that come before this one."""
+
+    def moving(self, name: str) -> bool:
+        """The plan has actions for it."""
+
+    def unready(self, name: str) -> str:
+        """Why it is not ready and nothing in the plan will make it so; empty otherwise."""
+
+
+def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
+    """`leaving` are unwanted services that do not linger."""
+    name, memory = service.name, view.s.memory.of(service.name)
+    tried = memory.attempts.get(step.verb)
+    if tried and tried.at and tried.at > view.now:
+        wait = format_seconds(tried.at - view.now)
+        word = "stalled" if memory.stalled else "failed"
+        reason = f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}"
+        return (), Waiting(name, reason, tried.at, "failed")
+    swap = step.part_of == "replace" and step.verb in ("stop", "rename")
+    locked = view.s.interlocks.get(name, "") if swap or step.verb not in ("create", "rename") else ""
+    if locked:
+        return (), Waiting(name, f"interlock: {locked}")
+    begins = step.verb in ("start", "resume") or step.part_of
+    limits = view.desired.catalog.policy.pressure
+    if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
+        return (), Waiting(name, view.s.closed)
+    if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
+        return _start(view, service, earlier)  # what runs goes on until the new one can begin
+    if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
+        return _cease(view, service, earlier, leaving)
+    return FREE
+
+
+def _start(view: View, service: Service, earlier: Earlier) -> Passage:
+    name, after = service.name, []
+    for need in service.needs:
+        if earlier.moving(need):
+            after.append(need)
+        reason = earlier.unready(need)
+        if reason:
+            return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
+    left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
+    for other in (*view.desired.conflicts.get(name, ()), *left):
+        if view.active(other):
+            if not earlier.moving(other):
+                return (), Waiting(name, f"conflicts with {other}, which is active")
+            after.append(other)
+    for resource in service.exclusive:
+        holders = view.exclusive.holders(service, resource)
+        if not all(earlier.moving(h) for h in holders):
+            return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
+        after += holders
+    return tuple(after), None
+
+
+def _ready_at(view: View, need: str) -> float | None:
+    """When a needed service becomes ready by the clock alone."""
+    services = view.desired.catalog.services
+    step, ready = view.s.memory.of(need), services[need].ready if need in services else None
+    if ready and ready.delay is not None and step.running_since is not None:
+        return step.running_since + ready.delay
+    return None
+
+
+def unready(view: View, service: Service, blocked: str, moving: bool) -> str:
+    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short."""
+    if blocked:
+        return f"waits: {blocked}"
+    step = view.s.memory.of(service.name)
+    if moving or step.ready or _completed(view, service, step):
+        return ""
+    if step.running_since is None:
+        return f"is not running ({step.error or 'ended'})"
+    ready = service.ready
+    seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
+    limit = "" if seconds is None else f" of {format_seconds(seconds)}"
+    detail = f": {step.probe}" if step.probe else ""
+    return f"is not ready ({format_seconds(view.now - step.running_since)}{limit}){detail}"
+
+
+def _completed(view: View, service: Service, step: Progress) -> bool:
+    """It did what it was for, and ended well."""
+    current = view.current(service.name)
+    return current is not None and current.exit_code == 0 and step.over(service, current)
+
+
+def _cease(view: View, service: Service, earlier: Earlier, leaving: Collection[str]) -> Passage:
+    name, after = service.name, []
+    if not view.active(name) or name not in view.desired.catalog.services:
+        return FREE
+    for dependant in view.desired.dependants.get(name, ()):
+        if view.active(dependant):
+            if not earlier.moving(dependant):
+                return (), Waiting(name, f"not wanted, but {dependant} needs it and is still active")
+            after.append(dependant)
+    if name in leaving or view.s.hurry:
+        return tuple(after), None
+    until = _lingers_until(view, service)
+    if until is not None and until > view.now:
+        return (), Waiting(name, f"not wanted; lingers for {format_seconds(until - view.now)}", until)
+    return tuple(after), None
+
+
+def _lingers_until(view: View, service: Service) -> float | None:
+    """None for what is over at once, whatever the time."""
+    step, idle = view.s.memory.of(service.name), service.idle
+    if not idle.linger and not idle.min_active:
+        return None
+    until = (view.now if step.unwanted_since is None else step.unwanted_since) + idle.linger
+    return until if step.running_since is None else max(until, step.running_since + idle.min_active)

@@ -1,0 +1,84 @@
+"""How the loop's memory changes with what is done: actions that are begun, their outcomes, attempts that are over."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from rorg.core.backoff import STALLED_AFTER, delay
+from rorg.core.digest import canonical
+from rorg.core.memory import Attempt, InFlight, Memory, Progress
+from rorg.core.observed import Container, Observed
+from rorg.core.plan import Action
+from rorg.core.rollout import refused
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of an action."""
+
+    action: Action
+    error: str = ""
+    """Empty when it went well."""
+    refused: bool = False
+    """The engine said no to what was asked, rather than that it gave no answer."""
+
+
+def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
+    """Failed attempts of those of these services for which there is nothing to do any more. `busy` are all others."""
+    done = {
+        name: replace(step, attempts={}, error=step.error if step.exits else "")
+        for name in names
+        if (step := memory.of(name)).attempts and name not in busy and name not in memory.in_flight
+    }
+    return replace(memory, progress={**memory.progress, **done}) if done else memory
+
+
+def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: float) -> Memory:
+    """Actions are handed to workers: their services get no second one until the outcome."""
+    if not actions:
+        return memory
+    there = observed.by_service()
+    begun = {a.service: _begun(memory.of(a.service), a, there.get(a.service, ())) for a in actions}
+    flights = {a.service: InFlight(a, now) for a in actions}
+    return replace(memory, progress={**memory.progress, **begun}, in_flight={**memory.in_flight, **flights})
+
+
+def _begun(step: Progress, action: Action, containers: Sequence[Container]) -> Progress:
+    state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
+    signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
+    before = step.attempts.get(action.verb, Attempt())
+    count = before.count + 1 if signature == before.signature else 1
+    step = replace(step, attempts={**step.attempts, action.verb: replace(before, signature=signature, count=count)})
+    if action.verb == "start":
+        step = replace(
+            step, begun=action.args.get("counts_on", {}), update=replace(step.update, begun=action.args.get("content"))
+        )
+    if action.verb == "stop":
+        # From now on its end is our doing, even if this rorg does not live to see it.
+        step = replace(step, stopped=action.args.get("incarnation", ""))
+    return step
+
+
+def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
+    """What came of actions."""
+    progress, in_flight = {**memory.progress}, {**memory.in_flight}
+    for outcome in outcomes:
+        name = outcome.action.service
+        in_flight.pop(name, None)
+        step = _finished(progress.get(name, Progress()), outcome.action, outcome.error, now)
+        progress[name] = refused(step, outcome.action, outcome.error) if outcome.refused else step
+    return replace(memory, progress=progress, in_flight=in_flight)
+
+
+def _finished(step: Progress, action: Action, error: str, now: float) -> Progress:
+    tried = step.attempts.get(action.verb, Attempt())
+    if error or tried.count >= STALLED_AFTER:
+        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
+        step = replace(step, attempts={**step.attempts, action.verb: tried}, error=error)
+    elif tried.error and not step.exits:
+        step = replace(step, attempts={**step.attempts, action.verb: replace(tried, at=0.0, error="")})
+        step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
+    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
+        step = replace(step, update=replace(step.update, content=action.args["content"]))
+    return replace(step, begun=None) if action.verb == "start" and error else step

@@ -1,0 +1,26 @@
+"""What one look at a service sees of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rorg.core.memory import ProbeResult
+from rorg.core.observed import Container
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """`containers` are those of all services, of each the one that counts first; `ready` and `live` are its probe
+    results; `busy`: a call of it is under way; `now` is of the loop's clock, seconds."""
+
+    wanted: bool
+    containers: Mapping[str, Sequence[Container]]
+    ready: ProbeResult | None
+    live: ProbeResult | None
+    busy: bool
+    now: float
+    booted_at: str
+
+    def current(self, service: str) -> Container | None:
+        return next(iter(self.containers.get(service, ())), None)

@@ -1,0 +1,133 @@
+"""Running a command in a container, with an end: docker-py's own reading waits for ever."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import struct
+import time
+import uuid
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import docker
+
+MARK = "RORG_EXEC"
+"""Environment variable by which a command and all that it began are known in their container."""
+STARTING = 2.0
+"""Seconds that the engine may take, beyond the command's own time, to say what became of it."""
+ENDING = 2.0
+"""Seconds for which a command that took too long is looked for, until it is known to have ended."""
+KILL = """for f in /proc/[0-9]*/environ; do
+while IFS= read -r line || [ -n "$line" ]; do case $line in *%s*) p=${f#/proc/}; kill -9 ${p%%/environ};; esac; done <$f
+done 2>/dev/null"""
+"""Ends what carries a mark, in any shell, without another program: its `read` passes over NULs."""
+
+
+def run(
+    api: docker.APIClient, container: str, command: Sequence[str], timeout: float, local: bool
+) -> tuple[int, bytes]:
+    """Exit code and output; (124, the output so far and a line that says so) after `timeout` seconds, when the command
+    and what it began is ended. `local`: the engine's processes are those of this machine. Raises docker-py's errors,
+    also when the engine itself takes too long."""
+    mark, deadline = f"{MARK}={uuid.uuid4().hex}", time.monotonic() + timeout
+    made = _create(api, container, command, mark, timeout)
+    output, ended = _output(api, made, deadline)
+    if ended:
+        return int(_inspect(api, made)["ExitCode"] or 0), output
+    _end(api, container, made, mark, local)
+    return 124, b"\n".join([*output.splitlines(), f"no end within {timeout:g} s".encode()])
+
+
+def _create(api: docker.APIClient, container: str, command: Sequence[str], mark: str, timeout: float) -> str:
+    said = {"Cmd": list(command), "AttachStdout": True, "AttachStderr": True, "Env": [mark] if mark else []}
+    return str(_post(api, "/containers/{0}/exec", container, said, timeout).json()["Id"])
+
+
+def _post(api: Any, path: str, name: str, body: dict[str, Any], timeout: float, **more: Any) -> Any:
+    response = api._post_json(api._url(path, name), data=body, timeout=timeout + STARTING, **more)
+    api._raise_for_status(response)
+    return response
+
+
+def _inspect(api: Any, made: str) -> dict[str, Any]:
+    response = api._get(api._url("/exec/{0}/json", made), timeout=STARTING)
+    return dict(api._result(response, True))
+
+
+def _output(api: docker.APIClient, made: str, deadline: float) -> tuple[bytes, bool]:
+    """Starts it; what it prints until it ends or the deadline comes, and whether it ended."""
+    left = max(0.0, deadline - time.monotonic())
+    response = _post(api, "/exec/{0}/start", made, {"Tty": False, "Detach": False}, left, stream=True)
+    read = bytearray()
+    try:
+        for chunk in _chunks(response.raw._fp.fp, deadline):
+            read += chunk
+        return _payload(bytes(read)), True
+    except TimeoutError:
+        return _payload(bytes(read)), False
+    finally:
+        response.close()
+
+
+def _chunks(stream: Any, deadline: float) -> Iterator[bytes]:
+    """What comes on a connection, as it comes. Raises TimeoutError at the deadline, whoever keeps it open."""
+    connection = stream.raw._sock
+    while True:
+        left = deadline - time.monotonic()
+        if left <= 0:
+            raise TimeoutError
+        connection.settimeout(left)
+        chunk = stream.read1(65536)
+        if not chunk:
+            return
+        yield chunk
+
+
+def _payload(frames: bytes) -> bytes:
+    """The engine sends frames of both outputs: one byte for which, three empty, four with the length."""
+    found, at = [], 0
+    while at + 8 <= len(frames):
+        (size,) = struct.unpack_from(">I", frames, at + 4)
+        found.append(frames[at + 8 : at + 8 + size])
+        at += 8 + size
+    return b"".join(found)
+
+
+def _end(api: docker.APIClient, container: str, made: str, mark: str, local: bool) -> None:
+    """Ends a command and what it began. One that has not begun yet is waited for, but not for long."""
+    deadline = time.monotonic() + ENDING
+    while time.monotonic() < deadline:
+        state = _inspect(api, made)
+        if state["ExitCode"] is not None and not state["Running"]:
+            return
+        if not local:
+            kill = _create(api, container, ["/bin/sh", "-c", KILL % mark], "", STARTING)
+            _output(api, kill, time.monotonic() + STARTING)
+        else:
+            for pid in (int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()):
+                _kill(pid, container, mark, known=pid == state["Pid"])
+        time.sleep(0.02)
+
+
+def _kill(pid: int, container: str, mark: str, known: bool) -> None:
+    """Ends a process that carries the mark, or is `known` for the command by its number and is in the container. Looked
+    at with its descriptor open, so that the number cannot come to mean another one."""
+    if not known and not _marked(pid, mark):
+        return
+    with contextlib.suppress(OSError):
+        descriptor = os.pidfd_open(pid)
+        try:
+            if _marked(pid, mark) or (known and container in Path(f"/proc/{pid}/cgroup").read_text()):
+                signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+        finally:
+            os.close(descriptor)
+
+
+def _marked(pid: int, mark: str) -> bool:
+    try:
+        return mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return False

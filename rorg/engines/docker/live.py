@@ -1,0 +1,41 @@
+"""Live options, those that an engine changes in place: as an inspection has them, and as the body of an update."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rorg.engines.docker.body import NANO, Body, create_body
+
+_LIVE = {
+    "cpu_period": "CpuPeriod",
+    "cpu_quota": "CpuQuota",
+    "cpu_rt_period": "CpuRealtimePeriod",
+    "cpu_rt_runtime": "CpuRealtimeRuntime",
+    "cpu_shares": "CpuShares",
+    "cpuset": "CpusetCpus",
+    "cpuset_mems": "CpusetMems",
+    "mem_limit": "Memory",
+    "mem_reservation": "MemoryReservation",
+    "memswap_limit": "MemorySwap",
+}
+
+
+def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
+    """Live options of a container from the HostConfig of an inspection, in the units of manifests."""
+    found = {option: host[key] for option, key in _LIVE.items() if key in host}
+    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
+    found["pids_limit"] = host.get("PidsLimit") or 0
+    policy = host.get("RestartPolicy") or {}
+    count = policy.get("MaximumRetryCount") or 0
+    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
+    return found
+
+
+def update_body(options: Mapping[str, Any]) -> Body:
+    """The body of POST /containers/ID/update. A memory limit moves the limit of memory and swap along, as create
+    does by itself: the engine refuses a limit above the old one of both."""
+    body: Body = create_body(options, {})["HostConfig"]
+    if "Memory" in body and "MemorySwap" not in body:
+        body["MemorySwap"] = 2 * body["Memory"] or -1
+    return body

@@ -1,0 +1,51 @@
+"""What the engine says of containers, as our values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from rorg.core.observed import Container, from_labels
+from rorg.engines.docker.live import live_options
+from rorg.host.processes import process_start
+
+NEVER = "0001-01-01T00:00:00Z"
+"""What the engine calls the start of a container that never started."""
+
+
+def epoch_seconds(stamp: str) -> float:
+    """The engine's times have nine digits after the second; Python reads six."""
+    return datetime.fromisoformat(
+        re.sub(r"(\.\d{1,6})\d*Z?$", r"\1+00:00", stamp.rstrip("Z") + "Z").replace("Z", "+00:00")
+    ).timestamp()
+
+
+def began(container: Container) -> float:
+    """When its run of now began. The engine notes its start after the program's first words; the process knows."""
+    try:
+        return process_start(container.pid)
+    except (OSError, IndexError, ValueError):
+        return epoch_seconds(container.started_at)
+
+
+def read_container(data: Mapping[str, Any], local: bool) -> Container:
+    """From its inspection. The processes of an engine on another machine (`local` is false) are nobody's here."""
+    state, labels = data["State"], data["Config"].get("Labels") or {}
+    started = state.get("StartedAt") or NEVER
+    return Container(
+        id=data["Id"],
+        name=data["Name"].lstrip("/"),
+        state=state["Status"],
+        started_at="" if started.startswith("0001-") else started,
+        exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
+        oom_killed=bool(state.get("OOMKilled")),
+        error=state.get("Error") or "",
+        created_at=data.get("Created") or "",
+        live=live_options(data.get("HostConfig") or {}),
+        pid=(state.get("Pid") or 0) if local else 0,
+        health=(state.get("Health") or {}).get("Status", ""),
+        stop_signal=data["Config"].get("StopSignal") or "",
+        **from_labels(labels),
+    )

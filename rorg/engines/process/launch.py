@@ -1,0 +1,116 @@
+"""Starting a container's program, and running a command beside it: with which words, environment and folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rorg.engines.process.records import Record, Records
+from rorg.engines.process.table import MARK, await_program, boot_id, stat
+from rorg.errors import EngineError
+from rorg.model.units import stamp
+
+SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
+"""The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
+writes the exit code in one step. The service runs in the foreground: a shell's background jobs ignore SIGINT."""
+
+
+def launch(records: Records, record: Record) -> dict[str, Any]:
+    """Begins a run, and returns the record with what tells this run from others."""
+    container = record["id"]
+    (records.folder(container) / "exit").unlink(missing_ok=True)
+    command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
+    environment = _environment(records, record)
+    _check_program(record, command, environment)
+    with records.log(container).open("ab") as log:
+        log_from = log.tell()
+        child = subprocess.Popen(
+            ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+            cwd=_folder(record),
+        )
+    records.children[container] = child
+    await_program(child, container)
+    facts = stat(child.pid)
+    return {
+        **record,
+        "pid": child.pid,
+        "log_from": log_from,
+        "ticks": facts[2] if facts else 0,
+        "boot": boot_id(),
+        "started_at": stamp(time.time()),
+    }
+
+
+def run_beside(records: Records, record: Record, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+    """Exit code and output of a command in the container's environment. After `timeout` seconds it is ended, with its
+    process group: (124, the output so far and a line that says so); 127 where there is no such program."""
+    try:
+        child = subprocess.Popen(
+            command,
+            env=_environment(records, record),
+            cwd=_folder(record),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    except OSError as error:
+        return 127, str(error).encode()
+    try:
+        output, _ = child.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired as late:
+        os.killpg(child.pid, signal.SIGKILL)  # not waited for yet, so the number is still its own
+        child.wait()
+        if child.stdout:
+            child.stdout.close()
+        said = (late.output or b"").splitlines()
+        return 124, b"\n".join([*said, f"no end within {timeout:g} s".encode()])
+    return child.returncode, output
+
+
+def _environment(records: Records, record: Record) -> dict[str, str]:
+    """Folders of programs that an image of the tree stands for come first in PATH; `rorg build` notes them."""
+    path, spec = os.environ.get("PATH", os.defpath), record["spec"]
+    return {
+        "HOME": os.environ.get("HOME", "/"),
+        "LANG": os.environ.get("LANG", "C.UTF-8"),
+        "PATH": os.pathsep.join([*_image_path(records, spec["image"]), path]),
+        **spec.get("environment", {}),
+        MARK: record["id"],
+        "RORG_EXIT": str(records.folder(record["id"]) / "exit"),
+    }
+
+
+def _image_path(records: Records, image: str) -> list[str]:
+    try:
+        noted = json.loads((records.directory.parent / "process-images.json").read_text()).get(image, [])
+        return [str(folder) for folder in noted]
+    except (OSError, ValueError):
+        return []
+
+
+def _check_program(record: Record, command: Sequence[str], environment: dict[str, str]) -> None:
+    program = command[0] if command else ""
+    if shutil.which(program, path=environment["PATH"]) is None:
+        raise EngineError(
+            f"start {record['name']}",
+            f"no program '{program}' on this machine",
+            "`rorg build`, or --engine docker",
+            "missing_image",
+        )
+
+
+def _folder(record: Record) -> str:
+    folder = str(record["spec"].get("working_dir") or "")
+    return folder if os.path.isdir(folder) else "/"

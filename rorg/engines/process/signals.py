@@ -1,0 +1,51 @@
+"""Signals to a container's processes, and waiting for what comes of them."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+from rorg.engines.process.records import Record, Records
+from rorg.engines.process.table import members, signal_group
+from rorg.engines.protocol import stop_sequence
+from rorg.errors import EngineError
+from rorg.model.signals import signal_number
+
+
+def send(record: Record, number: int) -> bool:
+    """To all its processes; False when none is left."""
+    return bool(record.get("pid")) and signal_group(
+        record["pid"], record["ticks"], record["boot"], record["id"], number
+    )
+
+
+def switch(records: Records, record: Record, verb: str, number: int, before: str, after: str) -> None:
+    """A signal that takes a container from one state to another; returns when it is there. Raises EngineError
+    (conflict)."""
+    if (now := records.state(record)[0]) != before:
+        raise EngineError(f"{verb} {record['name']}", f"it is {now}, not {before}", kind="conflict")
+    send(record, number)
+    deadline = time.monotonic() + 2.0
+    while (now := records.state(record)[0]) != after:
+        if now == "exited" or time.monotonic() > deadline:
+            raise EngineError(f"have {record['name']} {after}", f"it is {now}", kind="conflict")
+        time.sleep(0.002)
+
+
+def end(records: Records, record: Record, name: str, grace: float) -> None:
+    """Signals of a stopped group are delivered when it continues: first the signal, then SIGCONT."""
+    for step, seconds in stop_sequence(name, grace):
+        if not send(record, signal_number(step)):
+            break
+        send(record, signal.SIGCONT)
+        if _ended(records, record, seconds):
+            break
+
+
+def _ended(records: Records, record: Record, seconds: float) -> bool:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if records.state(record)[0] == "exited" and not members(record["pid"], record["id"]):
+            return True
+        time.sleep(0.005)
+    return False

@@ -1,0 +1,134 @@
+"""A command line means the same, whether it is read plainly or by typer; what is not plain is left to typer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import typer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from rorg.cli import plain
+from rorg.cli.app import typed
+from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.options import Option
+from rorg.cli.signature import parameters
+
+DECLARED = {name: parameters(command_of(name)) for name in COMMANDS}
+VARIABLES = ("RORG_STATE_DIR", "RORG_ENGINE", "RORG_GROUP")
+SAID: dict[str, list[dict]] = {name: [] for name in COMMANDS}
+
+
+def recording(name: str) -> typer.Typer:
+    found = typer.Typer(add_completion=False)
+    found.command()(typed(command_of(name), run=lambda **values: SAID[name].append(values)))
+    return found
+
+
+TYPERS = {name: recording(name) for name in COMMANDS}
+
+
+def by_typer(name: str, words: list[str], environment: dict[str, str]) -> dict | None:
+    """What typer hands to the command; None where it tells an error, or shows help."""
+    SAID[name].clear()
+    CliRunner().invoke(TYPERS[name], words, env={**dict.fromkeys(VARIABLES), **environment})
+    return SAID[name][0] if SAID[name] else None
+
+
+def same(name: str, words: list[str], environment: dict[str, str]) -> bool:
+    """Holds both ways equal, and says whether the line is plain."""
+    found = plain.read(DECLARED[name], words, environment)
+    if found is None:
+        return False
+    other = by_typer(name, words, environment)
+    assert found == other
+    assert {k: type(v) for k, v in found.items()} == {k: type(v) for k, v in other.items()}
+    return True
+
+
+PLAIN = [
+    ("get", []),
+    ("get", ["services", "arm", "-o", "json"]),
+    ("get", ["--output=yaml", "groups", "-w"]),
+    ("get", ["--manifests", "tree", "--state-dir", "/x", "--engine", "process"]),
+    ("why", ["arm"]),
+    ("request", ["arm", "camera", "--id", "tour", "--ttl", "1m30s", "--priority", "80", "--wait", "--timeout", "2.5"]),
+    ("request", ["arm", "--as", "guide", "--reason", "a visitor — with a dog"]),
+    ("release", ["tour", "--as", "guide"]),
+    ("restart", ["arm", "-y", "--wait"]),
+    ("hold", ["arm", "base", "--for", "10m"]),
+    ("hold", ["arm", "--end"]),
+    ("suspend", ["--for", "1h", "--reason", "x"]),
+    ("wait", ["arm", "--timeout", "5"]),
+    ("diff", ["tree", "-o", "json"]),
+    ("apply", ["--yes", "--wait"]),
+    ("events", ["-f", "--tail", "3"]),
+    ("run", ["tree", "--listen", "0.0.0.0:1", "--tls-cert", "c.pem"]),
+    ("build", ["tree"]),
+    ("demo", ["--speed", "2"]),
+    ("completion", ["bash"]),
+]
+NOT_PLAIN = [
+    ("get", ["--help"]),
+    ("get", ["-h"]),
+    ("get", ["-ojson"]),
+    ("get", ["-o"]),
+    ("get", ["a", "b", "c"]),
+    ("get", ["--", "services"]),
+    ("get", ["--watch=yes"]),
+    ("get", ["-o", "json", "-o", "yaml"]),
+    ("get", ["-o", "-w"]),
+    ("why", []),
+    ("why", [""]),
+    ("why", ["arm", "--outptu", "json"]),
+    ("request", ["--id", "x"]),
+    ("request", ["arm", "--ttl", "soon"]),
+    ("request", ["arm", "--priority", "101"]),
+    ("request", ["arm", "--priority", "1.5"]),
+    ("request", ["arm", "--timeout", "nan"]),
+    ("hold", ["arm", "--for", "10"]),
+    ("events", ["--tail", "-1"]),
+    ("top", ["--interval", "0.1"]),
+    ("build", ["--image", "a", "--image", "b"]),
+]
+
+
+@pytest.mark.parametrize(("name", "words"), PLAIN, ids=lambda v: " ".join(v) if isinstance(v, list) else v)
+def test_a_plain_line_means_what_typer_says(name, words):
+    assert same(name, words, {})
+    assert same(name, words, {"RORG_STATE_DIR": "/somewhere", "RORG_ENGINE": "process", "RORG_GROUP": ""})
+
+
+@pytest.mark.parametrize(("name", "words"), NOT_PLAIN, ids=lambda v: " ".join(v) if isinstance(v, list) else v)
+def test_whatever_is_unusual_is_left_to_typer(name, words):
+    assert plain.read(DECLARED[name], words, {}) is None
+
+
+def lines() -> st.SearchStrategy[tuple[str, list[str]]]:
+    """Commands with their own options and others, in any order, with good values and bad ones."""
+    values = st.sampled_from(
+        ["arm", "base", "json", "10m", "3", "0.5", "101", "-1", "", "-", "--", "x=y", " 5", "1_0", "1e3", "ä", "a b"]
+    )
+    odd = st.sampled_from(["--help", "--nonsense", "-x", "--yes=1", "-oyaml", "--output=json", "--timeout=7", "--id="])
+
+    def of(name: str) -> st.SearchStrategy[tuple[str, list[str]]]:
+        names = [n for p in DECLARED[name] if isinstance(p.declared, Option) for n in p.declared.names]
+        words = st.lists(st.one_of(values, values, st.sampled_from(names or ["-h"]), odd), max_size=6)
+        return words.map(lambda found: (name, found))
+
+    return st.sampled_from(COMMANDS).flatmap(of)
+
+
+@settings(max_examples=400, deadline=None)
+@given(lines(), st.dictionaries(st.sampled_from(VARIABLES), st.sampled_from(["", "/x", "docker"])))
+def test_any_line_means_what_typer_says_or_is_left_to_it(line, environment):
+    same(*line, environment)
+
+
+def test_no_command_but_those_of_typer_imports_it():
+    """What a command imports before it begins is what every use of it costs."""
+    folder = Path(plain.__file__).parent
+    found = {p.name for p in folder.rglob("*.py") if "\nimport typer" in p.read_text()}
+    assert found == {"app.py"}

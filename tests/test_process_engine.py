@@ -1,0 +1,137 @@
+"""The process engine by itself: commands beside a service, and what its programs print."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from conftest import wait_for
+
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.engines.process.engine import ProcessEngine
+from rorg.engines.process.log import KEPT, SLACK, read_log, trim_log
+
+
+@pytest.fixture
+def engine(tmp_path):
+    found = ProcessEngine("me", tmp_path / "process")
+    yield found
+    for container in found.list():
+        found.stop(container.id, "SIGKILL", 5.0)
+        found.remove(container.id)
+
+
+def start(engine, *command: str) -> str:
+    made = engine.create("x", {"image": "x", "command": command}, {LABEL_OWNER: "me", LABEL_SERVICE: "x"})
+    engine.start(made)
+    return made
+
+
+def test_a_command_that_takes_too_long_is_ended_with_all_that_it_began(engine):
+    container = start(engine, "sleep", "600")
+    began = time.monotonic()
+    code, output = engine.exec(container, ["sh", "-c", "sleep 601 & echo $!; wait"], 0.5)
+    assert time.monotonic() - began < 5
+    child, said = output.splitlines()
+    assert (code, said) == (124, b"no end within 0.5 s")
+    wait_for(lambda: _state(int(child)) in "ZX", what="the child of the command to end")
+    assert engine.inspect(container).state == "running"
+
+
+def _state(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
+
+
+def test_exit_codes_and_output_of_commands(engine):
+    container = start(engine, "sleep", "600")
+    assert engine.exec(container, ["sh", "-c", "echo out; echo err >&2; exit 3"], 5.0) == (3, b"out\nerr\n")
+    assert engine.exec(container, ["no-such-program"], 5.0)[0] == 127
+    assert os.listdir(engine.records.folder(container)) != []
+
+
+TALKS = """
+import signal, sys, time
+line = 0
+def talk(*_):
+    global line
+    for _ in range(1 << 14):  # a MiB, in 64 bytes each
+        line += 1
+        print(f"{line:<63}")
+    sys.stdout.flush()
+for _ in range(16): talk()
+for _ in range(16): talk(); time.sleep(0.1)
+print("now serving", flush=True)
+for _ in range(16): talk(); time.sleep(0.1)
+print("the end", flush=True)
+signal.pause()
+"""
+
+
+def numbers(text: bytes) -> list[int]:
+    assert b"\0" not in text
+    return [int(line) for line in text.splitlines() if line.strip().isdigit()]
+
+
+def test_the_log_of_a_program_that_never_stops_talking_is_kept_small(engine):
+    stop, followed = threading.Event(), []
+    threading.Thread(target=lambda: list(engine.events(stop)), daemon=True).start()
+    container = start(engine, "python3", "-S", "-c", TALKS)
+    log = engine.records.log(container)
+    threading.Thread(
+        target=lambda: [followed.append(c) for c in engine.logs(container, True, None)], daemon=True
+    ).start()
+    seen, place, most = b"", "", 0
+    while b"the end" not in seen:  # as a probe of the log goes on reading, from place to place
+        text, place = engine.log_since(container, place)
+        seen += text[: text.rfind(b"\n") + 1]
+        most = max(most, log.stat().st_blocks * 512)
+        time.sleep(0.02)
+    wait_for(lambda: log.stat().st_blocks * 512 <= KEPT + SLACK, what="the log to be trimmed")
+    stop.set()
+    assert log.stat().st_size > 48 << 20
+    assert most < 30 << 20
+    last = 48 << 14
+    assert numbers(seen) == list(range(1, last + 1)), "a probe that goes on reading misses nothing"
+    assert b"now serving" in seen
+    wait_for(lambda: b"the end" in followed[-1])
+    assert numbers(b"".join(followed)) == list(range(1, last + 1)), "nor does who follows"
+    kept = numbers(b"".join(engine.logs(container, False, None)))
+    assert kept == list(range(kept[0], last + 1))
+    assert len(kept) * 64 > KEPT - (1 << 17)
+    assert numbers(engine.log_since(container, "")[0]) == kept
+    assert list(engine.logs(container, False, 1)) == [b"the end\n"]
+
+
+def test_who_is_behind_goes_on_with_the_next_whole_line(tmp_path):
+    log = tmp_path / "log"
+    with log.open("ab", buffering=0) as file:
+        file.write(b"".join(b"%-62d.\n" % n for n in range(1 << 18)))
+        reading, behind = read_log(log, True, 1), read_log(log, True, None)
+        assert next(reading).startswith(b"262143 ")
+        assert next(behind).startswith(b"0 ")
+        trim_log(log)
+        file.write(b"after\n")
+        assert next(reading) == b"after\n"
+    lines = b"".join(read_log(log, False, None)).splitlines()
+    assert lines[-1] == b"after"
+    assert all(re.fullmatch(rb"\d+ +\.", line) for line in lines[:-1])
+    assert log.stat().st_blocks * 512 <= KEPT + SLACK
+
+
+def test_a_log_that_was_emptied_is_read_from_its_beginning(engine):
+    """As somebody does who wants the room; and as we do where the file system gives nothing back."""
+    container = start(engine, "sh", "-c", "echo one; echo two; exec sleep 600")
+    wait_for(lambda: engine.log_since(container, "")[0] == b"one\ntwo\n")
+    _, place = engine.log_since(container, "")
+    log = engine.records.log(container)
+    os.truncate(log, 0)
+    with log.open("ab") as file:
+        file.write(b"new\n")
+    assert engine.log_since(container, place) == (b"new\n", "4")

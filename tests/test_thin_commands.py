@@ -1,0 +1,254 @@
+"""Everyday commands are thin clients of the running rorg: what they import, what they ask, what they print."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import pytest
+from robots import RealRobot, write_tree
+
+HEAVY = ("typer", "click", "rich", "pydantic", "yaml", "docker", "psutil", "asyncio", "ssl", "email", "http", "inspect")
+ROOMS = ("api", "sim", "daemon", "images", "probes", "host", "manifest", "core")
+SERVICES = {
+    "roscore": {},
+    "navigation": {"needs": ["roscore"]},
+    "base": {"always_on": True},
+    "spare": {"always_on": True, "ready": {"delay": "0s"}},
+}
+GROUPS = {"driving": {"services": ["navigation"]}}
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """A loop with its API, in this process."""
+    found = RealRobot(tmp_path, "process", None, with_server=True)
+    found.declare(SERVICES, groups=GROUPS)
+    found.wait(lambda: {"base", "spare"} <= found.active())
+    found.settle()
+    yield found
+    found.close()
+
+
+def rorg(robot: RealRobot, *words: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process", **environment},
+    )
+    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done
+
+
+def imported(robot: RealRobot, *words: str, code: int = 0, **environment: str) -> set[str]:
+    """The modules that a command has imported at its end."""
+    report = robot.state.path.parent / "modules"
+    hook = (
+        "import atexit, pathlib, sys\n"
+        f"atexit.register(lambda: pathlib.Path({str(report)!r}).write_text(' '.join(sys.modules)))\n"
+        "sys.argv = ['rorg', *sys.argv[1:]]\n"
+        "from rorg.cli.main import run\nrun()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", hook, *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process", **environment},
+    )
+    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return set(report.read_text().split())
+
+
+def heavy(modules: set[str]) -> list[str]:
+    return sorted(m for m in modules if m.split(".")[0] in HEAVY or m.split(".")[:2] in [["rorg", r] for r in ROOMS])
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "get",
+        "get services driving",
+        "get groups",
+        "get requests -o json",
+        "why navigation",
+        "request driving --id tour --wait",
+        "release tour",
+        "hold navigation --for 10m",
+        "wait base",
+        "restart base --yes --wait",
+        "diff",
+        "diff -o json",
+        "apply --yes --wait",
+        "events",
+    ],
+)
+def test_a_command_that_the_running_rorg_answers_imports_nothing_heavy(robot, line):
+    assert heavy(imported(robot, *line.split())) == []
+
+
+def test_completion_imports_nothing_heavy(robot):
+    assert heavy(imported(robot, **bash("rorg why nav"))) == []
+
+
+# -- completion ------------------------------------------------------------------------------------------------
+
+
+def bash(line: str) -> dict[str, str]:
+    words = line.split(" ")
+    return {"_RORG_COMPLETE": "complete_bash", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
+
+
+def zsh(line: str) -> dict[str, str]:
+    return {"_RORG_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": line}
+
+
+def fish(line: str, action: str = "get-args") -> dict[str, str]:
+    return {"_RORG_COMPLETE": "complete_fish", "_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": action}
+
+
+COMPLETED = [
+    ("rorg why ", {"base", "developer", "driving", "navigation", "roscore", "spare"}),
+    ("rorg why n", {"navigation"}),
+    ("rorg request base nav", {"navigation"}),
+    ("rorg hold --for 10m base s", {"spare"}),
+    ("rorg why x", set()),
+    ("rorg why base s", set()),
+    ("rorg restart --w", {"--wait"}),
+    ("rorg rele", {"release"}),
+    ("rorg get ser", set()),
+]
+
+
+@pytest.mark.parametrize(("line", "names"), COMPLETED, ids=lambda v: v if isinstance(v, str) else "")
+@pytest.mark.parametrize("running", [True, False], ids=["running", "alone"])
+def test_shells_complete_names(robot, line, names, running):
+    if not running:
+        robot.stop()
+    assert set(rorg(robot, **bash(line)).stdout.split()) == names
+    assert {said.split("\t")[0] for said in rorg(robot, **fish(line)).stdout.splitlines()} - {""} == names
+    said = rorg(robot, **zsh(line)).stdout
+    assert all(f'"{name}"' in said for name in names)
+    assert said.startswith("_arguments" if names else "_files")
+    assert rorg(robot, **fish(line, "is-args"), code=0 if names else 1).stdout == ""
+
+
+def test_names_are_found_in_every_way_of_writing_a_manifest(tmp_path):
+    from rorg.cli.completing import _declared
+
+    write_tree(tmp_path, {"arm": {}})
+    (tmp_path / "one.yaml").write_text("kind: Group\nmetadata: {description: x, name: seeing}\nspec: {}\n")
+    (tmp_path / "two.yaml").write_text("kind: Service\nmetadata:\n  description: 'name of'\n  name: 'base'\n")
+    (tmp_path / "services/bad.yaml").write_text("x: [\n")
+    assert set(_declared(tmp_path)) == {"arm", "seeing", "base", "developer"}
+
+
+# -- diff and apply --------------------------------------------------------------------------------------------
+
+
+def test_diff_shows_drift_and_changes_at_once(robot):
+    assert rorg(robot, "diff").stdout == "No differences.\n"
+    rorg(robot, "suspend", "--for", "10m")
+    robot.drift("pause", "base")
+    assert "base" in rorg(robot, "diff", code=1).stdout
+    write_tree(robot.tree, {**SERVICES, "more": {}}, groups=GROUPS)
+    found = json.loads(rorg(robot, "diff", "-o", "json", code=1).stdout)
+    assert ("create", "more") in {(a["verb"], a["service"]) for a in found["actions"]}
+
+
+def test_diff_and_apply_tell_what_is_wrong_with_the_tree(robot):
+    (robot.tree / "services/bad.yaml").write_text("x: [\n")
+    for words in (("diff",), ("apply", "--yes")):
+        said = rorg(robot, *words, code=2).stderr
+        assert "bad.yaml:2:1" in said, said
+        assert "rorg validate" in said, said
+
+
+def test_diff_of_another_tree_is_computed_here(robot, tmp_path):
+    other = write_tree(tmp_path / "other", {"camera": {}})
+    assert "camera" in rorg(robot, "diff", str(other), code=1).stdout
+    assert "owns this robot" in rorg(robot, "apply", str(other), "--yes", code=5).stderr
+
+
+def test_diff_says_the_same_as_without_a_running_rorg(robot):
+    rorg(robot, "suspend", "--for", "10m")
+    rorg(robot, "request", "driving")
+    write_tree(robot.tree, {**SERVICES, "base": {"always_on": True, "priority": 7, "command": ["sleep", "999"]}})
+    told = rorg(robot, "diff", code=1).stdout
+    robot.stop()
+    assert rorg(robot, "diff", str(robot.tree), code=1).stdout == told
+
+
+def test_a_service_may_not_ask_for_differences(robot):
+    from rorg.client import Forbidden
+
+    write_tree(robot.tree, {**SERVICES, "base": {"always_on": True, "may_request": ["spare"]}}, groups=GROUPS)
+    robot.wait(lambda: (robot.state.run / "services/base/rorg.sock").exists())
+    with pytest.raises(Forbidden):
+        robot.client("base").call("GET", "/v1/diff")
+
+
+def test_apply_asks_the_person_at_the_terminal(robot):
+    rorg(robot, "suspend", "--for", "10m")
+    write_tree(robot.tree, {**SERVICES, "more": {}}, groups=GROUPS)
+    for answer, code in ((b"n\n", 5), (b"y\n", 4)):
+        main, other = pty.openpty()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rorg", "apply", "--timeout", "1"],
+            stdin=other,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"},
+        )
+        os.write(main, answer)
+        assert process.wait(30) == code
+        os.close(main)
+        os.close(other)
+
+
+# -- tables ----------------------------------------------------------------------------------------------------
+
+
+def test_a_table_on_a_terminal_looks_as_rich_draws_it():
+    from rich.console import Console
+
+    from rorg.cli.output import coloured_table, rich_table
+
+    rows = [
+        {"name": "navigation", "state": "running", "health": "Healthy", "why": "requested by developer (tour)"},
+        {"name": "arm", "state": "none", "health": "Idle", "why": "-"},
+    ]
+    columns, said = ("name", "state", "health", "why"), io.StringIO()
+    Console(file=said, force_terminal=True, color_system="standard", width=90).print(rich_table(rows, columns))
+    ours = coloured_table(rows, columns, 90)
+    seen = [
+        re.sub(r"\x1b\[[0-9;]*m", "", line).rstrip() for text in (said.getvalue(), ours) for line in text.splitlines()
+    ]
+    assert seen[:3] == seen[3:]
+    for code, word in (("32", "running"), ("32", "Healthy"), ("2", "Idle"), ("1", "STATE")):
+        assert f"\x1b[{code}m{word}" in ours
+        assert f"\x1b[{code}m{word}" in said.getvalue()
+    assert coloured_table(rows, columns, 40) is None
+
+
+def test_get_on_a_terminal_needs_no_rich(robot):
+    main, other = pty.openpty()
+    code = "import sys; from rorg.cli.main import run; sys.argv[1:] = ['get']; run(); assert 'rich' not in sys.modules"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=other,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "TERM": "xterm", "COLUMNS": "150"},
+    )
+    assert process.wait(30) == 0
+    assert b"\x1b[1mNAME" in os.read(main, 65536)
+    os.close(main)
+    os.close(other)
