@@ -250,7 +250,7 @@ def test_the_end_of_a_run_that_began_while_nobody_looked_is_seen(tmp_path):
 def test_an_action_for_which_no_thread_can_be_had_is_tried_again(robot, monkeypatch):
     robot.declare({"aa": {}, "bb": {}})
     robot.settle()
-    submit, failed = robot.loop.workers.submit, []
+    submit, failed = robot.loop.workers._pool.submit, []
 
     def scarce(*args):
         if len(failed) < 2:
@@ -258,7 +258,7 @@ def test_an_action_for_which_no_thread_can_be_had_is_tried_again(robot, monkeypa
             raise RuntimeError("can't start new thread")
         return submit(*args)
 
-    monkeypatch.setattr(robot.loop.workers, "submit", scarce)
+    monkeypatch.setattr(robot.loop.workers._pool, "submit", scarce)
     robot.request("aa", "bb")
     robot.wait(lambda: robot.active() == {"aa", "bb"})
     assert len(failed) == 2
@@ -288,7 +288,7 @@ def test_a_full_disk_under_status_and_log_ends_nothing(robot, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("rorg.daemon.recorder.write_atomic", full)
+        patch.setattr("rorg.daemon.publisher.write_atomic", full)
         patch.setattr(robot.loop.recorder, "say", full)
         before = robot.container("arm").incarnation
         robot.kill("arm")

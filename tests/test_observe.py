@@ -66,14 +66,18 @@ SHELL = 'trap : INT; "$@"; true'
 
 
 def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
-    """Looked at as soon as it can be, one of five is in the middle of exec, and has no environment; and signals in the
-    first milliseconds meet the shell's handlers."""
+    """Looked at as soon as it can be, one of five is amid its exec and has no environment; signals in the first
+    milliseconds meet the shell's handlers; and a shell whose child is paused before its exec can not be paused."""
     for _ in range(60):
-        child = subprocess.Popen(["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"], env={**os.environ, MARK: "ours"})
+        words = ["/bin/sh", "-c", SHELL, "rorg", "sleep", "60"]
+        child = subprocess.Popen(words, env={**os.environ, MARK: "ours"}, start_new_session=True)
         await_program(child, "ours")
         facts = stat(child.pid)
         assert facts
         assert is_same(child.pid, facts[2], boot_id(), "ours")
+        os.killpg(child.pid, signal.SIGSTOP)
+        wait_for(lambda pid=child.pid: stat(pid)[0] == "T", 10)
         (program,) = psutil.Process(child.pid).children()
         program.send_signal(signal.SIGINT)
+        os.killpg(child.pid, signal.SIGCONT)
         child.wait(30)

@@ -64,7 +64,8 @@ def _marked(pid: int, container: str) -> bool:
 def await_program(child: subprocess.Popen[bytes], container: str) -> None:
     """Returns when the shell that was just started has begun its program, or has ended. Before its exec is over the
     shell has no environment to be known by: its run would be taken for ended. And a signal that comes before the exec
-    of its program is over is lost: it meets the handlers of the shell."""
+    of its program is over meets the handlers of the shell and is lost; a SIGSTOP then leaves the shell waiting for a
+    child that cannot go on, and neither is ever paused."""
     deadline = time.monotonic() + BEGIN
     while child.poll() is None and time.monotonic() < deadline:
         if _marked(child.pid, container) and _begun(child.pid):
