@@ -43,6 +43,7 @@ class ServiceView(TypedDict):
     held: str
     lowered: bool
     ros_nodes: list[str]
+    withheld: str
     conditions: list[Condition]
 
 
