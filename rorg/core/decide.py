@@ -93,15 +93,7 @@ def decide(inputs: Inputs) -> Decision:
     hand, observed = inputs.memory.hand, inputs.observed
     hand = hand if observed.complete else None
     touched = observed.since(hand.planned.situation.observed) if hand else set[str]()
-    kept, desired, withheld = withhold(
-        inputs.memory.kept,
-        inputs.desired,
-        (*inputs.desired.catalog.requests, *inputs.requests),
-        observed,
-        inputs.confirmed,
-    )
-    ended, memory = over(inputs.confirmed, kept, inputs.desired.catalog, observed), inputs.memory
-    inputs = replace(inputs, desired=desired, memory=replace(memory, kept=kept, hand=None))
+    inputs, withheld, ended = _withheld(inputs)
     assessed = _assess(inputs, hand, touched, withheld)
     situation = assessed.situation
     planned = plan_on(hand.planned if hand else None, situation, touched)
@@ -130,6 +122,15 @@ def decide(inputs: Inputs) -> Decision:
         looked_at=planned.looked_at,
         whole=planned.whole,
     )
+
+
+def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
+    """The inputs with what is withheld still desired; what that is; confirmations that are done, or void."""
+    memory, catalog, observed = inputs.memory, inputs.desired.catalog, inputs.observed
+    requests = (*catalog.requests, *inputs.requests)
+    kept, desired, withheld = withhold(memory.kept, inputs.desired, requests, observed, inputs.confirmed)
+    ended = over(inputs.confirmed, kept, catalog, observed)
+    return replace(inputs, desired=desired, memory=replace(memory, kept=kept, hand=None)), withheld, ended
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

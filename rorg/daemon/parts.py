@@ -27,7 +27,7 @@ class Thread(Protocol):
     def stop(self) -> None: ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Collaborators:
     """What feeds the loop, and what it acts through. `threads` run as long as it does."""
 

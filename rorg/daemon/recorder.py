@@ -54,6 +54,11 @@ class Recorder:
         with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
             self.say(message)
 
+    def purged(self, node: str) -> None:
+        """A ROS node's registration was taken out of the master."""
+        text = f"the stale registration of the ROS node {node} was taken out of the master"
+        self.event("ros-purged", text, node=node)
+
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
         self.event(

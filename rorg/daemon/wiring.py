@@ -40,48 +40,43 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
     publisher = Publisher(state, clock, about, recorder.tell)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
-    sampler = Sampler(
-        Meter(clock),
-        # This machine's load says nothing of an engine's on another one.
-        lambda: limits.step if engine.local and (limits := loop.limits()) else None,
-        lambda load: loop.load_matters(load),
-        lambda: loop.use(),
-        wakes.wake,
-    )
-    ros = RosPurger(
-        lambda node: recorder.event(
-            "ros-purged", f"the stale registration of the ROS node {node} was taken out of the master", node=node
-        )
-    )
+    sampler = _sampler(engine, lambda: loop, wakes)
+    ros = RosPurger(recorder.purged)
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
     # What outlives a restart of rorg is numbered by the time of day.
-    loop = Loop(
-        Collaborators(
-            state,
-            tree,
-            engine,
-            observer,
-            prober,
-            sampler,
-            ros,
-            workers,
-            Leases(state.requests, recorder),
-            recorder,
-            publisher,
-            Generations(int(time.time() * 1000)),
-            wakes,
-            threads,
-        ),
-        owner,
-        clock,
-        time.time,
-        booted_at(),
+    parts = Collaborators(
+        state=state,
+        tree=tree,
+        engine=engine,
+        observer=observer,
+        prober=prober,
+        sampler=sampler,
+        ros=ros,
+        workers=workers,
+        leases=Leases(state.requests, recorder),
+        recorder=recorder,
+        publisher=publisher,
+        generations=Generations(int(time.time() * 1000)),
+        wakes=wakes,
+        threads=threads,
     )
+    loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _sampler(engine: Engine, loop: Callable[[], Loop], wakes: Wakes) -> Sampler:
+    """Measures this machine, which says nothing of an engine's on another one."""
+    return Sampler(
+        Meter(time.monotonic),
+        lambda: limits.step if engine.local and (limits := loop().limits()) else None,
+        lambda load: loop().load_matters(load),
+        lambda: loop().use(),
+        wakes.wake,
+    )
 
 
 def _own_files(state: StateDir) -> Callable[[str], bool]:
