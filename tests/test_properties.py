@@ -253,7 +253,7 @@ class Reader(SimRobot):
 
 def same_as_anew(read: Inputs, found: Decision) -> None:
     """What is kept from one pass for the next one changes nothing but the time that it takes."""
-    anew = decide(replace(read, memory=replace(read.memory, hand=None, admitted=None)))
+    anew = decide(replace(read, cache=None, memory=replace(read.memory, admitted=None)))
     assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
     assert found.begin == anew.begin
     assert found.memory == replace(anew.memory, admitted=found.memory.admitted)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 
 from rorg.core.admission import Admission, admission_for, admit
+from rorg.core.cache import Cache
 from rorg.core.check import check
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
-from rorg.core.hand import Hand
 from rorg.core.memory import Memory, ProbeResults
 from rorg.core.observed import Observed
 from rorg.core.onward import busy, plan_on
@@ -59,6 +59,8 @@ class Inputs:
     """Service -> since when somebody waits for it, by the clock of `now`: its readiness must have been told since."""
     confirmed: tuple[str, ...] = ()
     """What a person has confirmed to be removed, though it was named."""
+    cache: Cache | None = None
+    """Of the last pass; whatever has changed since is found anew."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +70,7 @@ class Decision:
     situation: Situation
     plan: Plan
     begin: tuple[Action, ...]
-    """Actions to hand to workers now; `memory` already counts them as under way."""
+    """Actions to cache to workers now; `memory` already counts them as under way."""
     memory: Memory
     settled: Settled
     violations: tuple[str, ...] = ()
@@ -86,17 +88,19 @@ class Decision:
     """Services that were planned in this pass; the others are as at the last one."""
     whole: bool = True
     """All were."""
+    cache: Cache | None = None
+    """For the next pass."""
 
 
 def decide(inputs: Inputs) -> Decision:
     """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
-    hand, observed = inputs.memory.hand, inputs.observed
-    hand = hand if observed.complete else None
-    touched = observed.since(hand.planned.situation.observed) if hand else set[str]()
+    observed = inputs.observed
+    cache = inputs.cache if observed.complete else None
+    touched = observed.since(cache.planned.situation.observed) if cache else set[str]()
     inputs, withheld, ended = _withheld(inputs)
-    assessed = _assess(inputs, hand, touched, withheld)
-    situation = assessed.situation
-    planned = plan_on(hand.planned if hand else None, situation, touched)
+    assessed = _assess(inputs, cache, touched, withheld)
+    situation, followed = assessed.situation, assessed.followed
+    planned = plan_on(cache.planned if cache else None, situation, touched)
     plan, memory = planned.plan(), situation.memory
     if observed.complete:
         memory = forget(memory, planned.looked_at, {n for n in planned.looked_at if busy(planned, n)})
@@ -104,9 +108,7 @@ def decide(inputs: Inputs) -> Decision:
     ready = () if violations or situation.suspended else map(itemgetter(-1), planned.turns)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
-    due = schedule(hand.schedule if hand else None, planned, inputs.asked)
-    if assessed.followed and not violations:
-        memory = replace(memory, hand=Hand(followed=assessed.followed, planned=planned, schedule=due))
+    due = schedule(cache.schedule if cache else None, planned, inputs.asked)
     return Decision(
         situation=situation,
         plan=plan,
@@ -121,6 +123,7 @@ def decide(inputs: Inputs) -> Decision:
         confirmed=ended,
         looked_at=planned.looked_at,
         whole=planned.whole,
+        cache=Cache(followed=followed, planned=planned, schedule=due) if followed and not violations else None,
     )
 
 
@@ -130,7 +133,7 @@ def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
     requests = (*catalog.requests, *inputs.requests)
     kept, desired, withheld = withhold(memory.kept, inputs.desired, requests, observed, inputs.confirmed)
     ended = over(inputs.confirmed, kept, catalog, observed)
-    return replace(inputs, desired=desired, memory=replace(memory, kept=kept, hand=None)), withheld, ended
+    return replace(inputs, desired=desired, memory=replace(memory, kept=kept)), withheld, ended
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +145,7 @@ class _Assessed:
     served: Mapping[str, str]
 
 
-def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withheld: Withheld) -> _Assessed:
+def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withheld: Withheld) -> _Assessed:
     """All that the plan depends on; what became of requests; who is held; which restarts are done."""
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
@@ -154,7 +157,7 @@ def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withhel
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
     memory, followed = _followed(
-        replace(inputs.memory, leases=settled.leases, admitted=admitted), admission.wanted, inputs, hand, touched
+        replace(inputs.memory, leases=settled.leases, admitted=admitted), admission.wanted, inputs, cache, touched
     )
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
@@ -162,7 +165,7 @@ def _assess(inputs: Inputs, hand: Hand | None, touched: Collection[str], withhel
     situation = Situation(
         desired=desired,
         wanted=admission.wanted,
-        urgent=_urgent(desired, admission.wanted, hand),
+        urgent=_urgent(desired, admission.wanted, cache),
         observed=inputs.observed,
         memory=memory,
         now=now,
@@ -216,12 +219,12 @@ def _evicted(
 
 
 def _followed(
-    memory: Memory, wanted: Wanted, inputs: Inputs, hand: Hand | None, touched: Collection[str]
+    memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
 ) -> tuple[Memory, Followed | None]:
     if not inputs.observed.complete:
         return renew_all(memory, inputs.desired), None
     return follow(
-        hand.followed if hand else None,
+        cache.followed if cache else None,
         memory,
         inputs.desired,
         wanted,
@@ -233,8 +236,8 @@ def _followed(
     )
 
 
-def _urgent(desired: Desired, found: Wanted, hand: Hand | None) -> frozenset[str]:
-    before = hand.planned.situation if hand else None
+def _urgent(desired: Desired, found: Wanted, cache: Cache | None) -> frozenset[str]:
+    before = cache.planned.situation if cache else None
     return before.urgent if before and before.wanted is found else urgent(desired.catalog, found)
 
 

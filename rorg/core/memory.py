@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
@@ -16,9 +15,6 @@ from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.model.catalog import Service
-
-if TYPE_CHECKING:
-    from rorg.core.hand import Hand
 
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
@@ -154,8 +150,6 @@ class Memory:
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
     kept: Kept = Kept()
-    hand: Hand | None = field(default=None, compare=False, repr=False)
-    """What was found at the last pass, for the next one to go on with. Without it, all is found anew, and the same."""
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

@@ -162,6 +162,7 @@ class Loop:
             renewals=renewals,
             asked=self._asked_for(),
             confirmed=document.removals,
+            cache=self.decision.cache if self.decision else None,
         )
 
     def _keep(self, kept: Kept) -> None:

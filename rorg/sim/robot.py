@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
+from rorg.core.cache import Cache
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
@@ -40,6 +41,7 @@ class SimRobot:
         self.desired: Desired = desire(catalog)
         self.document = RequestsDocument()
         self.memory = Memory()
+        self.cache: Cache | None = None
         self.ready_after: dict[str, float] = {}
         self.hung: set[str] = set()
         """Incarnations that do not answer their `live` probe."""
@@ -77,7 +79,7 @@ class SimRobot:
         self.decision, self._asked = decision, decision.to_probe
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
-        self.memory = decision.memory
+        self.memory, self.cache = decision.memory, decision.cache
         left = {n: at for n, at in self.document.restarts.items() if n not in decision.served}
         self.document = replace(
             self.document,
@@ -97,7 +99,7 @@ class SimRobot:
     def reborn(self, memory: Memory) -> None:
         """Another rorg takes over. What the one before had begun is done, and nobody hears of the outcome."""
         self.life += 1
-        self.memory = memory
+        self.memory, self.cache = memory, None
 
     def _finish(self, action: Action, life: int) -> None:
         error, refused = "", False
@@ -144,6 +146,7 @@ class SimRobot:
             load=self._load(),
             renewals=self.renewals,
             confirmed=self.document.removals,
+            cache=self.cache,
         )
 
     def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:

@@ -1,4 +1,4 @@
-"""What a pass has found, for the next one to go on with."""
+"""What a pass has found, for the next one to go on with; without it the same is found anew."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rorg.core.schedule import Schedule
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hand:
-    """It holds no memory of a pass, lest that hold the hand before."""
+class Cache:
+    """Each part says what it was found from."""
 
     followed: Followed
     planned: Planned
