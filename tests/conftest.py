@@ -31,6 +31,9 @@ for _name in [name for name in os.environ if name.startswith("RORG_") and not na
     del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
 # What is called python3 is this Python, not a script that looks for one and hears the signals that are meant for it.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent), os.environ.get("PATH", os.defpath)])
+# Begun in the background of a shell, SIGINT is ignored, also by all that the tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
 

@@ -31,7 +31,7 @@ from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
 NAMES = [f"s{n}" for n in range(6)]
-EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES", "60"))
+EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES", "24"))
 QUIET = 100.0
 """Seconds at the end of every run in which nothing may happen any more."""
 REST = 200.0

@@ -18,7 +18,7 @@ from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.process.events import Changes
-from rorg.engines.process.launch import launch, run_beside
+from rorg.engines.process.launch import hear_signals, launch, run_beside
 from rorg.engines.process.log import read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
@@ -57,6 +57,7 @@ class ProcessEngine:
     )
 
     def __init__(self, owner: str, directory: Path) -> None:
+        hear_signals()
         self.owner = owner
         self.records = Records(directory)
         self.changes = Changes(self.list, self._trim_logs)

@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -19,6 +20,15 @@ from rorg.model.units import stamp
 SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
 """The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
 writes the exit code in one step. The service runs in the foreground: a shell's background jobs ignore SIGINT."""
+
+
+def hear_signals() -> None:
+    """What a process ignores is ignored by all that it starts, and a shell ignores SIGINT for what it runs in the
+    background: services would not hear their stop signal. What has a handler begins anew in a child."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_IGN:
+                signal.signal(number, lambda *_: None)
 
 
 def launch(records: Records, record: Record) -> dict[str, Any]:
