@@ -66,7 +66,7 @@ def specs(count: int) -> dict[str, dict]:
     found = {
         f"s{n:03}": {"always_on": n % 4 == 1, "needs": [f"s{n - 1:03}"] if n % 8 == 2 else []} for n in range(count)
     }
-    found["s001"]["ready"] = {"exec": ["true"]}
+    found["s001"]["ready"] = {"exec": ["sh", "-c", "exit 0"]}
     return found
 
 
@@ -147,19 +147,36 @@ def compose_file(folder: Path, services: dict[str, dict]) -> Path:
 def test_apply_on_docker_beside_compose(dockerd, tmp_path, count):
     """All services run, as under Compose."""
     declared = {f"s{n:03}": {"always_on": True} for n in range(count)}
-    declared["s001"]["ready"] = {"exec": ["true"]}
+    declared["s001"]["ready"] = {"exec": ["sh", "-c", "exit 0"]}
     tree, state = write_tree(tmp_path / "tree", declared), tmp_path / "state"
     env = {**ENVIRONMENT, "RORG_STATE_DIR": str(state), "RORG_ENGINE": "docker", "DOCKER_HOST": dockerd.host}
+    os.environ["DOCKER_HOST"] = dockerd.host  # for clear()
     where = f"{count} services on Docker"
     try:
         ours = [measure(f"{where}: all from nothing", [*RORG, "apply", str(tree), "--yes", "--wait"], env, 1)]
         apply = [*RORG, "apply", str(tree), "--yes", "--wait"]
         ours.append(measure(f"{where}: nothing changed", apply, env, 5))
         ours.append(measure(f"{where}: one changed", apply, env, 5, lambda n: edit(tree, n)))
+        with_a_loop(where, tree, state, env)
     finally:
         clear(state, "docker")
     if COMPOSE:
         beside(where, compose_file(tmp_path, declared), env, ours)
+
+
+def with_a_loop(where: str, tree: Path, state: Path, env: dict[str, str]) -> None:
+    with subprocess.Popen(
+        [*RORG, "run", str(tree)], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as run:
+        try:
+            wait_for(lambda: (state / "run/rorg.sock").exists())
+            apply = [*RORG, "apply", "--yes", "--wait"]
+            timed(apply, env)
+            measure(f"{where}, with a loop: diff", [*RORG, "diff"], env, 9)
+            measure(f"{where}, with a loop: nothing changed", apply, env, 9)
+            measure(f"{where}, with a loop: one changed", apply, env, 5, lambda n: edit(tree, n + 100))
+        finally:
+            run.terminate()
 
 
 def beside(where: str, file: Path, env: dict[str, str], ours: list[float]) -> None:
