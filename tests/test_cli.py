@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
 
 import pytest
+import rorg_client
 import yaml
 from conftest import wait_for
 from robots import write_tree
@@ -46,7 +48,12 @@ class Shell:
         wait_for(lambda: "base" in self.active())
 
     def active(self) -> set[str]:
-        path = self.state / "status.json"
+        """As the running rorg answers; what it publishes comes a moment later, and is all there is without one."""
+        path, socket = self.state / "status.json", self.state / "run/rorg.sock"
+        if self.daemon and socket.exists():
+            with contextlib.suppress(rorg_client.Error):
+                return {s["service"] for s in rorg_client.Client(str(socket)).services() if s["state"] == "running"}
+            return set()
         services = json.loads(path.read_text())["services"] if path.exists() else {}
         return {n for n, s in services.items() if s["state"] == "running"}
 
