@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
+from rorg.manifest.declarations import image_of, image_problems, policy_of, requests_of
 from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.inputs import Inputs, inputs
@@ -21,14 +21,10 @@ from rorg.model.catalog import (
     DEVELOPER,
     EMPTY,
     EVERY,
-    Budget,
     Catalog,
     Group,
-    Image,
     Policy,
-    Request,
     Service,
-    Thresholds,
 )
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
@@ -171,13 +167,13 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
                             source.where("spec", field, index), f"unknown service '{other}'", nearest(other, known)
                         )
                     )
-    requests, found = _requests(by_kind.get("Request", {}), known, {*services, *broken})
+    requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
-    images = {name: _image(source) for name, source in by_kind.get("Image", {}).items()}
-    catalog = Catalog(services, groups, images, requests, _policy(policy) if policy else Policy())
+    images = {name: image_of(source) for name, source in by_kind.get("Image", {}).items()}
+    catalog = Catalog(services, groups, images, requests, policy_of(policy) if policy else Policy())
     if not diagnostics:
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
-    diagnostics += _image_problems(images, by_kind.get("Image", {}))
+    diagnostics += image_problems(images, by_kind.get("Image", {}))
     return catalog, diagnostics
 
 
@@ -214,19 +210,6 @@ def _resolve(
     return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
 
 
-def _policy(spec: Any) -> Policy:
-    budget, pressure = spec.budget, spec.pressure
-    return Policy(
-        spec.resync,
-        spec.bulk_workers,
-        Budget(**budget.model_dump()) if budget else None,
-        Thresholds(**pressure.model_dump()) if pressure else None,
-        dict(spec.resources),
-        spec.purge_ros,
-        spec.removals,
-    )
-
-
 def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
     """Two services can have no container of the same name."""
     owners: dict[str, str] = {}
@@ -244,62 +227,4 @@ def _same_container(services: Mapping[str, Service], sources: Mapping[str, Sourc
                     "another container_name",
                 )
             )
-    return diagnostics
-
-
-def _requests(
-    sources: Mapping[str, Source], known: set[str], requesters: set[str]
-) -> tuple[tuple[Request, ...], list[Diagnostic]]:
-    diagnostics, found = [], []
-    for name, source in sources.items():
-        spec: Any = source.spec
-        if spec.requester not in requesters:
-            diagnostics.append(
-                Diagnostic(
-                    source.where("spec", "requester"),
-                    f"unknown requester '{spec.requester}'",
-                    nearest(spec.requester, requesters),
-                )
-            )
-        for index, service in enumerate(spec.services):
-            if service not in known:
-                diagnostics.append(
-                    Diagnostic(
-                        source.where("spec", "services", index), f"unknown service '{service}'", nearest(service, known)
-                    )
-                )
-        found.append(
-            Request(
-                name,
-                spec.requester,
-                tuple(spec.services),
-                spec.reason or "",
-                standing=True,
-                priority=spec.priority,
-                where=source.where("metadata", "name"),
-            )
-        )
-    return tuple(found), diagnostics
-
-
-def _image(source: Source) -> Image:
-    spec: Any = source.spec
-    context = str((source.directory / spec.context).resolve()) if spec.context is not None else None
-    return Image(
-        source.name,
-        context,
-        spec.dockerfile,
-        dict(spec.args),
-        tuple(spec.import_) if spec.import_ else None,
-        str(source.directory.resolve()),
-        source.where("metadata", "name"),
-    )
-
-
-def _image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    diagnostics = []
-    for name, image in images.items():
-        if image.context and not os.path.isfile(os.path.join(image.context, image.dockerfile)):
-            where: Where = sources[name].where("spec", "context")
-            diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
     return diagnostics
