@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
+
+import requests
+import urllib3
+from docker.errors import APIError, DockerException
 
 from rorg.engines.docker.engine import DockerEngine
-from rorg.engines.docker.errors import docker_errors
-from rorg.errors import EngineError
+from rorg.engines.docker.errors import REMEDY, refusal
+from rorg.errors import EngineError, Unreachable
 from rorg.images.build import import_stream
 from rorg.model.catalog import Image
+
+
+@contextlib.contextmanager
+def library_errors(what: str) -> Iterator[None]:
+    """docker-py's errors as ours."""
+    try:
+        yield
+    except APIError as error:
+        raise refusal(what, str(error.explanation or error)) from error
+    except (DockerException, requests.RequestException, urllib3.exceptions.HTTPError, OSError, ValueError) as error:
+        raise Unreachable(what, str(error), REMEDY) from error
 
 
 class DockerBuilder:
@@ -19,20 +35,20 @@ class DockerBuilder:
 
     def has(self, reference: str) -> bool:
         try:
-            with docker_errors(f"look for {reference}"):
+            with library_errors(f"look for {reference}"):
                 self.api.inspect_image(reference)
             return True
         except EngineError:
             return False
 
     def pull(self, reference: str) -> None:
-        with docker_errors(f"pull {reference}"):
+        with library_errors(f"pull {reference}"):
             for line in self.api.pull(reference, stream=True, decode=True):
                 if "error" in line:
                     raise EngineError(f"pull {reference}", line["error"], "an Image of that name in the tree")
 
     def build(self, image: Image, say: Callable[[str], None]) -> None:
-        with docker_errors(f"build {image.name}"):
+        with library_errors(f"build {image.name}"):
             lines = self.api.build(
                 path=image.context,
                 dockerfile=image.dockerfile,
@@ -52,7 +68,7 @@ class DockerBuilder:
 
     def load(self, image: Image) -> None:
         process = import_stream(image)
-        with docker_errors(f"import {image.name}"):
+        with library_errors(f"import {image.name}"):
             self.api.import_image(src=process.stdout, repository=image.name, stream_src=True)
         error = process.stderr.read().decode(errors="replace") if process.stderr else ""
         if process.wait() != 0:
@@ -62,7 +78,7 @@ class DockerBuilder:
         """Takes images away again; one that something still uses stays."""
         for name in reversed(names):
             try:
-                with docker_errors(f"remove {name}"):
+                with library_errors(f"remove {name}"):
                     self.api.remove_image(name, force=True)
             except EngineError:
                 continue

@@ -1,88 +1,73 @@
-"""The Docker engine, through docker-py's low-level client. Podman's service speaks the same API."""
+"""The Docker engine, through its HTTP API. Podman's service speaks the same one."""
 
 from __future__ import annotations
 
-import os
+import json
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import Any
-
-import docker
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
-from rorg.engines.docker.create import create_container, post
+from rorg.engines.docker.body import Body
+from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
+from rorg.engines.docker.create import create_container
 from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.exec import run
 from rorg.engines.docker.live import update_body
+from rorg.engines.docker.output import read_logs
 from rorg.engines.docker.reading import began, epoch_seconds, read_container
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 
+if TYPE_CHECKING:
+    import docker
+
 TOLD = {"pause": "paused", "unpause": "running"}
 """Events that say all: nothing else of the container changes, so no look at it is needed."""
-API_TIMEOUT = 120.0
-"""Seconds. A start may take long on a loaded robot; a lost connection ends a call at once anyway."""
 QUICK = 2.0
 """Seconds for one inspection within a full list."""
 
 
 class DockerEngine:
-    """Containers of one owner on one Docker engine. docker-py's client is not safe to share, so each thread has its
-    own (docker-py#3229)."""
+    """Containers of one owner on one Docker engine."""
 
     name = "docker"
     capabilities = Capabilities(isolation=True, live_update=True, events="all")
 
     def __init__(self, owner: str, base_url: str | None = None) -> None:
-        self.owner, self.base_url = owner, base_url
-        self.local = (base_url or os.environ.get("DOCKER_HOST") or "unix://").startswith(("unix://", "http+unix://"))
-        self._thread = threading.local()
-        self._version = ""
-
-    # -- plumbing ----------------------------------------------------------------------------------------------
+        self.owner, self.client = owner, Client(engine_host(base_url))
+        self.local = self.client.host.startswith(("unix://", "http+unix://"))
 
     def api(self) -> docker.APIClient:
-        """The client of this thread."""
-        api = getattr(self._thread, "api", None)
-        if api is None:
-            api = self._thread.api = self._connect(API_TIMEOUT)
-        return api
+        """docker-py's client of this engine, for what has to do with images. Not to be shared between threads
+        (docker-py#3229)."""
+        import docker
 
-    def _connect(self, timeout: float | None) -> docker.APIClient:
-        """A new client; the version is negotiated once."""
         with docker_errors("reach the engine"):
-            options: dict[str, Any] = {"version": self._version or "auto", "timeout": timeout}
-            api = docker.APIClient(self.base_url, **options) if self.base_url else docker.from_env(**options).api
-            self._version = api.api_version
-        return api
-
-    def _call(self, what: str, call: Callable[[docker.APIClient], Any]) -> Any:
-        with docker_errors(what):
-            return call(self.api())
+            return docker.APIClient(self.client.host, version=self.client.version, timeout=int(API_TIMEOUT))
 
     def ping(self) -> str:
-        return str(self._call("reach the engine", lambda api: api.version())["Version"])
+        with docker_errors("reach the engine"):
+            return str(self.client.get("/version")["Version"])
 
     def close(self) -> None:
-        api = getattr(self._thread, "api", None)
-        if api is not None:
-            api.close()
-            self._thread.api = None
+        self.client.close()
 
     # -- observing ---------------------------------------------------------------------------------------------
 
     def list(self) -> list[Container]:
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
-        rows = self._call("list containers", lambda api: api.containers(all=True, filters=filters))
+        with docker_errors("list containers"):
+            rows = self.client.get("/containers/json", all=True, filters=filters)
         return [c for row in rows if (c := self._look(row)) is not None]
 
     def _look(self, row: Mapping[str, Any]) -> Container | None:
         """One row of the list, inspected. While a start or stop of a container hangs, the engine holds back its
         inspection too: then the row itself must do, lest one hung container hide all others."""
         try:
-            return self.inspect(row["Id"], self._quick())
+            return self.inspect(row["Id"], QUICK)
         except TimedOut:
             pass
         return Container(
@@ -93,17 +78,10 @@ class DockerEngine:
             **from_labels(row.get("Labels") or {}),
         )
 
-    def _quick(self) -> docker.APIClient:
-        """A second client of this thread, with little patience."""
-        api = getattr(self._thread, "quick", None)
-        if api is None:
-            api = self._thread.quick = self._connect(QUICK)
-        return api
-
-    def inspect(self, container: str, api: docker.APIClient | None = None) -> Container | None:
+    def inspect(self, container: str, timeout: float = API_TIMEOUT) -> Container | None:
         try:
             with docker_errors(f"inspect {container[:12]}"):
-                data = (api or self.api()).inspect_container(container)
+                data = self.client.get(f"/containers/{container}/json", timeout)
         except EngineError as error:
             if error.kind == "gone":
                 return None
@@ -112,22 +90,21 @@ class DockerEngine:
         return read_container(data, self.local) if labels.get(LABEL_OWNER) == self.owner else None
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        filters = {"type": "container", "label": f"{LABEL_OWNER}={self.owner}"}
+        filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         quiet = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
-        api = self._connect(None)
-        with docker_errors("follow the engine's events"):
-            stream = api.events(decode=True, filters=filters)
+        with (
+            docker_errors("follow the engine's events"),
+            self.client.stream("GET", "/events", filters=filters) as found,
+        ):
 
-        def close() -> None:
-            stop.wait()
-            stream.close()
+            def close() -> None:
+                stop.wait()
+                found.close()
 
-        threading.Thread(target=close, daemon=True, name="events-closer").start()
-        yield "", ""
-        with docker_errors("follow the engine's events"):
-            for event in stream:
-                if stop.is_set():
-                    return
+            threading.Thread(target=close, daemon=True, name="events-closer").start()
+            yield "", ""
+            for line in found.lines():
+                event = json.loads(line)
                 if not event.get("Action", "").startswith(quiet):
                     yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
         if not stop.is_set():
@@ -143,24 +120,27 @@ class DockerEngine:
         before: str = "",
         defaults: Collection[str] = (),
     ) -> str:
-        return str(
-            self._call(f"create {name}", lambda api: create_container(api, name, spec, labels, before, defaults))
-        )
+        with docker_errors(f"create {name}"):
+            return create_container(self.client, name, spec, labels, before, defaults)
 
     def start(self, container: str) -> None:
-        self._call(f"start {container[:12]}", lambda api: api.start(container))
+        self._do("start", container)
 
     def pause(self, container: str) -> None:
-        self._call(f"pause {container[:12]}", lambda api: api.pause(container))
+        self._do("pause", container)
 
     def resume(self, container: str) -> None:
-        self._call(f"resume {container[:12]}", lambda api: api.unpause(container))
+        self._do("resume", container, "unpause")
+
+    def _do(self, what: str, container: str, path: str = "", body: Body | None = None, **query: Any) -> None:
+        with docker_errors(f"{what} {container[:12]}"):
+            self.client.post(f"/containers/{container}/{path or what}", body, **query)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
         """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws)."""
         for name, seconds in stop_sequence(signal, grace):
             try:
-                self._kill("stop", container, name)
+                self._do("stop", container, "kill", signal=name)
             except EngineError as error:
                 if error.kind in ("conflict", "gone"):
                     return
@@ -170,15 +150,12 @@ class DockerEngine:
         raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
 
     def signal(self, container: str, name: str) -> None:
-        self._kill("signal", container, name)
-
-    def _kill(self, why: str, container: str, name: str) -> None:
-        self._call(f"{why} {container[:12]}", lambda api: api.kill(container, name))
+        self._do("signal", container, "kill", signal=name)
 
     def _ended(self, container: str, seconds: float) -> bool:
         try:
             with docker_errors(f"wait for {container[:12]}"):
-                self.api().wait(container, timeout=seconds, condition="not-running")  # type: ignore[arg-type]
+                self.client.post(f"/containers/{container}/wait", timeout=seconds, condition="not-running")
             return True
         except TimedOut:
             return False
@@ -189,37 +166,37 @@ class DockerEngine:
 
     def remove(self, container: str, volumes: bool = False) -> None:
         try:
-            self._call(f"remove {container[:12]}", lambda api: remove_container(api, container, volumes))
+            with docker_errors(f"remove {container[:12]}"):
+                remove_container(self.client, container, volumes)
         except EngineError as error:
             if error.kind != "gone":
                 raise
 
     def rename(self, container: str, name: str) -> None:
-        self._call(f"rename {container[:12]} to {name}", lambda api: api.rename(container, name))
+        self._do("rename", container, name=name)
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
-        body = update_body(options)
-        self._call(f"update {container[:12]}", lambda api: post(api, "/containers/{0}/update", container, body))
+        self._do("update", container, body=update_body(options))
+
+    # -- looking inside ----------------------------------------------------------------------------------------
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         with docker_errors(f"read the logs of {container[:12]}"):
-            found = self.api().logs(container, stream=True, follow=follow, tail="all" if tail is None else tail)
-            yield from found
+            yield from read_logs(self.client, container, follow=follow, tail="all" if tail is None else tail)
 
     def log_since(self, container: str, place: str) -> tuple[bytes, str]:
         """The place is the engine's time of the last line, so that line comes again."""
         if not place:
             found = self.inspect(container)
             place = str(began(found)) if found else "0"
-        lines = self._call(
-            f"read the logs of {container[:12]}", lambda api: api.logs(container, timestamps=True, since=float(place))
-        ).splitlines()
+        with docker_errors(f"read the logs of {container[:12]}"):
+            lines = b"".join(read_logs(self.client, container, timestamps=True, since=place)).splitlines()
         stamps, texts = zip(*(line.partition(b" ")[::2] for line in lines), strict=True) if lines else ((), ())
         return b"\n".join(texts), str(epoch_seconds(stamps[-1].decode())) if stamps else place
 
     def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
         with docker_errors(f"run {command[0]} in {container[:12]}"):
-            return run(self.api(), container, command, timeout, self.local)
+            return run(self.client, container, command, timeout, self.local)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         found = {}

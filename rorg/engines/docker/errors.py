@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import re
 from collections.abc import Iterator
 
-import requests
-import urllib3
-from docker.errors import APIError, DockerException
-
 from rorg.errors import EngineError, TimedOut, Unreachable
+
+
+class Refused(Exception):
+    """The engine says no: its status of HTTP, and why."""
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status, self.text = status, text
+
 
 KINDS = (
     ("missing_image", r"no such image", "`rorg build` first"),
@@ -22,6 +28,7 @@ KINDS = (
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
 )
 """What the engine says, as a stable kind with a remedy."""
+REMEDY = "`docker info` to see whether the engine runs"
 
 
 @contextlib.contextmanager
@@ -29,40 +36,26 @@ def docker_errors(what: str) -> Iterator[None]:
     """The engine's errors as ours."""
     try:
         yield
-    except APIError as error:
-        text = str(error.explanation or error)
-        for kind, pattern, remedy in KINDS:
-            if re.search(pattern, text, re.I):
-                raise EngineError(what, text, remedy, kind) from error
-        raise EngineError(what, text) from error
-    except (DockerException, requests.RequestException, urllib3.exceptions.HTTPError, OSError, ValueError) as error:
-        remedy = "`docker info` to see whether the engine runs"
-        if _timed_out(error):
-            raise TimedOut(what, "timed out", remedy) from error
-        raise Unreachable(what, _reason(error), remedy) from error
+    except Refused as error:
+        raise refusal(what, error.text) from error
+    except TimeoutError as error:
+        raise TimedOut(what, "timed out", REMEDY) from error
+    except (http.client.HTTPException, OSError, ValueError) as error:
+        raise Unreachable(what, _reason(error), REMEDY) from error
 
 
-def _timed_out(error: BaseException) -> bool:
-    """Whether an error of the library means that the engine took too long. What it wraps may be its cause or context,
-    or only an argument."""
-    pending, seen = [error], set()
-    while pending:
-        found = pending.pop()
-        if isinstance(found, requests.Timeout | urllib3.exceptions.TimeoutError | TimeoutError):
-            return True
-        if id(found) not in seen:
-            seen.add(id(found))
-            more = (found.__cause__, found.__context__, getattr(found, "reason", None), *found.args)
-            pending += [e for e in more if isinstance(e, BaseException)]
-    return False
+def refusal(what: str, text: str) -> EngineError:
+    """What the engine says, as an error of ours."""
+    for kind, pattern, remedy in KINDS:
+        if re.search(pattern, text, re.I):
+            return EngineError(what, text, remedy, kind)
+    return EngineError(what, text)
 
 
-def _reason(error: BaseException) -> str:
-    text = str(error)
-    match = re.search(r"(FileNotFoundError|ConnectionRefusedError|PermissionError)", text)
-    known = {
-        "FileNotFoundError": "its socket is not there",
-        "ConnectionRefusedError": "it refuses the connection",
-        "PermissionError": "no permission for its socket",
+def _reason(error: Exception) -> str:
+    known: dict[type[Exception], str] = {
+        FileNotFoundError: "its socket is not there",
+        ConnectionRefusedError: "it refuses the connection",
+        PermissionError: "no permission for its socket",
     }
-    return known[match[1]] if match else text or type(error).__name__
+    return known.get(type(error)) or str(error) or type(error).__name__

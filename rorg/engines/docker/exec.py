@@ -1,18 +1,18 @@
-"""Running a command in a container, with an end: docker-py's own reading waits for ever."""
+"""Running a command in a container, with an end."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import signal
-import struct
 import time
 import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import docker
+from rorg.engines.docker.client import Client, Stream
+from rorg.engines.docker.output import payloads
 
 MARK = "RORG_EXEC"
 """Environment variable by which a command and all that it began are known in their container."""
@@ -26,86 +26,63 @@ done 2>/dev/null"""
 """Ends what carries a mark, in any shell, without another program: its `read` passes over NULs."""
 
 
-def run(
-    api: docker.APIClient, container: str, command: Sequence[str], timeout: float, local: bool
-) -> tuple[int, bytes]:
+def run(client: Client, container: str, command: Sequence[str], timeout: float, local: bool) -> tuple[int, bytes]:
     """Exit code and output; (124, the output so far and a line that says so) after `timeout` seconds, when the command
-    and what it began is ended. `local`: the engine's processes are those of this machine. Raises docker-py's errors,
-    also when the engine itself takes too long."""
+    and what it began is ended. `local`: the engine's processes are those of this machine. Raises the client's
+    errors, also when the engine itself takes too long."""
     mark, deadline = f"{MARK}={uuid.uuid4().hex}", time.monotonic() + timeout
-    made = _create(api, container, command, mark, timeout)
-    output, ended = _output(api, made, deadline)
+    made = _create(client, container, command, mark, timeout)
+    output, ended = _output(client, made, deadline)
     if ended:
-        return int(_inspect(api, made)["ExitCode"] or 0), output
-    _end(api, container, made, mark, local)
+        return int(_inspect(client, made)["ExitCode"] or 0), output
+    _end(client, container, made, mark, local)
     return 124, b"\n".join([*output.splitlines(), f"no end within {timeout:g} s".encode()])
 
 
-def _create(api: docker.APIClient, container: str, command: Sequence[str], mark: str, timeout: float) -> str:
+def _create(client: Client, container: str, command: Sequence[str], mark: str, timeout: float) -> str:
     said = {"Cmd": list(command), "AttachStdout": True, "AttachStderr": True, "Env": [mark] if mark else []}
-    return str(_post(api, "/containers/{0}/exec", container, said, timeout).json()["Id"])
+    return str(client.post(f"/containers/{container}/exec", said, timeout + STARTING)["Id"])
 
 
-def _post(api: Any, path: str, name: str, body: dict[str, Any], timeout: float, **more: Any) -> Any:
-    response = api._post_json(api._url(path, name), data=body, timeout=timeout + STARTING, **more)
-    api._raise_for_status(response)
-    return response
+def _inspect(client: Client, made: str) -> dict[str, Any]:
+    return dict(client.get(f"/exec/{made}/json", STARTING))
 
 
-def _inspect(api: Any, made: str) -> dict[str, Any]:
-    response = api._get(api._url("/exec/{0}/json", made), timeout=STARTING)
-    return dict(api._result(response, True))
-
-
-def _output(api: docker.APIClient, made: str, deadline: float) -> tuple[bytes, bool]:
+def _output(client: Client, made: str, deadline: float) -> tuple[bytes, bool]:
     """Starts it; what it prints until it ends or the deadline comes, and whether it ended."""
-    left = max(0.0, deadline - time.monotonic())
-    response = _post(api, "/exec/{0}/start", made, {"Tty": False, "Detach": False}, left, stream=True)
-    read = bytearray()
-    try:
-        for chunk in _chunks(response.raw._fp.fp, deadline):
-            read += chunk
-        return _payload(bytes(read)), True
-    except TimeoutError:
-        return _payload(bytes(read)), False
-    finally:
-        response.close()
+    left, read = max(0.0, deadline - time.monotonic()) + STARTING, bytearray()
+    with client.stream("POST", f"/exec/{made}/start", {"Tty": False, "Detach": False}, left) as found:
+        try:
+            for piece in payloads(_chunks(found, deadline)):
+                read += piece
+            return bytes(read), True
+        except TimeoutError:
+            return bytes(read), False
 
 
-def _chunks(stream: Any, deadline: float) -> Iterator[bytes]:
-    """What comes on a connection, as it comes. Raises TimeoutError at the deadline, whoever keeps it open."""
-    connection = stream.raw._sock
+def _chunks(found: Stream, deadline: float) -> Iterator[bytes]:
+    """What comes, as it comes. Raises TimeoutError at the deadline, whoever keeps the connection open."""
     while True:
         left = deadline - time.monotonic()
         if left <= 0:
             raise TimeoutError
-        connection.settimeout(left)
-        chunk = stream.read1(65536)
+        found.settimeout(left)
+        chunk = found.read()
         if not chunk:
             return
         yield chunk
 
 
-def _payload(frames: bytes) -> bytes:
-    """The engine sends frames of both outputs: one byte for which, three empty, four with the length."""
-    found, at = [], 0
-    while at + 8 <= len(frames):
-        (size,) = struct.unpack_from(">I", frames, at + 4)
-        found.append(frames[at + 8 : at + 8 + size])
-        at += 8 + size
-    return b"".join(found)
-
-
-def _end(api: docker.APIClient, container: str, made: str, mark: str, local: bool) -> None:
+def _end(client: Client, container: str, made: str, mark: str, local: bool) -> None:
     """Ends a command and what it began. One that has not begun yet is waited for, but not for long."""
     deadline = time.monotonic() + ENDING
     while time.monotonic() < deadline:
-        state = _inspect(api, made)
+        state = _inspect(client, made)
         if state["ExitCode"] is not None and not state["Running"]:
             return
         if not local:
-            kill = _create(api, container, ["/bin/sh", "-c", KILL % mark], "", STARTING)
-            _output(api, kill, time.monotonic() + STARTING)
+            kill = _create(client, container, ["/bin/sh", "-c", KILL % mark], "", STARTING)
+            _output(client, kill, time.monotonic() + STARTING)
         else:
             for pid in (int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()):
                 _kill(pid, container, mark, known=pid == state["Pid"])

@@ -10,16 +10,15 @@ import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
-import docker
-from docker.errors import APIError
-
 from rorg.core.digest import declared_of
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.errors import Refused
 
 Body = dict[str, Any]
 
 
-def keep_volumes(api: docker.APIClient, body: Body, image: Collection[str], before: str) -> None:
+def keep_volumes(client: Client, body: Body, image: Collection[str], before: str) -> None:
     """Names the unnamed volumes of a container to be created, those that its image declares too: as `before`, the id of
     an older container of the service, has them; else by a name that is always the same for a service and a path."""
     host = body["HostConfig"]
@@ -30,13 +29,14 @@ def keep_volumes(api: docker.APIClient, body: Body, image: Collection[str], befo
     targets = {posixpath.normpath(t) for t in {*image, *body.get("Volumes", {}), *unnamed} - _taken(host)}
     if not targets:
         return
-    known = _known(api, before) if before else {}
+    known = _known(client, before) if before else {}
     owner, service = body["Labels"][LABEL_OWNER], body["Labels"][LABEL_SERVICE]
     for target in sorted(targets):
         name = known.get(target)
         if name is None:
             name = hashlib.sha256(f"{owner}/{service}{target}".encode()).hexdigest()
-            api.create_volume(name, host.get("VolumeDriver"), labels={LABEL_OWNER: owner, LABEL_SERVICE: service})
+            said = {LABEL_OWNER: owner, LABEL_SERVICE: service}
+            client.post("/volumes/create", {"Name": name, "Driver": host.get("VolumeDriver"), "Labels": said})
         there = next((m for m in mounts if posixpath.normpath(m["Target"]) == target), None)
         if there is None:
             there = {"Type": "volume", "Target": target}
@@ -53,12 +53,12 @@ def _taken(host: Mapping[str, Any]) -> set[str]:
     return found | {f"{t}/" for t in found}
 
 
-def _known(api: docker.APIClient, container: str) -> dict[str, str]:
+def _known(client: Client, container: str) -> dict[str, str]:
     """Path -> the unnamed volume that a container has there."""
     try:
-        return unnamed_volumes(api.inspect_container(container))
-    except APIError as error:
-        if error.status_code == 404:
+        return unnamed_volumes(client.get(f"/containers/{container}/json"))
+    except Refused as no:
+        if no.status == 404:
             return {}
         raise
 
@@ -74,10 +74,10 @@ def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def remove_container(api: docker.APIClient, container: str, volumes: bool) -> None:
+def remove_container(client: Client, container: str, volumes: bool) -> None:
     """With its unnamed volumes, or without; those that another container still has stay."""
-    names = list(unnamed_volumes(api.inspect_container(container)).values()) if volumes else []
-    api.remove_container(container)
+    names = list(unnamed_volumes(client.get(f"/containers/{container}/json")).values()) if volumes else []
+    client.delete(f"/containers/{container}")
     for name in names:
-        with contextlib.suppress(APIError):
-            api.remove_volume(name)
+        with contextlib.suppress(Refused):
+            client.delete(f"/volumes/{name}")
