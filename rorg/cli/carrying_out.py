@@ -8,16 +8,22 @@ from typing import Any
 from rorg.cli.context import SETTLED, Context, condition, hopeless
 from rorg.cli.output import note
 from rorg.core.decide import Decision
+from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
 from rorg.errors import NotReady
+
+BULK = 8
+"""Engine calls at once: no rorg serves, so nobody can request anything meanwhile that would have to wait for them."""
 
 
 def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> None:
     """Does what is to be done. `first` is what was decided for the plan that was shown: where that has nothing to do,
     neither tree nor engine are looked at again. Raises NotReady."""
-    view = snapshot(first, {})
-    timed_out = not (first.plan.empty and _good_or_bad(first, view)) and _run(context, first, view, timeout)
+    last, timed_out = first, False
+    if not (first.plan.empty and _good_or_bad(first)):
+        last, timed_out = _run(context, first, timeout)
     context.state.release()
+    view = snapshot(last, {})
     failed = hopeless(view, view["services"])
     late = {**_late(view), **failed}
     for name, why in late.items():
@@ -30,11 +36,12 @@ def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> 
         )
 
 
-def _run(context: Context, first: Decision, view: dict[str, Any], timeout: float) -> bool:
-    """Runs the loop and leaves in `view` how everything is at its end; whether the time was over before."""
+def _run(context: Context, first: Decision, timeout: float) -> tuple[Decision, bool]:
+    """Runs the loop; the last decision, and whether the time was over before all was done."""
     from rorg.daemon.wiring import make_loop
 
     loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
+    loop.dispatch = DispatchLimits(bulk=BULK)
     timed_out = threading.Event()
 
     def over() -> None:
@@ -49,8 +56,7 @@ def _run(context: Context, first: Decision, view: dict[str, Any], timeout: float
 
     def finished(decision: Decision) -> bool:
         """Bad, or good; for SETTLED seconds on end where something began."""
-        view.update(snapshot(decision, {}))
-        good = _good_or_bad(decision, view) if loop.tree.loaded else None
+        good = _good_or_bad(decision) if loop.tree.loaded else None
         if good is None:
             good_since.clear()
             return False
@@ -63,7 +69,7 @@ def _run(context: Context, first: Decision, view: dict[str, Any], timeout: float
 
     loop.run(finished)
     timer.cancel()
-    return timed_out.is_set()
+    return loop.decision or first, timed_out.is_set()
 
 
 def _on_trust(decision: Decision, before: set[str]) -> bool:
@@ -78,11 +84,12 @@ def _on_trust(decision: Decision, before: set[str]) -> bool:
     )
 
 
-def _good_or_bad(decision: Decision, view: dict[str, Any]) -> bool | None:
+def _good_or_bad(decision: Decision) -> bool | None:
     """Whether all is done that can be; None while something goes on. What only takes its time is waited for, and what
     may never be done is not."""
     if decision.memory.in_flight or decision.plan.actions:
         return None
+    view = snapshot(decision, {})
     health = {s["health"] for s in view["services"].values()}
     if "Degraded" in health or hopeless(view, view["services"]):
         return False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 from rorg.core.memory import InFlight
@@ -20,6 +20,10 @@ class DispatchLimits:
     urgent: int = 8
     bulk: int = 2
     most: int = 64
+
+    def allowing(self, bulk: int | None) -> DispatchLimits:
+        """With so much bulk work at once, where it is said."""
+        return self if bulk is None else replace(self, bulk=bulk)
 
 
 def select(

@@ -45,6 +45,8 @@ class Loop:
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
         self.memory = replace(restore(read_json(self.state.status)), kept=read_kept(self.state.path))
+        self.dispatch = DispatchLimits()
+        """Where the Policy says nothing."""
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
@@ -154,7 +156,7 @@ class Loop:
             owner=self.owner,
             removals=self.tree.removals,
             booted_at=self.booted_at,
-            limits=DispatchLimits(bulk=self.tree.desired.catalog.policy.bulk_workers),
+            limits=self.dispatch.allowing(self.tree.desired.catalog.policy.bulk_workers),
             holds=document.holds,
             suspended=document.suspended,
             wall=self.wall(),

@@ -16,6 +16,8 @@ AFTER = 0.025
 """Seconds from a pass to its publication: writing at once would take the CPU from the calls that just began."""
 EVERY = 0.05
 """Seconds between two published states at the least."""
+SHARE = 0.1
+"""Of the time, for publishing at the most: a robot of many services, all of which change, has other things to do."""
 
 
 class Publisher:
@@ -46,8 +48,8 @@ class Publisher:
         if self._next is None:
             return
         decision, about = self._next
+        began, self._next = self.clock(), None
         text = self._snapshots.text(decision, about)
-        self._next, self._due = None, self.clock() + EVERY
         if text != self._published:
             self._published = text
             try:
@@ -56,3 +58,5 @@ class Publisher:
                 # A full disk must not stop the robot; the next change is tried again.
                 self._published = ""
                 self.tell(f"cannot publish the status: {error}")
+        ended = self.clock()
+        self._due = ended + max(EVERY, (ended - began) / SHARE)

@@ -86,8 +86,10 @@ class PolicySpec(Strict):
 
     idle: Idle | None = Field(default=None, description="For services that do not say.")
     resync: Interval = Field(default=60.0, description="Time between two full lists of the engine. Default: 60s.")
-    bulk_workers: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=2, description="Engine calls at once for work that no request waits for. Default: 2."
+    bulk_workers: Annotated[int, Field(ge=1, le=16)] | None = Field(
+        default=None,
+        description="Engine calls at once for work that no request waits for. Default: 2; 8 for an `rorg apply` while "
+        "no rorg runs, since nobody can request anything meanwhile.",
     )
     budget: Budget | None = None
     pressure: Pressure | None = Field(default=None, description="Without it, load is not looked at.")

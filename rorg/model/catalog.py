@@ -216,7 +216,8 @@ class Policy:
     """What is said of the whole machine."""
 
     resync: float = 60.0
-    bulk_workers: int = 2
+    bulk_workers: int | None = None
+    """Engine calls at once for what no request waits for; None leaves it to whoever makes them."""
     budget: Budget | None = None
     pressure: Thresholds | None = None
     """None: load is not looked at."""

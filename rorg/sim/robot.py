@@ -139,7 +139,7 @@ class SimRobot:
             owner=self.owner,
             removals=self.removals,
             booted_at=self.booted_at,
-            limits=DispatchLimits(bulk=self.desired.catalog.policy.bulk_workers),
+            limits=DispatchLimits().allowing(self.desired.catalog.policy.bulk_workers),
             holds=self.document.holds,
             suspended=self.document.suspended,
             wall=self.wall,
