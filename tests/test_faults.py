@@ -124,7 +124,7 @@ class Curt:
     def __init__(self, *containers: Container) -> None:
         self.containers = list(containers)
 
-    def list(self) -> list[Container]:
+    def list(self, known=None) -> list[Container]:
         return self.containers
 
 

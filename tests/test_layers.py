@@ -31,9 +31,9 @@ DIRECT: dict[str, set[str]] = {
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
     "sim": set(),
     "daemon": set(),
-    "images": set(),
+    "images": {"docker", "requests", "urllib3"},
     "probes": set(),
-    "engines": {"docker", "requests", "urllib3"},
+    "engines": {"docker"},
     "host": {"psutil", "watchfiles"},
     "store": {"yaml"},
     "manifest": {"pydantic", "re2", "yaml"},
@@ -46,7 +46,7 @@ LOADED: dict[str, set[str]] = {
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
-    "images": {"docker", "requests", "urllib3"},
+    "images": {*DIRECT["images"], "pydantic", "psutil"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""

@@ -35,7 +35,7 @@ class SlowAnswers:
             assert self.go.wait(60)
         return found
 
-    def list(self) -> list[Container]:
+    def list(self, known=None) -> list[Container]:
         return [self.inspect("c1")]
 
 

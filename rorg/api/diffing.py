@@ -41,7 +41,7 @@ async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) ->
     is being written."""
     loop = operations.loop
     try:
-        await asyncio.to_thread(loop.observer.sync)
+        await asyncio.to_thread(loop.observer.sync, False)
     except RorgError as error:
         raise Unreachable("look at the engine", error.why, error.remedy) from error
     loop.wakes.files_changed()

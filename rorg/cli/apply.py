@@ -39,7 +39,7 @@ def command(
         from rorg.cli.carrying_out import carry_out
 
         _confirm_here(context, shown)
-        carry_out(context, shown.decision, wait, timeout)
+        carry_out(context, shown.tree, shown.decision, wait, timeout)
     else:
         _through(context, owner, shown, wait, timeout)
 

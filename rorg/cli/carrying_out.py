@@ -10,18 +10,19 @@ from rorg.cli.output import note
 from rorg.core.decide import Decision
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
+from rorg.daemon.tree import Tree
 from rorg.errors import NotReady
 
 BULK = 8
 """Engine calls at once: no rorg serves, so nobody can request anything meanwhile that would have to wait for them."""
 
 
-def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> None:
+def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float) -> None:
     """Does what is to be done. `first` is what was decided for the plan that was shown: where that has nothing to do,
     neither tree nor engine are looked at again. Raises NotReady."""
     last, timed_out = first, False
     if not (first.plan.empty and _good_or_bad(first)):
-        last, timed_out = _run(context, first, timeout)
+        last, timed_out = _run(context, tree, first, timeout)
     context.state.release()
     view = snapshot(last, {})
     failed = hopeless(view, view["services"])
@@ -36,11 +37,11 @@ def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> 
         )
 
 
-def _run(context: Context, first: Decision, timeout: float) -> tuple[Decision, bool]:
+def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple[Decision, bool]:
     """Runs the loop; the last decision, and whether the time was over before all was done."""
-    from rorg.daemon.wiring import make_loop
+    from rorg.daemon.wiring import loop_over
 
-    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
+    loop = loop_over(tree, context.state, context.engine(), lambda line: note(f"  {line}"))
     loop.dispatch = DispatchLimits(bulk=BULK)
     timed_out = threading.Event()
 

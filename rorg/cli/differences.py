@@ -25,6 +25,8 @@ class Differences(NamedTuple):
     """By the running rorg, which follows this tree."""
     decision: Any = None
     """Where it was computed here."""
+    tree: Any = None
+    """The same, as it was read."""
 
 
 def differences(context: Context) -> Differences:
@@ -72,8 +74,15 @@ def _line(error: dict[str, Any]) -> str:
 
 
 def _computed(context: Context) -> Differences:
-    catalog = context.catalog()
-    decision = context.decision(catalog)
+    from rorg.cli.local import decision_for
+    from rorg.daemon.wiring import make_tree
+    from rorg.manifest.load import unusable
+
+    tree = make_tree(context.root, context.state)
+    tree.read_now()
+    if not tree.loaded:
+        raise unusable(context.root, tree.errors)
+    catalog, decision = tree.desired.catalog, decision_for(context, tree.desired)
     return Differences(
         text=decision.plan.text(),
         plan=decision.plan.as_json(),
@@ -83,4 +92,5 @@ def _computed(context: Context) -> Differences:
         fingerprint=catalog.fingerprint,
         told=False,
         decision=decision,
+        tree=tree,
     )

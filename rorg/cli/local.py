@@ -41,7 +41,11 @@ class Place(Protocol):
 
 def decision(place: Place, catalog: Catalog) -> Decision:
     """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-    desired = desire(catalog, str(place.state.run), Contents().of(catalog, place.root))
+    return decision_for(place, desire(catalog, str(place.state.run), Contents().of(catalog, place.root)))
+
+
+def decision_for(place: Place, desired: Desired) -> Decision:
+    """The same for what a tree declares."""
     observed = Observed(tuple(place.engine().list()))
     first = _look(place, desired, observed)
     return _look(place, desired, observed, _ready(place, first, desired))

@@ -7,6 +7,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property
 from pathlib import Path
 
 from rorg.core.desired import Desired, desire
@@ -40,7 +41,7 @@ class Tree:
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
-        self.revision = ""
+        self._revision: str | None = None
         self.loaded = False
         """Whether any tree has been good yet."""
         self._inputs = Inputs()
@@ -52,13 +53,23 @@ class Tree:
         """Since when the tree has been too busy to be read."""
         self._seen: Stamp | None = None
         """How it was then when last looked at."""
-        self._git = git_dir(root)
         self._contents = Contents()
+
+    @cached_property
+    def _git(self) -> Path | None:
+        return git_dir(self.root)
 
     @property
     def removals(self) -> bool:
         """Whether the removal of undeclared services may be planned."""
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
+
+    @property
+    def revision(self) -> str:
+        """What git calls it."""
+        if self._revision is None:
+            self._revision = revision(self.root) if self.loaded else ""
+        return self._revision
 
     @property
     def busy(self) -> bool:
@@ -111,6 +122,11 @@ class Tree:
         self._take(loaded)
         return True, not whole
 
+    def read_now(self) -> None:
+        """Reads it as it is at this moment, whoever writes it."""
+        self._stamp, loaded = self._load(self.stamp())
+        self._take(loaded)
+
     def _rests(self, stamp: Stamp, now: float) -> bool:
         """Whether what is mounted has been left alone for a while: a file that is written all the time, or half
         written, restarts nobody."""
@@ -142,7 +158,7 @@ class Tree:
         if loaded.catalog is not None:
             contents = self._contents.of(loaded.catalog, self.root)
             self.desired, self.loaded = desire(loaded.catalog, self.run, contents), True
-            self.revision = revision(self.root)
+            self._revision = None
 
 
 def _below(places: Iterable[Path]) -> Iterator[Path]:

@@ -33,9 +33,19 @@ from rorg.store.wakeup import Wakeup
 def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
     for each thing that happens."""
+    return loop_over(make_tree(root, state), state, engine, say)
+
+
+def make_tree(root: Path, state: StateDir) -> Tree:
+    """A tree of this robot's, not read yet."""
+    return Tree(root.resolve(), str(state.run))
+
+
+def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
+    """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    wakes, tree = Wakes(), Tree(root.resolve(), str(state.run))
+    wakes = Wakes()
     recorder = Recorder(state, say, wall_clock, clock, engine)
     publisher = Publisher(state, clock, about, recorder.tell)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
@@ -115,13 +115,16 @@ class Observer:
                 return
         self.refresh(container)
 
-    def sync(self) -> None:
-        """One full list. A look at one container that began after it knows better."""
+    def sync(self, anew: bool = True) -> None:
+        """One full list. A look at one container that began after it knows better. Unless all is to be seen `anew`,
+        containers are taken as they were seen where the engine has nothing new to say of them."""
         began = next(self._clock)
-        found = {c.id: c for c in self.engine.list()}
+        with self._lock:
+            before = {**self._containers} if self._snapshot.complete and not anew else {}
+        found = {c.id: c for c in self.engine.list(before)}
         self.lists += 1
         with self._lock:
-            found = {c: self._completed(new) for c, new in found.items()}
+            found = {c: self._seen(new, before) for c, new in found.items()}
             for container in [c for c, at in self._began.items() if at > began]:
                 found.pop(container, None)
                 if container in self._containers:
@@ -140,9 +143,12 @@ class Observer:
         if changed:
             self.wake()
 
-    def _completed(self, found: Container) -> Container:
-        """A container of which the engine told no more than its state is still the one that was seen before."""
+    def _seen(self, found: Container, before: Mapping[str, Container]) -> Container:
+        """A container of which the engine told no more than its state, or nothing new, is still the one that was seen
+        before."""
         known = self._containers.get(found.id)
+        if found is before.get(found.id):
+            return known or found
         if known is None or not found.brief:
             return found
         return replace(known, state=found.state) if known.alive and found.alive else known

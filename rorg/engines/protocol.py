@@ -33,6 +33,9 @@ class Usage:
     memory: int
 
 
+NONE: Mapping[str, Container] = {}
+
+
 class Lifecycle(Protocol):
     """Making, changing and ending containers."""
 
@@ -71,8 +74,9 @@ class Observation(Protocol):
     def ping(self) -> str:
         """The engine's version. Raises Unreachable."""
 
-    def list(self) -> builtins.list[Container]:
-        """All containers of ours."""
+    def list(self, known: Mapping[str, Container] = NONE) -> builtins.list[Container]:
+        """All containers of ours. Of `known`, by id, as they were seen while events were followed, those of which the
+        engine has nothing new to say may be given as they are."""
 
     def inspect(self, container: str) -> Container | None:
         """One container of ours; None when it is gone or not ours."""

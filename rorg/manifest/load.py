@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,13 +89,16 @@ def load_or_raise(root: Path) -> Catalog:
     """The Catalog of a tree, or Invalid with every diagnostic in its message."""
     loaded = load(root)
     if loaded.catalog is None:
-        lines = "\n".join(str(d) for d in loaded.errors)
-        raise Invalid(
-            f"use the manifests in {root}",
-            f"{len(loaded.errors)} error(s)\n{lines}\n",
-            "`rorg validate` after mending them",
-        )
+        raise unusable(root, loaded.errors)
     return loaded.catalog
+
+
+def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
+    """Why the tree cannot be used."""
+    lines = "\n".join(map(str, errors))
+    return Invalid(
+        f"use the manifests in {root}", f"{len(errors)} error(s)\n{lines}\n", "`rorg validate` after mending them"
+    )
 
 
 def _fingerprint(catalog: Catalog) -> str:

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
-from rorg.engines.protocol import Capabilities, Engine, Usage
+from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.live import LIVE
 from rorg.model.units import stamp
@@ -87,7 +87,7 @@ class SimEngine:
     def ping(self) -> str:
         return "virtual time"
 
-    def list(self) -> builtins.list[Container]:
+    def list(self, known: Mapping[str, Container] = NONE) -> builtins.list[Container]:
         return list(self.containers.values())
 
     def inspect(self, container: str) -> Container | None:

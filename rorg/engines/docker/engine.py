@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from rorg.engines.docker.live import update_body
 from rorg.engines.docker.output import read_logs
 from rorg.engines.docker.reading import began, epoch_seconds, read_container
 from rorg.engines.docker.volumes import remove_container
-from rorg.engines.protocol import Capabilities, Usage, stop_sequence
+from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 
@@ -28,6 +29,10 @@ TOLD = {"pause": "paused", "unpause": "running"}
 """Events that say all: nothing else of the container changes, so no look at it is needed."""
 QUICK = 2.0
 """Seconds for one inspection within a full list."""
+QUIET = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
+"""How events begin that change nothing of what we look at."""
+LAG = 5.0
+"""Seconds by which events reach those who follow them late, at the most."""
 
 
 class DockerEngine:
@@ -57,11 +62,25 @@ class DockerEngine:
 
     # -- observing ---------------------------------------------------------------------------------------------
 
-    def list(self) -> list[Container]:
+    def list(self, known: Mapping[str, Container] = NONE) -> list[Container]:
+        """An inspection of each is what takes long, so of those that are known only the others are inspected."""
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
         with docker_errors("list containers"):
+            heard = self._heard_lately() if known and self.local else set(known)
             rows = self.client.get("/containers/json", all=True, filters=filters)
-        return [c for row in rows if (c := self._look(row)) is not None]
+        looked = (_as_before(known, row, heard) or self._look(row) for row in rows)
+        return [c for c in looked if c is not None]
+
+    def _heard_lately(self) -> set[str]:
+        """Containers of which events may be under way to whoever follows them; by the clock of this machine."""
+        now, found = time.time(), set()
+        filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
+        with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
+            for line in stream.lines():
+                event = json.loads(line)
+                if not event.get("Action", "").startswith(QUIET):
+                    found.add(event["Actor"]["ID"])
+        return found
 
     def _look(self, row: Mapping[str, Any]) -> Container | None:
         """One row of the list, inspected. While a start or stop of a container hangs, the engine holds back its
@@ -91,7 +110,6 @@ class DockerEngine:
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
-        quiet = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
         with (
             docker_errors("follow the engine's events"),
             self.client.stream("GET", "/events", filters=filters) as found,
@@ -105,7 +123,7 @@ class DockerEngine:
             yield "", ""
             for line in found.lines():
                 event = json.loads(line)
-                if not event.get("Action", "").startswith(quiet):
+                if not event.get("Action", "").startswith(QUIET):
                     yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
         if not stop.is_set():
             raise Unreachable("follow the engine's events", "the engine closed the stream")
@@ -205,3 +223,11 @@ class DockerEngine:
             if figures:
                 found[container.id] = Usage(*figures)
         return found
+
+
+def _as_before(known: Mapping[str, Container], row: Mapping[str, Any], heard: set[str]) -> Container | None:
+    """What is known of a container, where the list says the same of it and no event has told otherwise."""
+    before = known.get(row["Id"])
+    if before is None or before.brief or row["Id"] in heard:
+        return None
+    return before if (before.name, before.state) == (row["Names"][0].lstrip("/"), row["State"]) else None

@@ -23,7 +23,7 @@ from rorg.engines.process.log import read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
-from rorg.engines.protocol import Capabilities, Usage
+from rorg.engines.protocol import NONE, Capabilities, Usage
 from rorg.errors import EngineError
 from rorg.manifest.container import ContainerOptions
 from rorg.model.live import LIVE
@@ -79,7 +79,7 @@ class ProcessEngine:
 
     # -- observing ---------------------------------------------------------------------------------------------
 
-    def list(self) -> builtins.list[Container]:
+    def list(self, known: Mapping[str, Container] = NONE) -> builtins.list[Container]:
         return [c for i in self.records.ids() if (c := self.inspect(i)) is not None]
 
     def inspect(self, container: str) -> Container | None:

@@ -1,0 +1,193 @@
+"""The connection to the Docker engine: what it says of the containers that are there, and when it is lost."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import subprocess
+import threading
+
+import pytest
+from conftest import BASE_IMAGE, wait_for
+from forwarder import Forwarder
+from robots import WORK
+
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.engine import DockerEngine
+from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.output import payloads
+from rorg.errors import EngineError, TimedOut, Unreachable
+
+COUNT = 4
+
+
+@pytest.fixture
+def engine(dockerd):
+    found = DockerEngine("listing", dockerd.host)
+    spec = {"image": BASE_IMAGE, "command": WORK, "network_mode": "host", "stop_signal": "SIGKILL"}
+    for n in range(COUNT):
+        name = f"listing-{n}"
+        found.start(found.create(name, spec, {LABEL_OWNER: "listing", LABEL_SERVICE: name}))
+    yield found
+    for container in found.list():
+        found.stop(container.id, "SIGKILL", 5.0)
+        found.remove(container.id)
+
+
+def test_what_is_known_is_not_looked_at_again_unless_anything_happened(engine, dockerd, monkeypatch):
+    monkeypatch.setattr("rorg.engines.docker.engine.LAG", 0.0)  # what made them is long ago
+    known = {c.id: c for c in engine.list()}
+    assert len(known) == COUNT
+    again = engine.list(known)
+    assert [known[c.id] is c for c in again] == [True] * COUNT
+
+
+CHANGES = {
+    "update": lambda api, c: api.update_container(c, cpu_shares=512),
+    "restart": lambda api, c: api.restart(c, timeout=0),
+    "pause": lambda api, c: api.pause(c),
+    "rename": lambda api, c: api.rename(c, "listing-other"),
+    "kill": lambda api, c: api.kill(c),
+    "remove": lambda api, c: api.remove_container(c, force=True),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_of_a_moment_ago_is_seen_whether_its_event_has_come_or_not(engine, change):
+    """Nothing follows the events here, so every one of them is late."""
+    known = {c.id: c for c in engine.list()}
+    one = next(iter(known))
+    CHANGES[change](engine.api(), one)
+    found = {c.id: c for c in engine.list(known)}
+    if change in ("kill", "remove"):
+        assert one not in found or not found[one].alive
+    else:
+        assert found[one] == engine.inspect(one) != known[one]
+
+
+def test_what_the_engine_refuses_has_a_kind(engine):
+    with pytest.raises(EngineError) as found:
+        engine.create("another", {"image": "rorg.test/none:1"}, {LABEL_OWNER: "listing"})
+    assert (found.value.kind, found.value.remedy) == ("missing_image", "`rorg build` first")
+    with pytest.raises(EngineError) as found:
+        engine.start("f" * 64)
+    assert found.value.kind == "gone"
+    assert engine.inspect("f" * 64) is None
+
+
+def test_an_engine_that_is_not_there_is_unreachable(tmp_path):
+    with pytest.raises(Unreachable, match="its socket is not there"):
+        DockerEngine("me", f"unix://{tmp_path}/none.sock").ping()
+    with pytest.raises(EngineError, match="ssh is not spoken"):
+        DockerEngine("me", "ssh://robot").ping()
+
+
+def test_a_connection_that_the_engine_has_closed_meanwhile_is_no_failure(dockerd):
+    forwarder = Forwarder(dockerd.host)
+    engine = DockerEngine("me", forwarder.host)
+    assert engine.ping()
+    before = engine.client._kept.connection.sock
+    before.shutdown(socket.SHUT_RD)  # as if the other side had ended it
+    assert engine.ping()
+    assert engine.client._kept.connection.sock is not before
+    forwarder.close()
+
+
+def test_an_engine_that_does_not_answer_takes_its_time_and_no_more():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        client = Client(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        client._version = "1.41"
+        with pytest.raises(TimeoutError):
+            client.get("/version", 0.2)
+        assert DockerEngine("me", client.host).client.host == client.host
+
+
+def test_a_slow_inspection_is_a_time_out(engine, dockerd, monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        engine.client.version  # noqa: B018 - asked once
+        monkeypatch.setattr(engine.client, "host", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        engine.client._kept.connection = None
+        with pytest.raises(TimedOut):
+            engine.inspect("x" * 64, 0.2)
+        monkeypatch.undo()
+        engine.client._kept.connection = None
+
+
+def test_output_comes_whole_wherever_it_is_cut():
+    frames = b"".join(bytes([1, 0, 0, 0, 0, 0, 0, len(t)]) + t for t in (b"one\n", b"", b"three\n"))
+    for size in (1, 3, 7, 100):
+        chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
+        assert b"".join(payloads(chunks)) == b"one\nthree\n"
+
+
+@pytest.fixture
+def encrypted(dockerd, tmp_path):
+    """The engine behind TLS that asks for a certificate, and the directory with the client's."""
+    say = {"stdin": subprocess.DEVNULL, "capture_output": True, "check": True, "cwd": tmp_path}
+    key = ["-newkey", "rsa:2048", "-nodes"]
+    subprocess.run(
+        ["openssl", "req", "-x509", *key, "-keyout", "ca-key.pem", "-out", "ca.pem", "-subj", "/CN=tests"], **say
+    )
+    (tmp_path / "names").write_text("subjectAltName=IP:127.0.0.1")
+    for name in ("server", "cert"):
+        keyed = "key.pem" if name == "cert" else "server-key.pem"
+        subprocess.run(["openssl", "req", *key, "-keyout", keyed, "-out", f"{name}.csr", "-subj", f"/CN={name}"], **say)
+        sign = ["openssl", "x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca-key.pem"]
+        subprocess.run([*sign, "-CAcreateserial", "-out", f"{name}.pem", "-extfile", "names"], **say)
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=tmp_path / "ca.pem")
+    context.load_cert_chain(tmp_path / "server.pem", tmp_path / "server-key.pem")
+    context.verify_mode = ssl.CERT_REQUIRED
+    plain, listener = Forwarder(dockerd.host), socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        while True:
+            try:
+                taken = context.wrap_socket(listener.accept()[0], server_side=True)
+            except ssl.SSLError:
+                continue  # a client without a certificate
+            except OSError:
+                return
+            there = socket.create_connection(plain.listener.getsockname())
+            threading.Thread(target=pump, args=(taken, there), daemon=True).start()
+            threading.Thread(target=pump, args=(there, taken), daemon=True).start()
+
+    threading.Thread(target=serve, daemon=True).start()
+    yield f"tcp://127.0.0.1:{listener.getsockname()[1]}", tmp_path
+    listener.close()
+    plain.close()
+
+
+def pump(here: socket.socket, there: socket.socket) -> None:
+    try:
+        while data := here.recv(1 << 16):
+            there.sendall(data)
+    except OSError:
+        pass
+
+
+def test_tls_is_told_by_docker_s_own_variables(encrypted, monkeypatch):
+    host, certificates = encrypted
+    monkeypatch.setenv("DOCKER_TLS_VERIFY", "1")
+    monkeypatch.setenv("DOCKER_CERT_PATH", str(certificates))
+    assert DockerEngine("me", host).ping()
+    (certificates / "cert.pem").unlink()
+    with pytest.raises(Unreachable):
+        DockerEngine("me", host).ping()
+    (certificates / "ca.pem").unlink()
+    with pytest.raises(Unreachable, match="certificate"):
+        DockerEngine("me", host).ping()
+
+
+def test_a_stream_that_is_closed_ends(dockerd):
+    client = Client(dockerd.host)
+    with client.stream("GET", "/events") as stream:
+        found: list[bytes] = []
+        reading = threading.Thread(target=lambda: found.extend(stream.lines()))
+        reading.start()
+        stream.close()
+        reading.join(20)
+        assert not reading.is_alive()
+    with pytest.raises(Refused), client.stream("GET", "/containers/none/logs", stdout=True):
+        pass
+    wait_for(lambda: client.get("/version"))
