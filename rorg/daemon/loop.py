@@ -115,6 +115,11 @@ class Loop:
         self.observer.stop()
         self.publisher.flush()
 
+    @property
+    def hung(self) -> int:
+        """Calls and probes that had not ended when it had: the interpreter would wait for their threads."""
+        return len(self.workers.hung) + self.prober.hung
+
     # -- one pass ----------------------------------------------------------------------------------------------
 
     def one_pass(self) -> Decision:

@@ -17,8 +17,10 @@ from rorg.errors import RorgError
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
-PATIENCE = 10.0
+PATIENCE = 2.5
 """Seconds that the end of the loop waits for calls under way."""
+WORDS = 4096
+"""Bytes of what a container said last that are noted."""
 
 
 class Workers:
@@ -95,11 +97,13 @@ class Workers:
         if not action.args.get("words"):
             return
         with suppress(RorgError):
-            said = b"".join(self.engine.logs(action.container, False, 10)).decode(errors="replace").strip()
-            if said:
+            said = b""
+            for piece in self.engine.logs(action.container, False, 10):
+                said = (said + piece)[-WORDS:]
+            if said := said.strip():
                 self.recorder.event(
                     "last-words",
-                    f"the container of {action.service} that failed said last:\n{said}",
+                    f"the container of {action.service} that failed said last:\n{said.decode(errors='replace')}",
                     service=action.service,
                     container=action.container[:12],
                 )

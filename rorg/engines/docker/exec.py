@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import struct
 import time
 import uuid
 from collections.abc import Iterator, Sequence
@@ -14,10 +13,15 @@ from typing import Any
 
 import docker
 
+from rorg.engines.docker.frames import Frames
+from rorg.host.commands import Exceeded, Output
+
 MARK = "RORG_EXEC"
 """Environment variable by which a command and all that it began are known in their container."""
 STARTING = 2.0
 """Seconds that the engine may take, beyond the command's own time, to say what became of it."""
+CHUNK = 1 << 16
+"""Bytes that are read at once."""
 ENDING = 2.0
 """Seconds for which a command that took too long is looked for, until it is known to have ended."""
 KILL = """for f in /proc/[0-9]*/environ; do
@@ -27,18 +31,18 @@ done 2>/dev/null"""
 
 
 def run(
-    api: docker.APIClient, container: str, command: Sequence[str], timeout: float, local: bool
+    api: docker.APIClient, container: str, command: Sequence[str], output: Output, local: bool
 ) -> tuple[int, bytes]:
-    """Exit code and output; (124, the output so far and a line that says so) after `timeout` seconds, when the command
-    and what it began is ended. `local`: the engine's processes are those of this machine. Raises docker-py's errors,
-    also when the engine itself takes too long."""
-    mark, deadline = f"{MARK}={uuid.uuid4().hex}", time.monotonic() + timeout
-    made = _create(api, container, command, mark, timeout)
-    output, ended = _output(api, made, deadline)
-    if ended:
-        return int(_inspect(api, made)["ExitCode"] or 0), output
-    _end(api, container, made, mark, local)
-    return 124, b"\n".join([*output.splitlines(), f"no end within {timeout:g} s".encode()])
+    """Exit code and output of a command; see Inspection.exec. `local`: the engine's processes are those of this
+    machine. Raises docker-py's errors, also when the engine itself takes too long."""
+    mark = f"{MARK}={uuid.uuid4().hex}"
+    made = _create(api, container, command, mark, output.timeout)
+    try:
+        _listen(api, made, output)
+        return int(_inspect(api, made)["ExitCode"] or 0), output.text()
+    except Exceeded as why:
+        _end(api, container, made, mark, local)
+        return why.code, output.text(why)
 
 
 def _create(api: docker.APIClient, container: str, command: Sequence[str], mark: str, timeout: float) -> str:
@@ -57,43 +61,34 @@ def _inspect(api: Any, made: str) -> dict[str, Any]:
     return dict(api._result(response, True))
 
 
-def _output(api: docker.APIClient, made: str, deadline: float) -> tuple[bytes, bool]:
-    """Starts it; what it prints until it ends or the deadline comes, and whether it ended."""
-    left = max(0.0, deadline - time.monotonic())
-    response = _post(api, "/exec/{0}/start", made, {"Tty": False, "Detach": False}, left, stream=True)
-    read = bytearray()
+def _listen(api: docker.APIClient, made: str, output: Output) -> None:
+    """Starts it, and reads what it prints until it ends. Raises Exceeded."""
+    response = _post(api, "/exec/{0}/start", made, {"Tty": False, "Detach": False}, output.left(), stream=True)
+    frames = Frames()
     try:
-        for chunk in _chunks(response.raw._fp.fp, deadline):
-            read += chunk
-        return _payload(bytes(read)), True
-    except TimeoutError:
-        return _payload(bytes(read)), False
+        for chunk in _chunks(response.raw._fp.fp, output):
+            for text in frames.texts(chunk):
+                output.take(text)
     finally:
         response.close()
 
 
-def _chunks(stream: Any, deadline: float) -> Iterator[bytes]:
-    """What comes on a connection, as it comes. Raises TimeoutError at the deadline, whoever keeps it open."""
-    connection = stream.raw._sock
+def _chunks(stream: Any, output: Output) -> Iterator[bytes]:
+    """What comes on a connection, as it comes, whoever keeps it open. Raises Exceeded."""
+    connection, chunk = stream.raw._sock, b""
+    connection.settimeout(0)
+    with contextlib.suppress(OSError):
+        chunk = stream.read1(CHUNK)  # what came together with the head of the answer
+    yield chunk
     while True:
-        left = deadline - time.monotonic()
-        if left <= 0:
-            raise TimeoutError
-        connection.settimeout(left)
-        chunk = stream.read1(65536)
+        connection.settimeout(output.turn())
+        try:
+            chunk = connection.recv(CHUNK)
+        except TimeoutError:
+            continue
         if not chunk:
             return
         yield chunk
-
-
-def _payload(frames: bytes) -> bytes:
-    """The engine sends frames of both outputs: one byte for which, three empty, four with the length."""
-    found, at = [], 0
-    while at + 8 <= len(frames):
-        (size,) = struct.unpack_from(">I", frames, at + 4)
-        found.append(frames[at + 8 : at + 8 + size])
-        at += 8 + size
-    return b"".join(found)
 
 
 def _end(api: docker.APIClient, container: str, made: str, mark: str, local: bool) -> None:
@@ -105,7 +100,8 @@ def _end(api: docker.APIClient, container: str, made: str, mark: str, local: boo
             return
         if not local:
             kill = _create(api, container, ["/bin/sh", "-c", KILL % mark], "", STARTING)
-            _output(api, kill, time.monotonic() + STARTING)
+            with contextlib.suppress(Exceeded):
+                _listen(api, kill, Output(STARTING))
         else:
             for pid in (int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()):
                 _kill(pid, container, mark, known=pid == state["Pid"])

@@ -1,0 +1,80 @@
+"""Reading what a container printed, as it comes and no faster than it is used: docker-py gathers it, and waits for
+ever."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import docker
+
+from rorg.engines.docker.frames import Frames
+from rorg.engines.docker.reading import epoch_seconds
+
+CHUNK = 1 << 16
+"""Bytes that are read at once."""
+PIECE = 1 << 16
+"""Bytes of lines that are searched at once, and of one line that are looked at."""
+WAIT = 10.0
+"""Seconds until the engine has found the next of it. It looks through all that it keeps."""
+
+
+def read(api: docker.APIClient, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
+    """The last `tail` lines, and then what comes."""
+    chunks = _chunks(api, container, None if follow else WAIT, follow=follow, tail="all" if tail is None else tail)
+    if _terminal(api, container):
+        yield from chunks
+    else:
+        frames = Frames()
+        for chunk in chunks:
+            yield from frames.texts(chunk)
+
+
+def since(api: docker.APIClient, container: str, place: str) -> Iterator[tuple[bytes, str]]:
+    """Lines from a time on (seconds since the epoch), in pieces, each with the time of its last line."""
+    chunks = _chunks(api, container, WAIT, timestamps=True, since=place)
+    messages = _lines(chunks) if _terminal(api, container) else _framed(chunks)
+    piece, stamp = bytearray(), b""
+    for message in messages:
+        stamp, _, text = message.partition(b" ")
+        piece += text
+        if len(piece) >= PIECE:
+            yield bytes(piece), str(epoch_seconds(stamp.decode()))
+            piece.clear()
+    yield bytes(piece), str(epoch_seconds(stamp.decode())) if stamp else place
+
+
+def _chunks(api: Any, container: str, wait: float | None, **asked: Any) -> Iterator[bytes]:
+    params = {"stdout": 1, "stderr": 1, **{k: int(v) if isinstance(v, bool) else v for k, v in asked.items()}}
+    response = api._get(api._url("/containers/{0}/logs", container), params=params, stream=True, timeout=wait)
+    try:
+        api._raise_for_status(response)
+        yield from response.iter_content(CHUNK)
+    finally:
+        response.close()
+
+
+def _terminal(api: docker.APIClient, container: str) -> bool:
+    """Whether it has one: what it prints then comes as it is."""
+    return bool(api.inspect_container(container)["Config"]["Tty"])
+
+
+def _framed(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Each frame is a line, or 16 KiB of one, with its time in front."""
+    frames, message = Frames(), bytearray()
+    for chunk in chunks:
+        for text in frames.texts(chunk):
+            message += text[: PIECE - len(message)]
+            if not frames.left:
+                yield bytes(message)
+                message.clear()
+
+
+def _lines(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    line = bytearray()
+    for chunk in chunks:
+        for text in chunk.splitlines(keepends=True):
+            line += text[: PIECE - len(line)]
+            if text.endswith(b"\n"):
+                yield bytes(line)
+                line.clear()
