@@ -148,7 +148,8 @@ def import_stream(image: Image) -> Iterator[IO[bytes]]:
         )
     except OSError as error:
         raise EngineError(f"import {image.name}", str(error), "to look at spec.import") from error
-    assert process.stdout and process.stderr
+    assert process.stdout
+    assert process.stderr
     said = bytearray()
     listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
     listener.start()
@@ -167,8 +168,9 @@ def import_stream(image: Image) -> Iterator[IO[bytes]]:
 
 def _listen(pipe: IO[bytes], said: bytearray) -> None:
     """Keeps the end of what a command says, and never makes it wait."""
-    while chunk := os.read(pipe.fileno(), 1 << 16):
-        said[:] = (said + chunk)[-SAID:]
+    with pipe:
+        while chunk := os.read(pipe.fileno(), 1 << 16):
+            said[:] = (said + chunk)[-SAID:]
 
 
 class ProcessBuilder:

@@ -6,7 +6,7 @@ import signal
 
 
 def signal_number(name: str) -> int:
-    """The number of a signal by its name, or its number as text. Raises ValueError for what the kernel does not have."""
+    """Of a signal by its name, or by its number as text. Raises ValueError for one that the kernel does not have."""
     base, sign, offset = name.partition("+") if "+" in name else name.partition("-")
     try:
         number = int(name) if name.isdecimal() else signal.Signals[base].value + int(f"{sign}{offset}" or 0)

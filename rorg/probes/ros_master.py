@@ -48,6 +48,7 @@ def _parsed(response: HTTPResponse, deadline: Deadline) -> Any:
     """The one value of an answer. It is parsed as it comes, and declares no entities: a few lines of them make
     gigabytes. Raises OSError."""
     target, parser = xmlrpc.client.Unmarshaller(), expat.ParserCreate()
+    target.xml("", None)  # expat has decoded what it gives
     parser.StartElementHandler, parser.EndElementHandler = target.start, target.end
     parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = target.data, _refuse
     try:

@@ -18,8 +18,8 @@ from rorg.probes.ask import ask_file, ask_host, asks_this_machine
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
-LOG_TIMEOUT = 1.0
-"""Seconds for reading on in a log; the next attempt goes on there."""
+LOG_TIMEOUT = 5.0
+"""Seconds for reading on in a log, once the engine has found where; the next attempt goes on there."""
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -96,10 +96,11 @@ class ProbeRunner:
         about = container.incarnation, str(probe.target)
         known, place = self._read.get(key, (about, ""))
         place = place if known == about else ""
-        deadline = time.monotonic() + LOG_TIMEOUT
+        until: float | None = None
         for text, after in () if place is None else self.engine.log_since(container.id, place):
+            until = until or time.monotonic() + LOG_TIMEOUT
             place = None if compiled(about[1]).search(text.decode(errors="replace")) else after
-            if place is None or time.monotonic() > deadline or self.stopping.is_set():
+            if place is None or time.monotonic() > until or self.stopping.is_set():
                 break
         self._read[key] = about, place
         return YES if place is None else no(f"no line of its output matches {probe.target}")
