@@ -1,4 +1,4 @@
-"""Probes of every kind that hang or never stop, all at once: the robot goes on beside them, and ends when it is told."""
+"""Probes of every kind that hang or never stop, all at once: the robot goes on beside them, and ends when told to."""
 
 from __future__ import annotations
 
@@ -105,8 +105,9 @@ def test_what_hangs_holds_up_nobody_else(daemon, hosts):
     assert {s["health"] for n, s in daemon.status()["services"].items() if n != "developer"} == {"Healthy"}
 
 
-def test_only_as_many_hang_as_there_may_be(tmp_path):
+def test_only_as_many_hang_as_there_may_be(monkeypatch):
     """Of those that wait, whoever waits longest is next."""
+    monkeypatch.setattr("rorg.probes.prober.SLOW", 0.2)
     hung, asked = set(), []
 
     def ask(key, target):
