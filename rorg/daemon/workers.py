@@ -17,7 +17,7 @@ from rorg.errors import RorgError
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
-PATIENCE = 2.5
+PATIENCE = 2.0
 """Seconds that the end of the loop waits for calls under way."""
 WORDS = 4096
 """Bytes of what a container said last that are noted."""
