@@ -17,8 +17,6 @@ from rorg.errors import RorgError
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
-PATIENCE = 2.0
-"""Seconds that the end of the loop waits for calls under way."""
 WORDS = 4096
 """Bytes of what a container said last that are noted."""
 
@@ -61,9 +59,9 @@ class Workers:
             found, self._outcomes = self._outcomes, []
         return found
 
-    def stop(self) -> None:
-        """Calls under way are waited for, but not for ever: what they do is observed next time."""
-        _, self.hung = wait(tuple(self._calls), timeout=PATIENCE)
+    def stop(self, patience: float) -> None:
+        """Calls under way are waited for, but no longer than `patience` seconds: what they do is observed next time."""
+        _, self.hung = wait(tuple(self._calls), timeout=patience)
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _finished(self, outcome: Outcome) -> None:

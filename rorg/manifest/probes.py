@@ -55,7 +55,7 @@ class Probe(Strict):
     """Exactly one of the forms, and how often it is tried."""
 
     tcp: Port | None = unchanging(description="PORT, or HOST:PORT, accepts a connection.")
-    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx; a redirect is not followed.")
+    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx. No redirect is followed.")
     file: Absolute | None = unchanging(description="This file was written since the service started.")
     interval: Interval | None = unchanging(description="Time between two probes, 50ms at the least.")
 

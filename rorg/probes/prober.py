@@ -19,8 +19,6 @@ SLOW = 1.5
 """Seconds after which an attempt is not counted among these: however many hang, the others are asked."""
 MOST = 64
 """Attempts at once, with those that hang."""
-PATIENCE = 1.5
-"""Seconds that stop() waits for attempts under way."""
 
 Key = tuple[str, str]
 Ask = Callable[[Key, Target], Answer]
@@ -45,7 +43,7 @@ class Prober:
         self._results: dict[Key, ProbeResult] = {}
         self._stopping = stopping or threading.Event()
         self.hung = 0
-        """Attempts that were still under way when it had stopped."""
+        """Attempts that were still under way after join()."""
 
     def start(self) -> None:
         threading.Thread(target=self._run, name="prober", daemon=True).start()
@@ -54,9 +52,13 @@ class Prober:
         with self._condition:
             self._stopping.set()
             self._condition.notify_all()
-            self._condition.wait_for(lambda: not self._busy, PATIENCE)
+        self._pool.shutdown(wait=False)
+
+    def join(self, patience: float) -> None:
+        """Attempts under way are waited for, but no longer than `patience` seconds."""
+        with self._condition:
+            self._condition.wait_for(lambda: not self._busy, patience)
             self.hung = len(self._busy)
-        self._pool.shutdown(wait=False, cancel_futures=True)
 
     def results(self) -> Mapping[Key, ProbeResult]:
         with self._condition:

@@ -97,9 +97,7 @@ def test_what_hangs_holds_up_nobody_else(daemon, hosts):
     assert daemon.process.wait(30) == 0
     assert time.monotonic() - began < 5
     assert not sleeping(number), "what the probes began is ended with them"
-    write_tree(
-        robot.tree, {name: {"always_on": True, "ready": {"exec": python("pass")}} for name in ("friend", *wanted)}
-    )
+    write_tree(robot.tree, {name: {**spec, "ready": {"exec": python("pass")}} for name, spec in wanted.items()})
     daemon.start()
     wait_for(daemon.settled, 120)
     assert {s["health"] for n, s in daemon.status()["services"].items() if n in wanted} == {"Healthy"}
@@ -130,6 +128,7 @@ def test_only_as_many_hang_as_there_may_be(monkeypatch):
     wait_for(lambda: len(hung) == MOST, 60)
     began = time.monotonic()
     prober.stop()
+    prober.join(10)
     assert time.monotonic() - began < 3
     assert prober.hung == 0
     assert len(hung) == MOST
