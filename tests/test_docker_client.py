@@ -16,7 +16,7 @@ from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import Refused
-from rorg.engines.docker.output import payloads
+from rorg.engines.docker.frames import Frames
 from rorg.errors import EngineError, TimedOut, Unreachable
 
 COUNT = 4
@@ -118,7 +118,8 @@ def test_output_comes_whole_wherever_it_is_cut():
     frames = b"".join(bytes([1, 0, 0, 0, 0, 0, 0, len(t)]) + t for t in (b"one\n", b"", b"three\n"))
     for size in (1, 3, 7, 100):
         chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
-        assert b"".join(payloads(chunks)) == b"one\nthree\n"
+        taken = Frames()
+        assert b"".join(t for chunk in chunks for t in taken.texts(chunk)) == b"one\nthree\n"
 
 
 @pytest.fixture

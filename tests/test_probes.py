@@ -67,7 +67,7 @@ def server(tmp_path, robot, **more) -> dict:
 
 def tell(robot, service: str, name: str) -> None:
     """Signals the program of now, once it can take signals."""
-    robot.wait(lambda: b"begins" in robot.engine.log_since(robot.container(service).id, "")[0])
+    robot.wait(lambda: b"begins" in next(robot.engine.log_since(robot.container(service).id, ""))[0])
     robot.signal(service, name)
 
 

@@ -70,7 +70,7 @@ def test_no_process_of_this_machine_is_taken_for_a_containers(remote, victim, tm
     code, _ = remote.engine.exec(filer, ["python3", "-S", "-c", "import signal; signal.pause()"], 0.5)
     assert code == 124
     assert victim.poll() is None
-    assert remote.engine.log_since(filer, "")[0] == b""
+    assert next(remote.engine.log_since(filer, ""))[0] == b""
     with socket.create_server(("127.0.0.1", 0)) as listener, pytest.raises(Error, match="on another machine"):
         remote.client().call("GET", f"/v1/listeners/{listener.getsockname()[1]}")
     assert remote.loop.sampler.latest is None, "the load of this machine is not that one's"

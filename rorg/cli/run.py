@@ -66,11 +66,11 @@ def command(
     note(f"API on {server.directory / 'rorg.sock'}")
     _run_until_told(loop, server)
     context.state.release()
-    if loop.workers.hung:
+    if loop.hung:
         import os
         import sys
 
-        note(f"{len(loop.workers.hung)} engine call(s) had not ended; the next rorg sees what came of them")
+        note(f"{loop.hung} call(s) or probe(s) had not ended; the next rorg sees what came of them")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
 

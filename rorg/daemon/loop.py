@@ -27,6 +27,8 @@ HANDOVER = 0.0003
 """Seconds that the pass steps aside, so that a worker can make the call that somebody waits for."""
 GATHER = 0.005
 """Seconds for which outcomes and events that nobody waits for are gathered before a pass."""
+PATIENCE = 3.5
+"""Seconds that the end of the loop waits for calls and probes under way."""
 AGAIN = 1.0
 """Seconds after a pass that a bug has ended."""
 
@@ -113,9 +115,16 @@ class Loop:
         for thread in reversed(self.threads):
             if thread is not self.observer:
                 thread.stop()
-        self.workers.stop()
+        until = self.clock() + PATIENCE
+        self.workers.stop(PATIENCE)
+        self.prober.join(until - self.clock())
         self.observer.stop()
         self.publisher.flush()
+
+    @property
+    def hung(self) -> int:
+        """Calls and probes that had not ended when it had: the interpreter would wait for their threads."""
+        return len(self.workers.hung) + self.prober.hung
 
     # -- one pass ----------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 import uuid
 from collections.abc import Callable
@@ -49,7 +50,10 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     recorder = Recorder(state, say, wall_clock, clock, engine)
     publisher = Publisher(state, clock, about, recorder.tell)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
-    prober = Prober(clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service)))
+    stopping = threading.Event()
+    prober = Prober(
+        clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
+    )
     sampler = _sampler(engine, lambda: loop, wakes)
     ros = RosPurger(recorder.purged)
     workers = Workers(

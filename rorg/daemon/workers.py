@@ -17,8 +17,8 @@ from rorg.errors import RorgError
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
-PATIENCE = 10.0
-"""Seconds that the end of the loop waits for calls under way."""
+WORDS = 4096
+"""Bytes of what a container said last that are noted."""
 
 
 class Workers:
@@ -59,9 +59,9 @@ class Workers:
             found, self._outcomes = self._outcomes, []
         return found
 
-    def stop(self) -> None:
-        """Calls under way are waited for, but not for ever: what they do is observed next time."""
-        _, self.hung = wait(tuple(self._calls), timeout=PATIENCE)
+    def stop(self, patience: float) -> None:
+        """Calls under way are waited for, but no longer than `patience` seconds: what they do is observed next time."""
+        _, self.hung = wait(tuple(self._calls), timeout=patience)
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _finished(self, outcome: Outcome) -> None:
@@ -95,11 +95,13 @@ class Workers:
         if not action.args.get("words"):
             return
         with suppress(RorgError):
-            said = b"".join(self.engine.logs(action.container, False, 10)).decode(errors="replace").strip()
-            if said:
+            said = b""
+            for piece in self.engine.logs(action.container, False, 10):
+                said = (said + piece)[-WORDS:]
+            if said := said.strip():
                 self.recorder.event(
                     "last-words",
-                    f"the container of {action.service} that failed said last:\n{said}",
+                    f"the container of {action.service} that failed said last:\n{said.decode(errors='replace')}",
                     service=action.service,
                     container=action.container[:12],
                 )

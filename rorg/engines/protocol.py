@@ -93,14 +93,19 @@ class Inspection(Protocol):
     """What is inside one container."""
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        """Output of the container, standard error included; the last `tail` lines, then what comes when following."""
+        """Output of the container, standard error included; the last `tail` lines, then what comes when following. In
+        pieces of 1 MiB at the most."""
 
-    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
-        """Output of the run of now from a place on ("" for its beginning), and the place after it."""
+    def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
+        """Output of the run of now from a place on ("" for its beginning) to what there is now: in pieces of some 64
+        KiB, of whole lines where these are shorter, each with the place after it."""
 
-    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
-        """Runs a command inside and returns its exit code and output. What takes longer than `timeout` seconds is
-        ended with all that it began, and gives (124, the output so far and a line that says so), as timeout(1) does."""
+    def exec(
+        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+    ) -> tuple[int, bytes]:
+        """Runs a command inside and returns its exit code and output. One that takes longer than `timeout` seconds,
+        prints more than MOST_OUTPUT bytes, or still runs when `stop` is set, is ended with all that it began: it gives
+        124, as timeout(1) does, or 137, and a last line that says why."""
 
 
 class Engine(Lifecycle, Observation, Inspection, Protocol):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import time
 from pathlib import Path
+
+from rorg.host.commands import Exceeded, Output, end, listen
 
 PATIENCE = 5.0
 """Seconds for a question to git."""
@@ -17,27 +20,26 @@ SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
 
 
 def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
+    """What it says; None when it says no, too much, or nothing in time. It is ended by SIGTERM, upon which it takes its
+    locks away, and with it what it runs."""
     try:
-        # Ended by SIGTERM, upon which git takes its locks away.
-        with subprocess.Popen(
+        process = subprocess.Popen(
             ["git", *SAFE, "-C", str(directory), *args],
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            text=True,
             env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
-        ) as process:
-            try:
-                found, _ = process.communicate(timeout=patience)
-            except subprocess.TimeoutExpired:
-                process.terminate()
-                try:
-                    process.communicate(timeout=PATIENCE)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                return None
+            start_new_session=True,
+        )
     except OSError:
         return None
-    return found.strip() if process.returncode == 0 else None
+    output = Output(patience)
+    try:
+        code = listen(process, output)
+        return output.text().decode(errors="replace").strip() if code == 0 else None
+    except Exceeded:
+        end(process, signal.SIGTERM)
+        return None
 
 
 def git_dir(directory: Path) -> Path | None:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
+import signal
 import subprocess
-from collections.abc import Callable, Iterable, Mapping
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
 from rorg.errors import EngineError, Invalid, RorgError
+from rorg.host.commands import end
 from rorg.manifest.files import read_text
 from rorg.model.catalog import Catalog, Image
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
+
+SAID = 500
+"""Bytes of the last words of an import command that failed."""
+PATIENCE = 10.0
+"""Seconds for which an import command may go on once its stream has been read."""
 
 
 class Builder(Protocol):
@@ -123,14 +133,44 @@ def _one(catalog: Catalog, name: str, builder: Builder, say: Callable[[str], Non
         return Result(name, "failed", error.why)
 
 
-def import_stream(image: Image) -> subprocess.Popen[bytes]:
-    """Starts an image's import command; its standard output is the tar stream."""
+@contextlib.contextmanager
+def import_stream(image: Image) -> Iterator[IO[bytes]]:
+    """Runs an image's import command as long as the block; its standard output is the tar stream. Raises EngineError
+    with what it said last when it fails."""
     try:
-        return subprocess.Popen(
-            image.import_command or (), cwd=image.directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        process = subprocess.Popen(
+            image.import_command or (),
+            cwd=image.directory,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
         )
     except OSError as error:
         raise EngineError(f"import {image.name}", str(error), "to look at spec.import") from error
+    assert process.stdout
+    assert process.stderr
+    said = bytearray()
+    listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
+    listener.start()
+    try:
+        yield process.stdout
+        process.stdout.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+    finally:
+        end(process, signal.SIGTERM)
+        listener.join(PATIENCE)
+    if process.returncode != 0:
+        why = said.decode(errors="replace").strip()
+        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "to look at spec.import")
+
+
+def _listen(pipe: IO[bytes], said: bytearray) -> None:
+    """Keeps the end of what a command says, and never makes it wait."""
+    with pipe:
+        while chunk := os.read(pipe.fileno(), 1 << 16):
+            said[:] = (said + chunk)[-SAID:]
 
 
 class ProcessBuilder:

@@ -67,12 +67,8 @@ class DockerBuilder:
                     last = line["stream"].strip()
 
     def load(self, image: Image) -> None:
-        process = import_stream(image)
-        with library_errors(f"import {image.name}"):
-            self.api.import_image(src=process.stdout, repository=image.name, stream_src=True)
-        error = process.stderr.read().decode(errors="replace") if process.stderr else ""
-        if process.wait() != 0:
-            raise EngineError(f"import {image.name}", error.strip()[-500:] or f"exit code {process.returncode}")
+        with import_stream(image) as stream, library_errors(f"import {image.name}"):
+            self.api.import_image(src=stream, repository=image.name, stream_src=True)
 
     def remove(self, names: list[str]) -> None:
         """Takes images away again; one that something still uses stays."""

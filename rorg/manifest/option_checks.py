@@ -87,6 +87,8 @@ ULIMITS = frozenset(
 SIGNALS = frozenset(
     (*signal.Signals.__members__, *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15)))
 )
+NUMBERS = frozenset(str(n) for n in range(1, 65) if n not in (32, 33))
+"""Of signals that the engine sends: libc keeps 32 and 33 to itself."""
 
 
 def _near(name: str, known: Collection[str]) -> str:
@@ -113,7 +115,7 @@ def read_signal(value: object) -> str:
     if "${" in text:
         return str(value)
     name = text if text.startswith("SIG") or text.isdigit() else f"SIG{text}"
-    if name not in SIGNALS and not (name.isdigit() and 1 <= int(name) <= 64):
+    if name not in SIGNALS | NUMBERS:
         raise ValueError(f"'{value}' is not a signal; write SIGINT or SIGTERM")
     return name
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
@@ -22,6 +23,13 @@ def _port(value: object) -> str:
 def _url(value: str) -> str:
     if not value.startswith("http://"):
         raise ValueError("must be a URL that begins with http://")
+    try:
+        parts = urlsplit(value)
+        fine = bool(parts.hostname) and parts.port != 0 and value.isascii() and value.isprintable() and " " not in value
+    except ValueError:
+        fine = False
+    if not fine:
+        raise ValueError("must be a URL such as http://localhost:8080/health")
     return value
 
 
@@ -47,7 +55,7 @@ class Probe(Strict):
     """Exactly one of the forms, and how often it is tried."""
 
     tcp: Port | None = unchanging(description="PORT, or HOST:PORT, accepts a connection.")
-    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx.")
+    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx. No redirect is followed.")
     file: Absolute | None = unchanging(description="This file was written since the service started.")
     interval: Interval | None = unchanging(description="Time between two probes, 50ms at the least.")
 

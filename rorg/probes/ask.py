@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-import http.client
 import ipaddress
 import os
-import socket
 import time
-import urllib.error
-import urllib.request
 from urllib.parse import urlsplit
 
+from rorg.host.asking import answer, connect
+from rorg.host.deadline import Deadline
+from rorg.host.inside import modified
 from rorg.host.processes import process_start
 from rorg.model.catalog import Probe
 from rorg.probes import ros_master
 from rorg.probes.answer import YES, Answer, no
 
 TIMEOUT = 1.0
-"""Seconds for one attempt."""
-
-DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-"""Past every proxy: what is asked are programs of this robot."""
+"""Seconds for one attempt, all of it."""
 
 
 def ask_socket(probe: Probe) -> Answer:
-    """tcp and http."""
+    """tcp and http. A redirect is an answer, as to the kubelet, and is not followed."""
+    deadline = Deadline.within(TIMEOUT)
     try:
         if probe.kind == "tcp":
             host, _, port = str(probe.target).rpartition(":")
-            with socket.create_connection((host, int(port)), timeout=TIMEOUT):
-                return YES
-        with DIRECT.open(str(probe.target), timeout=TIMEOUT):
+            connect(host.strip("[]"), int(port), deadline).close()
             return YES
-    except http.client.HTTPException as error:
-        return no(f"{probe}: {type(error).__name__}")
-    except urllib.error.HTTPError as error:
-        return no(f"{probe.target} answers {error.code}")
+        with answer(str(probe.target), deadline) as found:
+            return YES if 200 <= found.status < 400 else no(f"{probe.target} answers {found.status}")
     except OSError as error:
-        reason = getattr(error, "reason", error)
-        return no(f"{probe}: {getattr(reason, 'strerror', None) or reason}")
+        return no(f"{probe}: {error.strerror or error}")
 
 
 def ask_host(probe: Probe) -> Answer:
@@ -53,9 +45,9 @@ def ask_host(probe: Probe) -> Answer:
 def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> Answer:
     """`pid` is the first process of the container, 0 where there is none; its file system is looked at where the
     engine gives it one of its own (`isolated`)."""
-    path, root = str(probe.target), f"/proc/{pid}/root" if pid and isolated else ""
+    path = str(probe.target)
     try:
-        written = os.stat(root + path).st_mtime
+        written = modified(f"/proc/{pid}/root", path) if pid and isolated else os.stat(path).st_mtime
     except OSError as error:
         return no(f"file {path}: {error.strerror}")
     if role == "ready" and pid and written < process_start(pid) - 0.05:

@@ -14,7 +14,11 @@ from rorg.probes.answer import Answer, cannot_ask
 LONGEST = 3600.0
 """Seconds of sleep at the most."""
 WORKERS = 8
-"""Attempts at once. What hangs holds a worker for TIMEOUT."""
+"""Attempts at once."""
+SLOW = 1.5
+"""Seconds after which an attempt is not counted among these: however many hang, the others are asked."""
+MOST = 64
+"""Attempts at once, with those that hang."""
 
 Key = tuple[str, str]
 Ask = Callable[[Key, Target], Answer]
@@ -25,24 +29,36 @@ class Prober:
     """Probes what it was last told to, each target every `every` seconds, and wakes the loop when it learns something.
     `ask` does one attempt. Times are of `clock`, seconds."""
 
-    def __init__(self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, workers: int = WORKERS) -> None:
+    def __init__(
+        self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, stopping: threading.Event | None = None
+    ) -> None:
+        """`stopping` is set when attempts under way shall end."""
         self.clock, self.wake, self.ask = clock, wake, ask
-        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="probe")
+        self._pool = ThreadPoolExecutor(MOST, thread_name_prefix="probe")
         self._condition = threading.Condition()
         self._targets: dict[Key, Target] = {}
         self._due: dict[Key, float] = {}
-        self._busy: set[Key] = set()
+        self._busy: dict[Key, float] = {}
+        """Attempts under way, and when each began."""
         self._results: dict[Key, ProbeResult] = {}
-        self._stopped = False
+        self._stopping = stopping or threading.Event()
+        self.hung = 0
+        """Attempts that were still under way after join()."""
 
     def start(self) -> None:
         threading.Thread(target=self._run, name="prober", daemon=True).start()
 
     def stop(self) -> None:
         with self._condition:
-            self._stopped = True
-            self._condition.notify()
-        self._pool.shutdown(wait=False, cancel_futures=True)
+            self._stopping.set()
+            self._condition.notify_all()
+        self._pool.shutdown(wait=False)
+
+    def join(self, patience: float) -> None:
+        """Attempts under way are waited for, but no longer than `patience` seconds."""
+        with self._condition:
+            self._condition.wait_for(lambda: not self._busy, patience)
+            self.hung = len(self._busy)
 
     def results(self) -> Mapping[Key, ProbeResult]:
         with self._condition:
@@ -73,13 +89,20 @@ class Prober:
 
     def _run(self) -> None:
         with self._condition:
-            while not self._stopped:
+            while not self._stopping.is_set():
                 now = self.clock()
-                for key in [k for k, t in self._due.items() if t <= now and k not in self._busy]:
-                    self._busy.add(key)
+                due = sorted((at, key) for key, at in self._due.items() if at <= now and key not in self._busy)
+                for _, key in due[: self._free(now)]:
+                    self._busy[key] = now
                     self._pool.submit(self._probe, key, self._targets[key])
-                waits = [t - now for k, t in self._due.items() if k not in self._busy]
+                waits = [at + SLOW - now for at in self._busy.values() if at + SLOW > now]
+                if self._free(now) > 0:
+                    waits += [t - now for k, t in self._due.items() if k not in self._busy]
                 self._condition.wait(min(max(0.0, min(waits)), LONGEST) if waits else None)
+
+    def _free(self, now: float) -> int:
+        """How many attempts may begin."""
+        return max(0, min(WORKERS - sum(now < at + SLOW for at in self._busy.values()), MOST - len(self._busy)))
 
     def _probe(self, key: Key, target: Target) -> None:
         began = self.clock()
@@ -88,10 +111,10 @@ class Prober:
         except Exception as bug:  # a probe that breaks must neither end the probing nor the service
             answer = cannot_ask(f"{type(bug).__name__}: {bug}")
         with self._condition:
-            self._busy.discard(key)
+            del self._busy[key]
             now = self._targets.get(key)
             told = now is not None and now == target and self._learn(key, now, answer, began)
-            self._condition.notify()
+            self._condition.notify_all()
         if told:
             self.wake()
 

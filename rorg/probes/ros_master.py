@@ -1,59 +1,95 @@
 """The ROS 1 graph through its master's XML-RPC: 1-2 ms a question, and no ROS installed (`rosnode ping`: 1.2 s).
 
-Every answer of the master is [code, message, value]; code 1 is success.
+Every answer of the master is [code, message, value]; code 1 is success. Whoever listens at its port, or at a place that
+it names, may answer anything, or for ever.
 """
 
 from __future__ import annotations
 
-import http.client
-import socket
 import xmlrpc.client
 from collections.abc import Iterable
-from typing import Any
-from urllib.parse import urlparse
-from xml.parsers.expat import ExpatError
+from http.client import HTTPResponse
+from typing import Any, NoReturn
+from xml.parsers import expat
 
+from rorg.host.asking import answer, connect, place_of
+from rorg.host.deadline import Deadline
 from rorg.probes.answer import YES, Answer, no
 
 CALLER = "/rorg"
 TIMEOUT = 1.0
-"""Seconds for one call. A paused program accepts the connection and never answers."""
+"""Seconds for one attempt, all calls of it. A paused program accepts the connection and never answers."""
+PURGING = 10.0
+"""Seconds for looking after all nodes of a master."""
+MOST = 4 << 20
+"""Bytes of one answer. The graph of a robot with 300 nodes has less than one MiB."""
+CHUNK = 1 << 16
+Graph = list[dict[str, list[str]]]
+"""Publishers, subscribers and services: by topic or service, the names of nodes."""
 
 
-class _Transport(xmlrpc.client.Transport):
-    """xmlrpc.client has no time-out of its own."""
-
-    def __init__(self, timeout: float) -> None:
-        super().__init__()
-        self.timeout = timeout
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        chost, self._extra_headers, _ = self.get_host_info(host)
-        return http.client.HTTPConnection(chost, timeout=self.timeout)
-
-
-def call(uri: str, method: str, *args: Any, timeout: float = TIMEOUT) -> Any:
-    """The value of a call that succeeded. Raises OSError when nobody answers, LookupError when the answer is no."""
-    try:
-        code, message, value = getattr(xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)), method)(*args)
-    except (xmlrpc.client.Error, http.client.HTTPException, ExpatError, ValueError, TypeError) as error:
-        raise OSError(f"{type(error).__name__}: {error}") from error
+def call(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> Any:
+    """The value of a call that succeeded. Raises OSError when nobody answers, or with what is no answer of ROS;
+    LookupError when the answer is no."""
+    deadline, asked = deadline or Deadline.within(TIMEOUT), xmlrpc.client.dumps(args, method).encode()
+    with answer(uri, deadline, MOST, asked, {"Content-Type": "text/xml"}) as response:
+        if response.status != 200:
+            raise OSError(f"it answers {response.status}")
+        found = _parsed(response, deadline)
+    if not (isinstance(found, list) and len(found) == 3):
+        raise OSError("its answer is not that of ROS")
+    code, message, value = found
     if code != 1:
-        raise LookupError(message)
+        raise LookupError(str(message)[:200])
     return value
+
+
+def _parsed(response: HTTPResponse, deadline: Deadline) -> Any:
+    """The one value of an answer. It is parsed as it comes, and declares no entities: a few lines of them make
+    gigabytes. Raises OSError."""
+    target, parser = xmlrpc.client.Unmarshaller(), expat.ParserCreate()
+    target.xml("", None)  # expat has decoded what it gives
+    parser.StartElementHandler, parser.EndElementHandler = target.start, target.end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = target.data, _refuse
+    try:
+        while chunk := response.read1(CHUNK):
+            parser.Parse(chunk, False)
+            deadline.left()
+        parser.Parse(b"", True)
+        return target.close()[0]
+    except OSError:
+        raise
+    except Exception as error:  # the library takes an answer for well-formed, and breaks on others in many ways
+        raise OSError(f"{type(error).__name__}: {str(error)[:200]}") from error
+
+
+def _refuse(*_: Any) -> NoReturn:
+    raise OSError("its answer declares a document type")
+
+
+def _graph(master: str, deadline: Deadline) -> Graph:
+    """Raises OSError."""
+    try:
+        state = call(master, "getSystemState", CALLER, deadline=deadline)
+        found = [{str(name): [str(node) for node in nodes] for name, nodes in part} for part in state]
+    except (TypeError, ValueError, LookupError) as error:
+        raise OSError("its answer is not that of a ROS master") from error
+    if len(found) != 3:
+        raise OSError("its answer is not that of a ROS master")
+    return found
 
 
 def probe(kind: str, name: str, master: str) -> Answer:
     """Whether it is there. `kind` is ros_node, ros_topic or ros_service."""
+    deadline = Deadline.within(TIMEOUT)
     try:
         if kind == "ros_topic":
-            publishers = call(master, "getSystemState", CALLER)[0]
-            return YES if any(topic == name for topic, _ in publishers) else no(f"nobody publishes {name}")
+            return YES if name in _graph(master, deadline)[0] else no(f"nobody publishes {name}")
         if kind == "ros_service":
-            where = urlparse(call(master, "lookupService", CALLER, name))
-            socket.create_connection((where.hostname or "", where.port or 0), timeout=TIMEOUT).close()
+            where = str(call(master, "lookupService", CALLER, name, deadline=deadline))
+            connect(*place_of(where, "rosrpc"), deadline).close()
             return YES
-        call(call(master, "lookupNode", CALLER, name), "getPid", CALLER)
+        call(str(call(master, "lookupNode", CALLER, name, deadline=deadline)), "getPid", CALLER, deadline=deadline)
         return YES
     except LookupError:
         return no(f"{name} is not registered")
@@ -65,25 +101,24 @@ def purge(master: str, local: Iterable[str]) -> list[str]:
     """Takes the registrations of dead nodes out of the master and returns their names. Dead is whose XML-RPC port, on
     this machine (`local` host names and addresses), refuses the connection; a paused node still accepts it, and
     purging that would cut it off for ever (`rosnode cleanup` does). Raises OSError when there is no master."""
-    state = call(master, "getSystemState", CALLER)
-    nodes = sorted({n for part in state for _, names in part for n in names})
+    whole = Deadline.within(PURGING)
+    graph = _graph(master, whole.sooner(TIMEOUT))
     purged = []
-    for node in nodes:
+    for node in sorted({n for part in graph for names in part.values() for n in names}):
         try:
-            uri = call(master, "lookupNode", CALLER, node)
-        except LookupError:
+            uri = str(call(master, "lookupNode", CALLER, node, deadline=whole.sooner(TIMEOUT)))
+            if place_of(uri)[0] in local and not listens(uri, whole.sooner(TIMEOUT)):
+                _unregister(master, node, uri, graph, whole)
+                purged.append(node)
+        except (LookupError, OSError):
             continue
-        if urlparse(uri).hostname in local and not listens(uri):
-            _unregister(master, node, uri, state)
-            purged.append(node)
     return purged
 
 
-def listens(uri: str) -> bool:
+def listens(uri: str, deadline: Deadline) -> bool:
     """Whether anybody is there: only a refused connection says no. A paused program still accepts it."""
-    where = urlparse(uri)
     try:
-        socket.create_connection((where.hostname or "", where.port or 0), timeout=TIMEOUT).close()
+        connect(*place_of(uri), deadline).close()
     except ConnectionRefusedError:
         return False
     except OSError:
@@ -91,11 +126,14 @@ def listens(uri: str) -> bool:
     return True
 
 
-def _unregister(master: str, node: str, uri: str, state: Any) -> None:
-    publishers, subscribers, services = state
-    for topic in (t for t, names in publishers if node in names):
-        call(master, "unregisterPublisher", node, topic, uri)
-    for topic in (t for t, names in subscribers if node in names):
-        call(master, "unregisterSubscriber", node, topic, uri)
-    for service in (s for s, names in services if node in names):
-        call(master, "unregisterService", node, service, call(master, "lookupService", CALLER, service))
+def _unregister(master: str, node: str, uri: str, graph: Graph, whole: Deadline) -> None:
+    def tell(method: str, name: str, where: str) -> None:
+        call(master, method, node, name, where, deadline=whole.sooner(TIMEOUT))
+
+    publishers, subscribers, services = graph
+    for topic in (t for t, names in publishers.items() if node in names):
+        tell("unregisterPublisher", topic, uri)
+    for topic in (t for t, names in subscribers.items() if node in names):
+        tell("unregisterSubscriber", topic, uri)
+    for service in (s for s, names in services.items() if node in names):
+        tell("unregisterService", service, str(call(master, "lookupService", CALLER, service, deadline=whole)))

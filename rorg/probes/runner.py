@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -16,6 +18,8 @@ from rorg.probes.ask import ask_file, ask_host, asks_this_machine
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
+LOG_TIMEOUT = 5.0
+"""Seconds for reading on in a log, once the engine has found where; the next attempt goes on there."""
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -31,10 +35,14 @@ class Asked(Inspection, Protocol):
 class ProbeRunner:
     """Asks probes of one engine's containers. Remembers how far each log was read."""
 
-    def __init__(self, engine: Asked, container_of: Callable[[str], Container | None]) -> None:
+    def __init__(
+        self, engine: Asked, container_of: Callable[[str], Container | None], stopping: threading.Event | None = None
+    ) -> None:
+        """`stopping` ends the attempts under way."""
         self.engine, self.container_of = engine, container_of
-        self._read: dict[str, tuple[str, str]] = {}
-        """Service -> (incarnation, place in its log)."""
+        self.stopping = stopping or threading.Event()
+        self._read: dict[tuple[str, str], tuple[tuple[str, str], str | None]] = {}
+        """(service, role) -> (incarnation, pattern), and the place in its log; None once a line was found."""
 
     def __call__(self, key: tuple[str, str], target: Target) -> Answer:
         service, role = key
@@ -45,27 +53,27 @@ class ProbeRunner:
         if container is None or container.incarnation != target.incarnation:
             return cannot_ask("it is not the same run any more")
         try:
-            return self._ask(service, role, probe, container)
+            return self._ask(key, probe, container)
         except RorgError as error:
             return cannot_ask(error.why)
 
-    def _ask(self, service: str, role: str, probe: Probe, container: Container) -> Answer:
+    def _ask(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
         match probe.kind:
             case "exec":
                 return self._exec(probe, container)
             case "engine":
                 return self._health(probe, container)
             case "log":
-                return self._log(service, probe, container)
+                return self._log(key, probe, container)
             case "file":
-                return self._file(role, probe, container)
+                return self._file(key[1], probe, container)
         if not self.engine.local and asks_this_machine(probe):
             return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
         return ask_host(probe)
 
     def _exec(self, probe: Probe, container: Container) -> Answer:
         assert isinstance(probe.target, tuple)
-        code, output = self.engine.exec(container.id, probe.target, EXEC_TIMEOUT)
+        code, output = self.engine.exec(container.id, probe.target, EXEC_TIMEOUT, self.stopping)
         said = output.decode(errors="replace").strip().splitlines()
         return YES if code == 0 else no(f"{probe} exits {code}" + (f": {said[-1][:200]}" if said else ""))
 
@@ -83,11 +91,16 @@ class ProbeRunner:
             return cannot_ask("the engine does not say which process it is")
         return ask_file(probe, role, container.pid, isolated)
 
-    def _log(self, service: str, probe: Probe, container: Container) -> Answer:
-        incarnation, place = self._read.get(service, ("", ""))
-        text, place = self.engine.log_since(container.id, place if incarnation == container.incarnation else "")
-        if compiled(str(probe.target)).search(text.decode(errors="replace")):
-            self._read.pop(service, None)
-            return YES
-        self._read[service] = (container.incarnation, place)
-        return no(f"no line of its output matches {probe.target}")
+    def _log(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
+        """A line that was there once stays said, for this run."""
+        about = container.incarnation, str(probe.target)
+        known, place = self._read.get(key, (about, ""))
+        place = place if known == about else ""
+        until: float | None = None
+        for text, after in () if place is None else self.engine.log_since(container.id, place):
+            until = until or time.monotonic() + LOG_TIMEOUT
+            place = None if compiled(about[1]).search(text.decode(errors="replace")) else after
+            if place is None or time.monotonic() > until or self.stopping.is_set():
+                break
+        self._read[key] = about, place
+        return YES if place is None else no(f"no line of its output matches {probe.target}")

@@ -179,12 +179,14 @@ class SimEngine:
         lines = self._output.get(container, b"").splitlines(keepends=True)
         yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
 
-    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+    def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         self._get(container)
         output = self._output.get(container, b"")
-        return output[int(place or self._run_from.get(container, 0)) :], str(output.rfind(b"\n") + 1)
+        yield output[int(place or self._run_from.get(container, 0)) :], str(output.rfind(b"\n") + 1)
 
-    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+    def exec(
+        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+    ) -> tuple[int, bytes]:
         found = self._get(container)
         if found.state != "running":
             raise EngineError(f"run {command[0]} in {found.service}", f"it is {found.state}", kind="conflict")

@@ -12,7 +12,7 @@ import select
 import socket
 import ssl
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +26,8 @@ API_TIMEOUT = 120.0
 """Seconds without a byte of the engine's. A start may take long on a loaded robot; a lost connection ends a call at
 once anyway."""
 
+CHUNK = 1 << 16
+"""Bytes that are read at once."""
 Method = Literal["GET", "POST", "DELETE"]
 
 
@@ -138,12 +140,23 @@ class Stream:
         with suppress(OSError):  # it has ended by itself
             self._taken.shutdown(socket.SHUT_RDWR)
 
-    def settimeout(self, seconds: float) -> None:
-        self._taken.settimeout(seconds)
-
-    def read(self, most: int = 1 << 16) -> bytes:
+    def read(self) -> bytes:
         """What is there, as it comes; empty at the end."""
-        return self.answer.read1(most)
+        return self.answer.read1(CHUNK)
+
+    def in_turns(self, turn: Callable[[], float]) -> Iterator[bytes]:
+        """What comes, as it comes, of an answer without a stated length. `turn` is asked how many seconds to wait for
+        the next of it, again and again; what it raises ends this."""
+        self._taken.settimeout(0)
+        with suppress(OSError):  # what came together with the head of the answer
+            yield self.answer.fp.read1(CHUNK) or b""
+        while True:
+            self._taken.settimeout(turn())
+            with suppress(TimeoutError):
+                chunk = self._taken.recv(CHUNK)
+                if not chunk:
+                    return
+                yield chunk
 
     def lines(self) -> Iterator[bytes]:
         yield from self.answer

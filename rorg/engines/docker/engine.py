@@ -9,18 +9,19 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
+from rorg.engines.docker import log
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
 from rorg.engines.docker.create import create_container
 from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.exec import run
 from rorg.engines.docker.live import update_body
-from rorg.engines.docker.output import read_logs
-from rorg.engines.docker.reading import began, epoch_seconds, read_container
+from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
+from rorg.host.commands import Output
 
 if TYPE_CHECKING:
     import docker
@@ -155,17 +156,20 @@ class DockerEngine:
             self.client.post(f"/containers/{container}/{path or what}", body, **query)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws)."""
+        """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws). One that the engine
+        refuses, such as a number that an image declares, is passed over."""
+        why = EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
         for name, seconds in stop_sequence(signal, grace):
             try:
                 self._do("stop", container, "kill", signal=name)
             except EngineError as error:
                 if error.kind in ("conflict", "gone"):
                     return
-                raise
+                why = error
+                continue
             if self._ended(container, seconds):
                 return
-        raise EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
+        raise why
 
     def signal(self, container: str, name: str) -> None:
         self._do("signal", container, "kill", signal=name)
@@ -200,21 +204,21 @@ class DockerEngine:
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from read_logs(self.client, container, follow=follow, tail="all" if tail is None else tail)
+            yield from log.read(self.client, container, follow, tail)
 
-    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+    def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is the engine's time of the last line, so that line comes again."""
         if not place:
             found = self.inspect(container)
             place = str(began(found)) if found else "0"
         with docker_errors(f"read the logs of {container[:12]}"):
-            lines = b"".join(read_logs(self.client, container, timestamps=True, since=place)).splitlines()
-        stamps, texts = zip(*(line.partition(b" ")[::2] for line in lines), strict=True) if lines else ((), ())
-        return b"\n".join(texts), str(epoch_seconds(stamps[-1].decode())) if stamps else place
+            yield from log.since(self.client, container, place)
 
-    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
+    def exec(
+        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+    ) -> tuple[int, bytes]:
         with docker_errors(f"run {command[0]} in {container[:12]}"):
-            return run(self.client, container, command, timeout, self.local)
+            return run(self.client, container, command, Output(timeout, stop), self.local)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         found = {}

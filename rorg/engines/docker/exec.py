@@ -7,12 +7,13 @@ import os
 import signal
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rorg.engines.docker.client import Client, Stream
-from rorg.engines.docker.output import payloads
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.frames import Frames
+from rorg.host.commands import Exceeded, Output
 
 MARK = "RORG_EXEC"
 """Environment variable by which a command and all that it began are known in their container."""
@@ -26,17 +27,17 @@ done 2>/dev/null"""
 """Ends what carries a mark, in any shell, without another program: its `read` passes over NULs."""
 
 
-def run(client: Client, container: str, command: Sequence[str], timeout: float, local: bool) -> tuple[int, bytes]:
-    """Exit code and output; (124, the output so far and a line that says so) after `timeout` seconds, when the command
-    and what it began is ended. `local`: the engine's processes are those of this machine. Raises the client's
-    errors, also when the engine itself takes too long."""
-    mark, deadline = f"{MARK}={uuid.uuid4().hex}", time.monotonic() + timeout
-    made = _create(client, container, command, mark, timeout)
-    output, ended = _output(client, made, deadline)
-    if ended:
-        return int(_inspect(client, made)["ExitCode"] or 0), output
-    _end(client, container, made, mark, local)
-    return 124, b"\n".join([*output.splitlines(), f"no end within {timeout:g} s".encode()])
+def run(client: Client, container: str, command: Sequence[str], output: Output, local: bool) -> tuple[int, bytes]:
+    """Exit code and output of a command; see Inspection.exec. `local`: the engine's processes are those of this
+    machine. Raises the client's errors, also when the engine itself takes too long."""
+    mark = f"{MARK}={uuid.uuid4().hex}"
+    made = _create(client, container, command, mark, output.timeout)
+    try:
+        _listen(client, made, output)
+        return int(_inspect(client, made)["ExitCode"] or 0), output.text()
+    except Exceeded as why:
+        _end(client, container, made, mark, local)
+        return why.code, output.text(why)
 
 
 def _create(client: Client, container: str, command: Sequence[str], mark: str, timeout: float) -> str:
@@ -48,29 +49,13 @@ def _inspect(client: Client, made: str) -> dict[str, Any]:
     return dict(client.get(f"/exec/{made}/json", STARTING))
 
 
-def _output(client: Client, made: str, deadline: float) -> tuple[bytes, bool]:
-    """Starts it; what it prints until it ends or the deadline comes, and whether it ended."""
-    left, read = max(0.0, deadline - time.monotonic()) + STARTING, bytearray()
-    with client.stream("POST", f"/exec/{made}/start", {"Tty": False, "Detach": False}, left) as found:
-        try:
-            for piece in payloads(_chunks(found, deadline)):
-                read += piece
-            return bytes(read), True
-        except TimeoutError:
-            return bytes(read), False
-
-
-def _chunks(found: Stream, deadline: float) -> Iterator[bytes]:
-    """What comes, as it comes. Raises TimeoutError at the deadline, whoever keeps the connection open."""
-    while True:
-        left = deadline - time.monotonic()
-        if left <= 0:
-            raise TimeoutError
-        found.settimeout(left)
-        chunk = found.read()
-        if not chunk:
-            return
-        yield chunk
+def _listen(client: Client, made: str, output: Output) -> None:
+    """Starts it, and reads what it prints until it ends. Raises Exceeded."""
+    frames, patience = Frames(), output.left() + STARTING
+    with client.stream("POST", f"/exec/{made}/start", {"Tty": False, "Detach": False}, patience) as stream:
+        for chunk in stream.in_turns(output.turn):
+            for text in frames.texts(chunk):
+                output.take(text)
 
 
 def _end(client: Client, container: str, made: str, mark: str, local: bool) -> None:
@@ -82,7 +67,8 @@ def _end(client: Client, container: str, made: str, mark: str, local: bool) -> N
             return
         if not local:
             kill = _create(client, container, ["/bin/sh", "-c", KILL % mark], "", STARTING)
-            _output(client, kill, time.monotonic() + STARTING)
+            with contextlib.suppress(Exceeded):
+                _listen(client, kill, Output(STARTING))
         else:
             for pid in (int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()):
                 _kill(pid, container, mark, known=pid == state["Pid"])

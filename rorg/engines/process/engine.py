@@ -192,11 +192,13 @@ class ProcessEngine:
         self.records.read(container)
         return read_log(self.records.log(container), follow, tail)
 
-    def log_since(self, container: str, place: str) -> tuple[bytes, str]:
+    def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is an offset in its log, behind the last whole line: a line that is being written comes again."""
         offset = int(place or self.records.read(container).get("log_from", 0))
-        text, begin = read_log_from(self.records.log(container), offset)
-        return text, str(begin + text.rfind(b"\n") + 1)
+        for text, after in read_log_from(self.records.log(container), offset):
+            yield text, str(after)
 
-    def exec(self, container: str, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
-        return run_beside(self.records, self.records.read(container), command, timeout)
+    def exec(
+        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+    ) -> tuple[int, bytes]:
+        return run_beside(self.records, self.records.read(container), command, timeout, stop)

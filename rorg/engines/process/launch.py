@@ -15,6 +15,7 @@ from typing import Any
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
+from rorg.host.commands import Exceeded, Output, end, listen
 from rorg.model.units import stamp
 
 SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
@@ -62,9 +63,11 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     }
 
 
-def run_beside(records: Records, record: Record, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
-    """Exit code and output of a command in the container's environment. After `timeout` seconds it is ended, with its
-    process group: (124, the output so far and a line that says so); 127 where there is no such program."""
+def run_beside(
+    records: Records, record: Record, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+) -> tuple[int, bytes]:
+    """Exit code and output of a command in the container's environment; see Inspection.exec. 127 where there is no such
+    program."""
     try:
         child = subprocess.Popen(
             command,
@@ -77,16 +80,12 @@ def run_beside(records: Records, record: Record, command: Sequence[str], timeout
         )
     except OSError as error:
         return 127, str(error).encode()
+    output = Output(timeout, stop)
     try:
-        output, _ = child.communicate(timeout=timeout)
-    except subprocess.TimeoutExpired as late:
-        os.killpg(child.pid, signal.SIGKILL)  # not waited for yet, so the number is still its own
-        child.wait()
-        if child.stdout:
-            child.stdout.close()
-        said = (late.output or b"").splitlines()
-        return 124, b"\n".join([*said, f"no end within {timeout:g} s".encode()])
-    return child.returncode, output
+        return listen(child, output), output.text()
+    except Exceeded as why:
+        end(child, signal.SIGKILL)
+        return why.code, output.text(why)
 
 
 def _environment(records: Records, record: Record) -> dict[str, str]:

@@ -20,7 +20,9 @@ SLACK = 2 << 20
 BLOCK = 1 << 16
 """A whole number of these is given back: a multiple of the blocks of every usual file system."""
 CHUNK = 1 << 20
-"""Bytes that one who follows reads at once."""
+"""Bytes that are printed at once."""
+PIECE = 1 << 16
+"""Bytes that are searched at once."""
 _PUNCH_HOLE, _KEEP_SIZE = 2, 1
 _libc = ctypes.CDLL(None, use_errno=True)
 _fallocate = getattr(_libc, "fallocate64", None) or _libc.fallocate
@@ -43,32 +45,57 @@ def trim_log(path: Path) -> None:
 
 def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
     """The last `tail` lines, then, when following, what comes, until the container is removed."""
-    descriptor = os.open(path if path.exists() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = _open(path)
     try:
-        text, begin = _read(descriptor, 0, os.fstat(descriptor).st_size)
-        place = begin + len(text)
-        lines = text.splitlines(keepends=True)
-        yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
-        while follow and path.parent.exists():
-            text, begin = _read(descriptor, place, CHUNK)
+        end = os.fstat(descriptor).st_size
+        place = 0 if tail is None else _tail(descriptor, end, tail)
+        while follow or place < end:
+            text, begin = _read(descriptor, place, CHUNK if follow else min(CHUNK, end - place))
             place = begin + len(text)
             if text:
                 yield text
-            else:
+            elif follow and path.parent.exists():
                 time.sleep(0.1)
+            else:
+                return
     finally:
         os.close(descriptor)
 
 
-def read_log_from(path: Path, offset: int) -> tuple[bytes, int]:
-    """Everything from an offset on, as far as it is kept; and the offset where that begins."""
-    if not path.exists():
-        return b"", offset
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
+    """Everything from a place on, as far as it is kept, in pieces of whole lines, each with the place after it. A line
+    of more than PIECE bytes comes in several; one that is being written comes too, and again the next time."""
+    descriptor = _open(path)
     try:
-        return _read(descriptor, offset, os.fstat(descriptor).st_size)
+        while True:
+            size = os.fstat(descriptor).st_size
+            text, begin = _read(descriptor, place, PIECE)
+            lines, over = text.rfind(b"\n") + 1, not text or begin + len(text) >= size
+            place = begin + (lines if lines or over else len(text))
+            yield (text if over else text[: lines or None]), place
+            if over:
+                return
     finally:
         os.close(descriptor)
+
+
+def _open(path: Path) -> int:
+    return os.open(path if path.exists() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+
+
+def _tail(descriptor: int, end: int, lines: int) -> int:
+    """Where the last so many lines before `end` begin, as far as they are kept."""
+    kept, place = _kept_from(descriptor, 0), end
+    wanted = lines + (end > 0 and os.pread(descriptor, 1, end - 1) == b"\n")
+    while wanted and place > kept:
+        begin = max(kept, place - BLOCK)
+        text = os.pread(descriptor, place - begin, begin)
+        while wanted and (at := text.rfind(b"\n")) >= 0:
+            text, wanted = text[:at], wanted - 1
+            place = begin + at + 1
+        if wanted:
+            place = begin
+    return place
 
 
 def _read(descriptor: int, place: int, most: int) -> tuple[bytes, int]:

@@ -33,13 +33,19 @@ def switch(records: Records, record: Record, verb: str, number: int, before: str
 
 
 def end(records: Records, record: Record, name: str, grace: float) -> None:
-    """Signals of a stopped group are delivered when it continues: first the signal, then SIGCONT."""
+    """Signals of a stopped group are delivered when it continues: first the signal, then SIGCONT. One that the kernel
+    does not have is passed over. Raises EngineError when it is still there at the end."""
     for step, seconds in stop_sequence(name, grace):
-        if not send(record, signal_number(step)):
-            break
+        try:
+            number = signal_number(step)
+        except ValueError:
+            continue
+        if not send(record, number):
+            return
         send(record, signal.SIGCONT)
         if _ended(records, record, seconds):
-            break
+            return
+    raise EngineError(f"stop {record['name']}", "it outlived SIGKILL", "to look for a hung device")
 
 
 def _ended(records: Records, record: Record, seconds: float) -> bool:
