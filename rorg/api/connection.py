@@ -18,6 +18,8 @@ Who = Callable[[socket.socket | None, Any], Caller]
 """Who is at the other end of a connection (its socket, its transport)."""
 CPU = time.thread_time
 """CPU seconds of the server's thread."""
+PIECE = 8 << 10
+"""Bytes that are read before it is looked at what they were."""
 
 
 class _Refusal(Exception):
@@ -42,7 +44,7 @@ class Connection(HttpToolsProtocol):
         self.app_state = {**self.app_state, "caller": caller, "account": self.account}
         self.due, self._begun, self._stuck = self.loop.time() + limits.IDLE, 0.0, 0
         self._asking = self._heading = False
-        self._head = self._lines = self._body = 0
+        self._head = self._half = self._heads = self._lines = self._body = 0
         self._refusal = _Refusal(400, "invalid", "it is no HTTP/1.1")
         self.refused = not self.account.fits(self.left())
         self.account.connections += 1
@@ -61,22 +63,29 @@ class Connection(HttpToolsProtocol):
     # -- what is said ------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
-        if self.refused or self.transport.is_closing():
-            return
         began = CPU()
-        # Half a header is not told by the parser, which keeps it.
-        self._head += len(data) if self._heading else 0
-        super().data_received(data)
-        if self._heading and self._head > limits.MOST_HEAD:
-            self._refusal = _long()
-            self.send_400_response("")
+        for at in range(0, len(data), PIECE):
+            if self.refused or self.transport.is_closing():
+                return
+            self._read(data[at : at + PIECE])
         self.account.charge(CPU() - began)
+
+    def _read(self, piece: bytes) -> None:
+        before = self._heads
+        super().data_received(piece)
+        if self._heading and self._heads == before:
+            # Half a header is not told by the parser, which keeps it.
+            self._half += len(piece)
+            if self._half > limits.MOST_HEAD:
+                self._refusal = _long()
+                self.send_400_response("")
 
     def on_message_begin(self) -> None:
         if len(self.pipeline) >= limits.MOST_PIPELINED:
             self._refuse(_Refusal(400, "invalid", f"more than {limits.MOST_PIPELINED} requests wait for answers"))
         self._asking = self._heading = True
-        self._head = self._lines = self._body = 0
+        self._heads += 1
+        self._head = self._half = self._lines = self._body = 0
         self._begun = self.loop.time()
         super().on_message_begin()
         self._look()

@@ -44,15 +44,18 @@ SHARE = 0.2
 """CPU seconds a second that a service's calls may cost; with none left, 429 and Retry-After. People have no such limit:
 who may stop rorg need not flood it."""
 BURST = 1.0
-"""CPU seconds that a service may save up: 100 changes at once, then 20 a second; some 3000 looks at a service."""
+"""CPU seconds that a service may save up: 45 changes at once, then 9 a second; 2500 looks at a service, then 500 a
+second."""
 MOST_OWED = 0.4
-"""CPU seconds that it may owe: it never waits longer than 2 s."""
-CHANGE = 0.01
+"""CPU seconds that it may owe: it never waits longer than 2.25 s."""
+CALL = 0.0003
+"""CPU seconds that any call costs beside its work: in the kernel, and because the loop waits meanwhile."""
+CHANGE = 0.02
 """CPU seconds that a change costs beside those of its call: it is written to the disk, and the loop looks at all."""
 GREETING = 0.0005
 """CPU seconds that a connection costs before it says anything."""
-PAUSE = 0.1
-"""Seconds that work of a service waits at the least once it owes."""
+SPARE = 0.05
+"""CPU seconds that it must have saved up again, once it has used all, before it is heard."""
 
 UNLIMITED = math.inf
 
@@ -69,7 +72,7 @@ class Account:
         self.name, self.share, self.clock = name, share, clock
         self.connections = self.bodies = self.unread = 0
         self.threads = asyncio.Lock()
-        self._left, self._at = BURST, clock()
+        self._left, self._at, self._resting = BURST, clock(), False
 
     @property
     def limited(self) -> bool:
@@ -85,7 +88,8 @@ class Account:
     def owed(self) -> float:
         """Seconds until it may ask again; 0 when it may now."""
         self.charge(0.0)
-        return max(0.0, -self._left / self.share) if self.limited else 0.0
+        self._resting = self._left < (SPARE if self._resting else 0.0)
+        return (SPARE - self._left) / self.share if self._resting else 0.0
 
     def fits(self, left: int) -> bool:
         """Whether it may have one more connection, where there is room for `left` more in all."""

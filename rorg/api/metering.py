@@ -31,6 +31,7 @@ class Metered:
         if not account.limited:
             await self.app(scope, receive, send)
             return
+        account.charge(limits.CALL)
         try:
             self._admit(account)
             with account.reading(_length(scope)):
@@ -67,7 +68,8 @@ class Metered:
 def _price(scope: Any) -> float:
     """CPU seconds that a call costs elsewhere, if it is done: renewals are kept in mind, and all else that changes
     something is written."""
-    return 0.0 if scope["method"] == "GET" or scope["path"].endswith("/renew") else limits.CHANGE
+    reads = scope["method"] == "GET" or scope["path"].endswith("/renew")
+    return 0.0 if reads else limits.CHANGE
 
 
 def _length(scope: Any) -> int:
@@ -91,6 +93,6 @@ def paced(work: Coroutine[Any, Any, None], account: Account) -> Generator[Any, A
         try:
             value, step = (yield awaited), work.send
             while owed := account.owed():
-                yield from asyncio.sleep(max(owed, limits.PAUSE))
+                yield from asyncio.sleep(owed)
         except BaseException as error:  # such as that it is cancelled, which the work is to hear
             value, step = error, work.throw

@@ -107,7 +107,8 @@ class Server:
         self.end()
         self.operations.committer.stop()
         deadline = time.monotonic() + FAREWELL
-        while self.uvicorn.server_state.tasks and time.monotonic() < deadline:
+        asked = set(self.uvicorn.server_state.tasks)
+        while not asked.isdisjoint(self.uvicorn.server_state.tasks) and time.monotonic() < deadline:
             time.sleep(0.005)
         self.operations.loop.decided = lambda: None
         self.uvicorn.should_exit = self.uvicorn.force_exit = True
