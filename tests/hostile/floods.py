@@ -62,6 +62,7 @@ def flood(path: str, what: Callable[[int], bytes], threads: int = 8) -> Iterator
 
     def one(number: int) -> None:
         while not over.is_set():
+            time.sleep(0.005)
             with contextlib.suppress(OSError), connect(path, 1.0) as connection:
                 while not over.is_set():
                     connection.sendall(what(number))

