@@ -52,6 +52,8 @@ CALL = 0.0003
 """CPU seconds that any call costs beside its work: in the kernel, and because the loop waits meanwhile."""
 CHANGE = 0.02
 """CPU seconds that a change costs beside those of its call: it is written to the disk, and the loop looks at all."""
+WAIT = 0.005
+"""CPU seconds that a wait costs: the loop looks at once, and probes are asked anew."""
 GREETING = 0.0005
 """CPU seconds that a connection costs before it says anything."""
 SPARE = 0.05

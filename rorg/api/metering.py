@@ -68,8 +68,9 @@ class Metered:
 def _price(scope: Any) -> float:
     """CPU seconds that a call costs elsewhere, if it is done: renewals are kept in mind, and all else that changes
     something is written."""
-    reads = scope["method"] == "GET" or scope["path"].endswith("/renew")
-    return 0.0 if reads else limits.CHANGE
+    if scope["method"] == "GET":
+        return limits.WAIT if scope["path"] == "/v1/wait" else 0.0
+    return 0.0 if scope["path"].endswith("/renew") else limits.CHANGE
 
 
 def _length(scope: Any) -> int:

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 MOST = 8 << 20
 RECENT = 2000
 """Lines kept in memory."""
-NEAR = 1 << 16
+NEAR = 1 << 13
 """Bytes of a file that are read through in search of a line."""
 
 

@@ -28,6 +28,7 @@ FLOODS: dict[str, Callable[[int], bytes]] = {
     "changes": lambda n: asking(
         "DELETE" if n % 100 > 50 else "PUT", f"/v1/requests/r{n % 50}", b'{"services": ["camera"], "ttl": "9s"}'
     ),
+    "waits": lambda n: asking("GET", "/v1/wait?services=probed&timeout=0"),
     "unknown names": lambda n: asking("PUT", "/v1/requests/x", json.dumps(NAMES).encode()),
     "no HTTP": lambda n: os.urandom(200) + b"\r\n\r\n",
 }

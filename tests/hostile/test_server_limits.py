@@ -40,6 +40,7 @@ TREE = {
     "beta": {"always_on": True, "may_request": ["camera"]},
     "gamma": {"always_on": True, "may_request": ["camera"]},
     "camera": {},
+    "probed": {"ready": {"tcp": 9}},
     "lidar": {"idle": {"action": "pause", "linger": 0}},
     **{f"other-{n}": {} for n in range(40)},
 }
