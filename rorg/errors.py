@@ -59,6 +59,14 @@ class Busy(Unreachable):
     seconds = 1
 
 
+class TooMany(Busy):
+    """The caller asks for more than its share: again after `seconds`."""
+
+    def __init__(self, what: str, why: str, remedy: str = "", seconds: int = 1) -> None:
+        super().__init__(what, why, remedy)
+        self.seconds = seconds
+
+
 class NotReady(RorgError):
     """What was asked for is applied, but not ready in time. `services` tells how each one is."""
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import psutil
 import witnesses
@@ -28,7 +29,8 @@ class RorgProcess:
         """For a test that failed: what it said last."""
         return witnesses.last_lines(self.folder / "rorg.log")
 
-    def start(self) -> RorgProcess:
+    def start(self, **more: Any) -> RorgProcess:
+        """`more`: what its process begins with."""
         with (self.folder / "rorg.log").open("ab") as log:
             self.process = subprocess.Popen(
                 [
@@ -45,6 +47,7 @@ class RorgProcess:
                 ],
                 stderr=log,
                 stdout=log,
+                **more,
             )
         return self
 

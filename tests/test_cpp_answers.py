@@ -145,6 +145,7 @@ class Script:
     def __init__(self) -> None:
         self.calls: list[tuple[str, str, str]] = []
         self.waits = 0
+        self.asked_at: list[float] = []
 
     def __call__(self, connection: socket.socket) -> None:
         while call := asked(connection):
@@ -173,6 +174,10 @@ class Script:
             return said(200, '{"digest": "d1", "generation": 9}', rorg_generation=9)
         if "restart" in path:
             done = said(200, "{}", rorg_generation=20)
+            if "much" in path:
+                self.asked_at.append(time.monotonic())
+                much = said(429, '{"title": "cannot", "code": "too-many-requests"}', Retry_After=1)
+                return much if times == 1 else done
             return None if "cut" in path else ending if "ending" in path and times == 1 else done
         if "services=late" in path:
             late = path.endswith("timeout=0.000000")
@@ -204,6 +209,8 @@ def test_what_it_changed_it_asks_to_see_and_repeats_only_what_it_may(sanitized, 
         pass
     both = ("GET", "/v1/wait?services=a&services=b", "12")
     late = [call for call in script.calls if "late" in call[1]]
+    first, second = script.asked_at
+    assert second - first >= 1.0, "who asked too much waits as long as it is told"
     assert len(late) >= 2
     assert {call[2] for call in late} == {"20"}
     manifests = [
@@ -225,6 +232,8 @@ def test_what_it_changed_it_asks_to_see_and_repeats_only_what_it_may(sanitized, 
         ("POST", "/v1/services/cut/restart", "9"),
         ("POST", "/v1/services/ending/restart", "9"),
         ("POST", "/v1/services/ending/restart", "9"),
+        ("POST", "/v1/services/much/restart", "9"),
+        ("POST", "/v1/services/much/restart", "9"),
         ("POST", "/v1/services/a/restart", "9"),
         ("GET", "/v1/wait?services=a", "20"),
         *manifests,

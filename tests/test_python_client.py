@@ -206,6 +206,19 @@ def test_what_may_not_be_done_twice_is_only_repeated_when_it_did_not_arrive(tmp_
     peer.close()
 
 
+def test_who_asked_too_much_waits_as_long_as_it_is_told(tmp_path):
+    path = str(tmp_path / "rorg.sock")
+    much = told("429 Too Many", b'{"code": "too-many-requests", "title": "cannot", "cause": "share"}', "Retry-After: 1")
+    peer = Peer(path, much, told("200 OK", b'{"services": ["arm"]}'), much, told("200 OK", b"[]"), much)
+    began = time.monotonic()
+    assert Client(path, patience=5).restart("arm") == ["arm"], "it was surely not done"
+    assert asyncio.run(AsyncClient(path, patience=5).services()) == []
+    assert time.monotonic() - began >= 2.0
+    with pytest.raises(Unreachable, match="share"):
+        Client(path, patience=0.5).services()
+    peer.close()
+
+
 # -- what it reads is not older than what it changed -----------------------------------------------------------
 
 

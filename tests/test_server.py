@@ -14,7 +14,7 @@ import pytest
 from conftest import wait_for
 from robots import RealRobot, write_tree
 
-import rorg.api.connection
+import rorg.api.limits
 import rorg.host.git
 from rorg.client import AsyncClient, Client, Error, Invalid, Refused, Unreachable
 from rorg.errors import Busy
@@ -83,8 +83,8 @@ def test_a_service_that_spoils_its_directory_has_no_socket_and_the_others_have(r
 
 def test_a_service_cannot_take_the_room_of_others(robot):
     """It may have so many connections; waits that nobody waits for any more end."""
-    monkey = [connect(robot, "alpha") for _ in range(rorg.api.connection.MOST_OF_ONE)]
-    wait_for(lambda: robot.server._open["alpha"] == len(monkey))
+    monkey = [connect(robot, "alpha") for _ in range(rorg.api.limits.MOST_OF_ONE)]
+    wait_for(lambda: robot.server.accounts.of_service("alpha").connections == len(monkey))
     wait_for(lambda: hung_up(connect(robot, "alpha")), what="one more is refused")
     robot.client("beta").services()
     for connection in monkey:
@@ -93,7 +93,7 @@ def test_a_service_cannot_take_the_room_of_others(robot):
     for connection in monkey:
         connection.close()
     wait_for(lambda: not robot.server.uvicorn.server_state.tasks)
-    wait_for(lambda: robot.server._open["alpha"] == 0)
+    wait_for(lambda: robot.server.accounts.of_service("alpha").connections == 0)
     robot.client("alpha").services()
 
 
@@ -115,7 +115,8 @@ def test_who_follows_events_and_hangs_up_is_forgotten(robot):
     ],
 )
 def test_who_asks_nothing_or_half_of_something_is_hung_up_on(robot, monkeypatch, said):
-    monkeypatch.setattr(rorg.api.connection, "IDLE", 0.3)
+    monkeypatch.setattr(rorg.api.limits, "IDLE", 0.3)
+    monkeypatch.setattr(rorg.api.limits, "COMPLETE", 0.3)
     connection = connect(robot)
     connection.sendall(said)
     connection.settimeout(10)
@@ -124,7 +125,7 @@ def test_who_asks_nothing_or_half_of_something_is_hung_up_on(robot, monkeypatch,
 
 
 def test_who_waits_for_an_answer_is_not(robot, monkeypatch):
-    monkeypatch.setattr(rorg.api.connection, "IDLE", 0.2)
+    monkeypatch.setattr(rorg.api.limits, "IDLE", 0.2)
     began = time.monotonic()
     with pytest.raises(Error, match="camera"):
         robot.client().wait("camera", timeout=1.5)
@@ -219,7 +220,7 @@ def test_a_port_that_is_taken_is_told_at_once(tmp_path):
             timeout=60,
         )
     assert done.returncode == 2
-    assert "address already in use" in done.stderr
+    assert "Address already in use" in done.stderr
 
 
 # -- manifests -------------------------------------------------------------------------------------------------
@@ -356,7 +357,7 @@ def test_a_follower_misses_nothing_over_a_restart_though_it_has_seen_nothing_yet
     seen: list[dict] = []
     follower = robot.client()
     threading.Thread(target=lambda: [seen.append(e) for e in follower.events(follow=True)], daemon=True).start()
-    wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) == 1)
+    wait_for(lambda: robot.loop.recorder.journal._followers)
     at = robot.loop.recorder.journal.last
     robot.stop()
     robot.start()

@@ -8,12 +8,14 @@ import itertools
 import sys
 import typing
 from pathlib import Path
+from types import ModuleType
 
 import typer.main
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 import rorg.errors
+from rorg.api import limits
 from rorg.api.openapi import document as openapi
 from rorg.api.permissions import OPERATIONS
 from rorg.cli.main import app
@@ -34,7 +36,16 @@ ABOUT_API = """# API
 HTTP/1.1 and JSON on the unix socket `/run/rorg/rorg.sock`; as OpenAPI in
 [`schemas/openapi.json`](../../schemas/openapi.json). Errors are `application/problem+json` (RFC 9457) with `code`,
 `cause` and `remedy`; codes are forbidden (403), not-found (404), refused (409), too-large (413), invalid (400, 422),
-unreachable (503: it has just begun) and not-ready (504). Bodies have at most 1 MiB.
+too-many-requests (429, with Retry-After), unreachable (503: it has just begun) and not-ready (504). What nobody can use
+up is in the [limits](#limits).
+
+"""
+
+ABOUT_LIMITS = """
+## Limits
+
+No caller takes the server from the others, nor the loop's time. Who is at a limit of time or number is hung up on; who
+says or asks too much is told so. A requester may have 100 requests, which name at most 1000 services and groups in all.
 
 """
 
@@ -143,7 +154,20 @@ def api() -> str:
                 text += "| field | in | meaning |\n|---|---|---|\n"
                 text += "".join(f"| {name} | {where} | {meaning} |\n" for name, where, meaning in rows) + "\n"
     text += "## Who may what\n\n| operation | callers |\n|---|---|\n"
-    return text + "".join(f"| {operation} | {', '.join(kinds)} |\n" for operation, kinds in OPERATIONS.items())
+    text += "".join(f"| {operation} | {', '.join(kinds)} |\n" for operation, kinds in OPERATIONS.items())
+    return text + ABOUT_LIMITS + constants(limits)
+
+
+def constants(module: ModuleType) -> str:
+    """A table of the constants of a file: each with the text below it."""
+    body = ast.parse(inspect.getsource(module)).body
+    text = "| limit | value | |\n|---|---|---|\n"
+    for node, after in itertools.pairwise(body):
+        if isinstance(node, ast.Assign) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            name = ast.unparse(node.targets[0])
+            meaning = " ".join(str(after.value.value).split())
+            text += f"| {name.lower().replace('_', ' ')} | {getattr(module, name)} | {meaning} |\n"
+    return text
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from rorg import __version__
 from rorg.api.diffing import add_diffing
 from rorg.api.events import add_events
 from rorg.api.inputs import unreadable
+from rorg.api.limits import MOST_BODY
 from rorg.api.manifests import add_manifests
 from rorg.api.models import Problem
 from rorg.api.operating import add_operating
@@ -25,8 +26,6 @@ from rorg.api.requesting import add_requesting
 from rorg.api.waiting import add_waiting
 from rorg.errors import RorgError
 
-MOST_BODY = 1 << 20
-"""Bytes of a request's body."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem, "description": what, "content": {"application/problem+json": {}}}
     for code, what in (
@@ -36,6 +35,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         (409, "refused"),
         (413, "too large"),
         (422, "invalid"),
+        (429, "asked too much"),
         (503, "not now"),
         (504, "not ready"),
     )

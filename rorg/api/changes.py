@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.api.current import Current
-from rorg.core.requests import problems
+from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Hold, Request
 from rorg.model.units import format_seconds, stamp
@@ -16,6 +16,8 @@ from rorg.store.requests_document import RequestsDocument
 
 MOST_REQUESTS = 100
 """Requests that one requester may have at a time."""
+MOST_NAMED = 1000
+"""Services and groups that they may name in all: each pass, and each write of the file, looks at every one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,25 +37,34 @@ class Change:
 
 def put_request(current: Current, request: Request) -> Change:
     """A request, bound to the run of its requester, in place of the one with the same requester and id. It is accepted
-    whole or refused whole. Raises Busy and Refused where its requester is not known to run; the edit raises Invalid for
-    what means nothing, and Refused for what cannot be together with the rest."""
+    whole or refused whole. Raises Busy and Refused where its requester is not known to run, and Invalid for what means
+    nothing; the edit raises Refused for what cannot be together with the rest, or is too much."""
     catalog = current.catalog
     request = replace(request, incarnation=current.incarnation(request.requester))
+    _refuse(request, mistakes(catalog, request))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        found = problems(catalog, document.requests, request)
-        if found:
-            kind = Invalid if found[0].mistaken else Refused
-            what = f"request {', '.join(request.services)}"
-            raise kind(what, "; ".join(p.cause for p in found), found[0].remedy)
+        _refuse(request, problems(catalog, document.requests, request))
         own = [r for r in document.requests if r.requester == request.requester and r.id != request.id]
         if len(own) >= MOST_REQUESTS:
             what = f"accept another request of {request.requester}"
             raise Refused(what, f"it has {len(own)} already", "to release some")
+        named = sum(len(r.services) for r in own)
+        if named + len(request.services) > MOST_NAMED:
+            what = f"accept another request of {request.requester}"
+            raise Refused(what, f"it names {named} services already", "to release some, or groups")
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
     return Change(edit, "request", told, request.services, {"service": request.requester})
+
+
+def _refuse(request: Request, found: Sequence[Problem]) -> None:
+    """Raises what says why, where there is a problem."""
+    if found:
+        kind = Invalid if found[0].mistaken else Refused
+        names = ", ".join(request.services[:MOST_TOLD])
+        raise kind(f"request {names}", "; ".join(p.cause for p in found), found[0].remedy)
 
 
 def release(key: tuple[str, str]) -> Change:

@@ -1,65 +1,182 @@
-"""One connection of the server: who is at its other end, and for how long it may be idle."""
+"""One connection of the server: who is at its other end, how much it may say, and for how long it may be silent."""
 
 from __future__ import annotations
 
 import socket
-from collections import Counter
+import time
 from collections.abc import Callable
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from rorg.api import limits
+from rorg.api.limits import Account, Accounts
 from rorg.api.permissions import Caller
+from rorg.api.problems import problem
 
-MOST_OF_ONE = 200
-"""Connections of one service; a person's program may have as many as there is room."""
-IDLE = 60
-"""Seconds after which a connection that asks nothing is closed."""
+Who = Callable[[socket.socket | None, Any], Caller]
+"""Who is at the other end of a connection (its socket, its transport)."""
+CPU = time.thread_time
+"""CPU seconds of the server's thread."""
+PIECE = 8 << 10
+"""Bytes that are read before it is looked at what they were."""
+
+
+class _Refusal(Exception):
+    """What a caller says is not taken."""
+
+    def __init__(self, status: int, code: str, cause: str) -> None:
+        self.status, self.code, self.cause = status, code, cause
 
 
 class Connection(HttpToolsProtocol):
-    """Puts the caller into every request of its connection. No service may have so many connections that others find
-    no room, and nobody one that asks nothing, or half of something, for ever."""
+    """Puts the caller and its account into every request of its connection, and charges what is read. `due` is when it
+    is hung up on unless something happens before: whoever looks at all connections from time to time does so."""
 
-    who: Callable[[socket.socket | None, Any], Caller]
-    open: Counter[str]
-    """Service -> connections."""
+    who: Who
+    accounts: Accounts
+    left: Callable[[], int]
+    """Connections for which there is room."""
 
     def connection_made(self, transport: Any) -> None:
         caller = self.who(transport.get_extra_info("socket"), transport)
-        self.app_state = {**self.app_state, "caller": caller}
-        self.service, self.begun, self.whole, self.seen = caller.service, 0, 0, (-1, -1)
-        self.open[self.service] += 1
-        self.refused = bool(self.service) and self.open[self.service] > MOST_OF_ONE
+        self.account: Account = self.accounts.of(caller)
+        self.app_state = {**self.app_state, "caller": caller, "account": self.account}
+        self.due, self._begun, self._stuck = self.loop.time() + limits.IDLE, 0.0, 0
+        self._asking = self._heading = False
+        self._head = self._half = self._heads = self._lines = self._body = 0
+        self._refusal = _Refusal(400, "invalid", "it is no HTTP/1.1")
+        self.refused = not self.account.fits(self.left())
+        self.account.connections += 1
+        self.account.charge(limits.GREETING)
         if self.refused:
             transport.abort()
-            return
-        super().connection_made(transport)
-        self._look = self.loop.call_later(IDLE, self._look_again)
+        else:
+            super().connection_made(transport)
 
     def connection_lost(self, error: Exception | None) -> None:
-        self.open[self.service] -= 1
+        self.account.connections -= 1
         if not self.refused:
-            self._look.cancel()
+            self.resume_writing()
             super().connection_lost(error)
 
+    # -- what is said ------------------------------------------------------------------------------------------
+
     def data_received(self, data: bytes) -> None:
-        if not self.refused:
-            super().data_received(data)
+        began = CPU()
+        for at in range(0, len(data), PIECE):
+            if self.refused or self.transport.is_closing():
+                return
+            self._read(data[at : at + PIECE])
+        self.account.charge(CPU() - began)
+
+    def _read(self, piece: bytes) -> None:
+        before = self._heads
+        super().data_received(piece)
+        if self._heading and self._heads == before:
+            # Half a header is not told by the parser, which keeps it.
+            self._half += len(piece)
+            if self._half > limits.MOST_HEAD:
+                self._refusal = _long()
+                self.send_400_response("")
 
     def on_message_begin(self) -> None:
-        self.begun += 1
+        if len(self.pipeline) >= limits.MOST_PIPELINED:
+            self._refuse(_Refusal(400, "invalid", f"more than {limits.MOST_PIPELINED} requests wait for answers"))
+        self._asking = self._heading = True
+        self._heads += 1
+        self._head = self._half = self._lines = self._body = 0
+        self._begun = self.loop.time()
         super().on_message_begin()
+        self._look()
+
+    def on_url(self, url: bytes) -> None:
+        self._more(len(url))
+        super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        self._lines += 1
+        self._more(len(name) + len(value) + 4)
+        super().on_header(name, value)
+
+    def _more(self, length: int) -> None:
+        self._head += length
+        if self._head > limits.MOST_HEAD or self._lines > limits.MOST_HEADERS:
+            self._refuse(_long())
+
+    def on_headers_complete(self) -> None:
+        self._heading = False
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        self._body += len(body)
+        if self._body > limits.MOST_DROPPED:
+            self.transport.abort()
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
-        self.whole += 1
+        self._asking = False
         super().on_message_complete()
+        self._look()
 
-    def _look_again(self) -> None:
-        """Closes the connection when since the last look nothing was asked, and nothing is being answered."""
-        answering = self.cycle is not None and not self.cycle.response_complete and self.begun == self.whole
-        if not answering and self.seen == (self.begun, self.whole):
-            self.transport.close()
+    def _refuse(self, refusal: _Refusal) -> None:
+        """Ends the parser, and so the connection."""
+        self._refusal = refusal
+        raise refusal
+
+    def send_400_response(self, msg: str) -> None:  # noqa: ARG002 - ours says more
+        """Tells why, where no other answer is under way, and hangs up."""
+        self._heading = False
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.transport.abort()
             return
-        self.seen = (self.begun, self.whole)
-        self._look = self.loop.call_later(IDLE, self._look_again)
+        found = problem(self._refusal.status, self._refusal.code, "cannot read the request", self._refusal.cause)
+        body = bytes(found.body)
+        head = f"HTTP/1.1 {self._refusal.status} \r\ncontent-type: application/problem+json\r\n"
+        self.transport.write(f"{head}content-length: {len(body)}\r\nconnection: close\r\n\r\n".encode() + body)
+        self.transport.close()
+
+    # -- what is answered --------------------------------------------------------------------------------------
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._look()
+        owed = self.account.owed()
+        if owed and not self.pipeline and not self.transport.is_closing():
+            # Who asks on and on is not even heard.
+            self.flow.pause_reading()
+            self.loop.call_later(owed, self._hear)
+
+    def _hear(self) -> None:
+        if not self.transport.is_closing():
+            self.flow.resume_reading()
+
+    def pause_writing(self) -> None:
+        """The caller does not read as fast as it is answered. Of a service only so much is kept for later."""
+        super().pause_writing()
+        self._stuck = self.transport.get_write_buffer_size()
+        self.account.unread += self._stuck
+        self.due = self.loop.time() + limits.DEAF
+        if self.account.limited and self.account.unread > limits.MOST_HELD:
+            self.transport.abort()
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self.account.unread -= self._stuck
+        self._stuck = 0
+        self._look()
+
+    def _look(self) -> None:
+        """Says when it is to be hung up on, now that something has happened."""
+        if self._stuck:
+            return
+        answering = bool(self.pipeline) or (self.cycle is not None and not self.cycle.response_complete)
+        if self._asking:
+            self.due = self._begun + limits.COMPLETE
+        else:
+            self.due = float("inf") if answering else self.loop.time() + limits.IDLE
+
+
+def _long() -> _Refusal:
+    most = f"{limits.MOST_HEAD} bytes and {limits.MOST_HEADERS} headers"
+    return _Refusal(431, "too-large", f"its head may have {most}")

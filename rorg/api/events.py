@@ -18,6 +18,9 @@ from rorg.api.permissions import allow_request
 from rorg.api.status_models import EventView
 from rorg.errors import Busy
 
+SLICE = 100
+"""Lines that are written at once: no more are kept for who reads slowly."""
+
 
 class Lines(StreamingResponse):
     """Lines of JSON, as long as there are any."""
@@ -67,7 +70,7 @@ async def _lines(
             # Both are looked at before the journal is read: what is written from here on wakes the wait below.
             written.clear()
             turn = changed()
-            found = journal.since(at)
+            found = journal.after(at, SLICE)
             if found:
                 at = found[-1]["seq"]
                 told = _own(operations, found, whose) if whose else found

@@ -223,6 +223,6 @@ class Operations:
                 text = f"{change.message} (by {caller.author})"
                 self.loop.recorder.event(change.kind, text, author=caller.author, **change.about)
 
-        future = self.committer.submit(note)
+        future = self.committer.submit(note, caller.identity)
         future.add_done_callback(told)
         return future

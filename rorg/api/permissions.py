@@ -71,6 +71,13 @@ class Caller:
             return f"uid {self.uid}"
 
     @property
+    def identity(self) -> str:
+        """Who is at the other end, whoever it acts for: by service, certificate or user."""
+        if self.via or self.kind == "service":
+            return self.via or self.service
+        return f"certificate {self.certificate}" if self.certificate else f"uid {self.uid}"
+
+    @property
     def requester(self) -> str:
         return self.service if self.kind == "service" else DEVELOPER
 

@@ -6,7 +6,18 @@ from typing import Any
 
 from fastapi.responses import JSONResponse
 
-from rorg.errors import Busy, Forbidden, Invalid, Missing, NotReady, Refused, RorgError, Unconfirmed, Unreachable
+from rorg.errors import (
+    Busy,
+    Forbidden,
+    Invalid,
+    Missing,
+    NotReady,
+    Refused,
+    RorgError,
+    TooMany,
+    Unconfirmed,
+    Unreachable,
+)
 
 STATUS: dict[type[RorgError], tuple[int, str]] = {
     Forbidden: (403, "forbidden"),
@@ -14,6 +25,7 @@ STATUS: dict[type[RorgError], tuple[int, str]] = {
     Refused: (409, "refused"),
     Invalid: (422, "invalid"),
     NotReady: (504, "not-ready"),
+    TooMany: (429, "too-many-requests"),
     Busy: (503, "busy"),
     Unreachable: (503, "unreachable"),
 }

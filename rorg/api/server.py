@@ -14,28 +14,33 @@ import socket
 import ssl
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 
+from rorg.api import limits
 from rorg.api.app import make_app
-from rorg.api.connection import IDLE, Connection
+from rorg.api.connection import Connection, Who
+from rorg.api.limits import Accounts
+from rorg.api.listener import Listener
+from rorg.api.metering import Metered
 from rorg.api.not_before import NotBefore
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, group_id, peer
 from rorg.api.quick import Quick
-from rorg.api.sockets import BACKLOG, NAME, ServiceSockets, Who, listen, make_directories
+from rorg.api.sockets import BACKLOG, NAME, ServiceSockets, listen, make_directories
 from rorg.daemon.loop import Loop
 from rorg.errors import Invalid
 from rorg.store.state_dir import StateDir
 
-MOST_CONNECTIONS = 8000
-"""Requests at once beyond which the answer is 503."""
 FAREWELL = 2.0
 """Seconds that the end waits for answers under way."""
+LOOK = 0.5
+"""Seconds between two looks at which connections are overdue."""
+MOST_FILES = 65536
+"""Descriptors that this process asks for."""
 
 
 class Server:
@@ -46,23 +51,23 @@ class Server:
         self.group = group_id(group)
         self._asyncio: asyncio.AbstractEventLoop | None = None
         self._event = asyncio.Event()
-        self.services = ServiceSockets(directory, self.group, self._protocol, operations.loop.recorder)
-        self._open: Counter[str] = Counter()
+        self.services = ServiceSockets(directory, self.group, self._listen, operations.loop.recorder)
+        self.accounts = Accounts(time.monotonic)
+        self.listeners: set[Listener] = set()
+        self.room = limits.MOST_CONNECTIONS
         self._broken: Exception | None = None
         """Why it could not begin to serve."""
         self.app = make_app(operations, lambda: self._event)
         self.config = uvicorn.Config(
-            NotBefore(Quick(self.app, operations), operations, lambda: self._event),
+            Metered(NotBefore(Quick(self.app, operations), operations, lambda: self._event), operations),
             http=Connection,
             loop="uvloop",
             log_config=None,
             access_log=False,
             lifespan="off",
-            timeout_keep_alive=IDLE,
-            limit_concurrency=MOST_CONNECTIONS,
+            timeout_keep_alive=int(limits.IDLE),
             backlog=BACKLOG,
             ws="none",
-            h11_max_incomplete_event_size=65536,
             server_header=False,
             date_header=False,
         )
@@ -75,9 +80,7 @@ class Server:
     def start(self) -> None:
         """Listens when it returns."""
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
-        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 65536) if hard > 0 else 65536, hard))
+        self.room = limits.room(_descriptors())
         make_directories(self.directory)
         main = listen(self.directory, self.directory / NAME, group=self.group)
         self.operations.committer.start()
@@ -104,7 +107,8 @@ class Server:
         self.end()
         self.operations.committer.stop()
         deadline = time.monotonic() + FAREWELL
-        while self.uvicorn.server_state.tasks and time.monotonic() < deadline:
+        asked = set(self.uvicorn.server_state.tasks)
+        while not asked.isdisjoint(self.uvicorn.server_state.tasks) and time.monotonic() < deadline:
             time.sleep(0.005)
         self.operations.loop.decided = lambda: None
         self.uvicorn.should_exit = self.uvicorn.force_exit = True
@@ -127,31 +131,61 @@ class Server:
 
     async def _serve(self, main: socket.socket, started: threading.Event) -> None:
         loop = asyncio.get_running_loop()
-        self.uvicorn.servers = [
-            await loop.create_server(
-                self._protocol(lambda connection, _: peer(connection, self.group)), sock=main, backlog=BACKLOG
-            )
-        ]
+        loop.set_exception_handler(self._odd)
+        self._listen(main, lambda connection, _: peer(connection, self.group))
         if self.tcp:
             host, port, context = self.tcp
-            self.uvicorn.servers.append(
-                await loop.create_server(self._protocol(_certified), host, port, ssl=context, backlog=BACKLOG)
-            )
+            for family, *_, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+                place = socket.create_server(address, family=family, backlog=BACKLOG)
+                self._listen(place, _certified, context=context)
         self.uvicorn.started = True
         started.set()
+        self._look()
         await self.uvicorn.main_loop()
-        for server in (*self.uvicorn.servers, *self.services.servers.values()):
-            server.close()
+        for listener in list(self.listeners):
+            self._deafen(listener)
         for connection in list(self.uvicorn.server_state.connections):
             connection.shutdown()
 
-    def _protocol(self, who: Who) -> Callable[[], asyncio.Protocol]:
+    def _listen(
+        self, place: socket.socket, who: Who, service: str = "", context: ssl.SSLContext | None = None
+    ) -> Callable[[], None]:
+        """Serves who calls at a socket, which is one service's or anybody's, until what this returns is called."""
+
         def make() -> asyncio.Protocol:
             made = Connection(self.config, self.uvicorn.server_state, {})
-            made.who, made.open = who, self._open
+            made.who, made.accounts, made.left = who, self.accounts, self.left
             return made
 
-        return make
+        account = self.accounts.of_service(service) if service else None
+        listener = Listener(place, make, self.left, account, context)
+        self.listeners.add(listener)
+        return lambda: self._deafen(listener)
+
+    def _deafen(self, listener: Listener) -> None:
+        self.listeners.discard(listener)
+        listener.close()
+
+    def left(self) -> int:
+        """Connections for which there is room."""
+        greeted = sum(len(listener.greeted) for listener in self.listeners)
+        return self.room - greeted - len(self.uvicorn.server_state.connections)
+
+    def _look(self) -> None:
+        """Hangs up on those who are overdue, every LOOK seconds."""
+        loop = asyncio.get_running_loop()
+        now = loop.time()
+        for connection in list(self.uvicorn.server_state.connections):
+            if isinstance(connection, Connection) and connection.due < now:
+                connection.transport.abort()
+        loop.call_later(LOOK, self._look)
+
+    def _odd(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """What no call was the cause of. That a caller hangs up, or speaks no TLS, is nothing to tell."""
+        error = context.get("exception")
+        if not isinstance(error, OSError):
+            told = f"internal error of the server: {error or context.get('message')}"
+            self.operations.loop.recorder.when_new("server", told, "internal-error", told)
 
     def decided(self) -> None:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
@@ -161,7 +195,7 @@ class Server:
         with contextlib.suppress(RuntimeError):
             self._asyncio.call_soon_threadsafe(self._turn)
             if self.services.due(declared):
-                self._asyncio.call_soon_threadsafe(lambda: asyncio.ensure_future(self.services.serve(declared)))
+                self._asyncio.call_soon_threadsafe(self.services.serve, declared)
 
     def _turn(self) -> None:
         self._event.set()
@@ -170,6 +204,14 @@ class Server:
     def prepare(self, names: Iterable[str]) -> None:
         """The directories that are mounted into containers must be there before a container is made."""
         self.services.prepare(names)
+
+
+def _descriptors() -> int:
+    """How many files this process may have open, which are more from here on where the kernel allows it."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, MOST_FILES) if hard > 0 else MOST_FILES, hard))
+    return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
 
 
 def _certified(_: socket.socket | None, transport: Any) -> Caller:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import os
 import shutil
@@ -10,8 +9,8 @@ import socket
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
+from rorg.api.connection import Who
 from rorg.api.permissions import Caller
 from rorg.daemon.recorder import Recorder
 
@@ -21,8 +20,8 @@ BACKLOG = 1024
 RETRY = 5.0
 """Seconds until sockets that could not be made are tried again."""
 
-Who = Callable[[socket.socket | None, Any], Caller]
-"""Who is at the other end of a connection (its socket, its transport)."""
+Serve = Callable[[socket.socket, Who, str], Callable[[], None]]
+"""Serves who calls at a socket, the one service of this name, until what it returns is called."""
 
 
 def make_directories(directory: Path) -> None:
@@ -58,23 +57,23 @@ def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = N
     finally:
         os.close(folder)
     found.setblocking(False)
+    found.listen(BACKLOG)
     return found
 
 
 class ServiceSockets:
-    """The sockets of services, as their manifests ask for them. `protocol` makes what serves a connection, for what
-    tells who is at its other end."""
+    """The sockets of services, as their manifests ask for them."""
 
     def __init__(
         self,
         directory: Path,
         group: int | None,
-        protocol: Callable[[Who], Callable[[], asyncio.Protocol]],
+        listening: Serve,
         recorder: Recorder,
     ) -> None:
-        self.directory, self.group, self.protocol, self.recorder = directory, group, protocol, recorder
-        self.servers: dict[str, asyncio.AbstractServer] = {}
-        """By service."""
+        self.directory, self.group, self.listening, self.recorder = directory, group, listening, recorder
+        self.served: dict[str, Callable[[], None]] = {}
+        """Service -> what ends its socket."""
         self._declared: frozenset[str] = frozenset()
         self._again = float("inf")
         """When to try sockets again that could not be made."""
@@ -91,22 +90,18 @@ class ServiceSockets:
         for name in names:
             (self.directory / "services" / name).mkdir(parents=True, exist_ok=True)
 
-    async def serve(self, names: frozenset[str]) -> None:
+    def serve(self, names: frozenset[str]) -> None:
         """Serves exactly these. What cannot be served is told, and tried again after a while."""
-        for name in set(self.servers) - names:
-            self.servers.pop(name).close()
+        for name in set(self.served) - names:
+            self.served.pop(name)()
             shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
-        for name in sorted(names - set(self.servers)):
+        for name in sorted(names - set(self.served)):
             caller = Caller("service", service=name)
             try:
                 self.prepare([name])
                 # Whatever user a program runs as inside its container, the mount is its permission.
                 listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
-                self.servers[name] = await asyncio.get_running_loop().create_server(
-                    self.protocol(lambda *_, caller=caller: caller),
-                    sock=listener,
-                    backlog=BACKLOG,
-                )
+                self.served[name] = self.listening(listener, lambda *_, caller=caller: caller, name)
             except OSError as error:
                 self._again = time.monotonic() + RETRY
                 told = f"{name} has no socket to request anything: {error}"

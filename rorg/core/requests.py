@@ -15,6 +15,9 @@ from rorg.model.diagnostics import nearest
 from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import format_seconds
 
+MOST_TOLD = 10
+"""Unknown names that are told of one request."""
+
 
 class ProblemCode(StrEnum):
     """Why a request cannot be accepted."""
@@ -132,7 +135,7 @@ def _obituary(request: Request, containers: list[Container]) -> str:
 
 def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> list[Problem]:
     """Why a request cannot be accepted; empty when it can. Accepted whole or not at all."""
-    found = _mistakes(catalog, new)
+    found = mistakes(catalog, new)
     if found:
         return found
     kept = [r for r in existing if r.key != new.key]
@@ -159,7 +162,7 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     return found
 
 
-def _mistakes(catalog: Catalog, new: Request) -> list[Problem]:
+def mistakes(catalog: Catalog, new: Request) -> list[Problem]:
     """What is wrong with a request whatever else is asked for."""
     found: list[Problem] = []
     if new.requester not in catalog.services:
@@ -168,9 +171,11 @@ def _mistakes(catalog: Catalog, new: Request) -> list[Problem]:
     if not new.services:
         found.append(Problem(ProblemCode.EMPTY, "it names no service", "`rorg release` to give a request up"))
     known = {*catalog.services, *catalog.groups}
-    found += [
-        Problem(ProblemCode.UNKNOWN, f"unknown service '{name}'", nearest(name, known))
-        for name in new.services
-        if name not in known
-    ]
+    unknown = [name for name in new.services if name not in known]
+    for name in unknown[:MOST_TOLD]:
+        # The nearest name is looked for among all, which takes its time: once is enough.
+        remedy = nearest(name, known) if name == unknown[0] else ""
+        found.append(Problem(ProblemCode.UNKNOWN, f"unknown service '{name}'", remedy))
+    if len(unknown) > MOST_TOLD:
+        found.append(Problem(ProblemCode.UNKNOWN, f"{len(unknown) - MOST_TOLD} more unknown services", ""))
     return found

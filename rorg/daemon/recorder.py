@@ -12,6 +12,7 @@ from rorg.core.decide import Decision
 from rorg.core.losses import losses, ready_runs
 from rorg.core.memory import Progress
 from rorg.core.plan import Action
+from rorg.core.requests import MOST_TOLD
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
@@ -148,17 +149,16 @@ class Recorder:
         """Names in the requests file that mean nothing: whoever edits it by hand hears of a typing error."""
         catalog = decision.situation.desired.catalog
         known = {*catalog.services, *catalog.groups}
-        found = tuple(
-            f"{r.where}: request '{r.id}' names '{s}', which is not declared; {nearest(s, known)}"
-            for r in decision.settled.requests
-            for s in r.services
-            if s not in known
-        )
-        self._when_new("unknown", found, self._unknown_names, found)
+        found = tuple((str(r.where), r.id, s) for r in decision.settled.requests for s in r.services if s not in known)
+        self._when_new("unknown", found, self._unknown_names, (found, known))
 
-    def _unknown_names(self, lines: Any) -> None:
-        for line in lines:
-            self.event("unknown-service", line)
+    def _unknown_names(self, what: Any) -> None:
+        found, known = what
+        for where, id, name in found[:MOST_TOLD]:
+            told = f"{where}: request '{id}' names '{name}', which is not declared"
+            self.event("unknown-service", f"{told}; {nearest(name, known)}")
+        if len(found) > MOST_TOLD:
+            self.event("unknown-service", f"{len(found) - MOST_TOLD} more names in requests are not declared")
 
     def _engine(self, observed: Any) -> None:
         if observed.complete:

@@ -1,9 +1,10 @@
-"""Durable changes of the requests file for many callers: all that wait at the same time share one write and fsync."""
+"""Durable changes of the requests file for many callers: those that wait at the same time share one write and fsync,
+and callers have turns, so that nobody's changes wait for all of another's."""
 
 from __future__ import annotations
 
-import queue
 import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 
@@ -13,6 +14,10 @@ from rorg.store.requests_file import RequestsFile
 
 PATIENCE = 5.0
 """Seconds that stop() waits for a write under way."""
+MOST_AT_ONCE = 256
+"""Changes that share one write."""
+MOST_OF_ONE = 16
+"""Of them, those of one caller."""
 
 Edit = Callable[[RequestsDocument], RequestsDocument]
 """From what is asked now to what is asked then; raises RorgError to refuse, and then nothing of it is done."""
@@ -24,15 +29,41 @@ def _told(error: Exception) -> Exception:
     return error
 
 
+Entry = tuple[Edit, Future[int]]
+
+
+class Turns:
+    """What waits, by caller: each caller's in the order in which it came, one of each in turn."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, deque[Entry]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def put(self, caller: str, entry: Entry) -> None:
+        self._waiting.setdefault(caller, deque()).append(entry)
+
+    def take(self) -> list[Entry]:
+        """What is to be done together. Who had the last turn is the last one the next time."""
+        found: list[Entry] = []
+        for _ in range(MOST_OF_ONE):
+            for caller in list(self._waiting)[: MOST_AT_ONCE - len(found)]:
+                waiting = self._waiting.pop(caller)
+                found.append(waiting.popleft())
+                if waiting:
+                    self._waiting[caller] = waiting
+        return found
+
+
 class Committer:
-    """A thread that applies edits in the order in which they came."""
+    """A thread that applies edits, each caller's in the order in which they came."""
 
     def __init__(self, file: RequestsFile, changed: Callable[[bool], int]) -> None:
         """`changed` is told of every write that is on the disk, whether it changed anything, and gives the generation
         of it."""
         self.file, self.changed = file, changed
-        self._edits: queue.SimpleQueue[tuple[Edit, Future[int]] | None] = queue.SimpleQueue()
-        self._lock, self._stopped = threading.Lock(), False
+        self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
 
     def start(self) -> None:
@@ -40,34 +71,34 @@ class Committer:
 
     def stop(self) -> None:
         """Ends when what was submitted before is done."""
-        with self._lock:
+        with self._news:
             self._stopped = True
-            self._edits.put(None)
+            self._news.notify()
         if self._thread.is_alive():
             self._thread.join(PATIENCE)
 
-    def submit(self, edit: Edit) -> Future[int]:
+    def submit(self, edit: Edit, caller: str = "") -> Future[int]:
         """The future has the change's generation when the disk has it, or the error with which it was refused."""
         future: Future[int] = Future()
-        with self._lock:
+        with self._news:
             if self._stopped:
                 future.set_exception(Busy("write the requests file", "rorg is being stopped", "again in a moment"))
             else:
-                self._edits.put((edit, future))
+                self._turns.put(caller, (edit, future))
+                self._news.notify()
         return future
 
     def _run(self) -> None:
-        while (first := self._edits.get()) is not None:
-            batch = [first]
-            while not self._edits.empty() and len(batch) < 256:
-                more = self._edits.get()
-                if more is None:
-                    self._edits.put(None)
-                    break
-                batch.append(more)
+        while batch := self._next():
             self._commit(batch)
 
-    def _commit(self, batch: list[tuple[Edit, Future[int]]]) -> None:
+    def _next(self) -> list[Entry]:
+        """What is to be done now; nothing at the end."""
+        with self._news:
+            self._news.wait_for(lambda: self._turns or self._stopped)
+            return self._turns.take()
+
+    def _commit(self, batch: list[Entry]) -> None:
         refused: dict[int, Exception] = {}
 
         def apply(document: RequestsDocument) -> RequestsDocument:

@@ -4,15 +4,19 @@ bytes, and the last lines in memory for those who follow."""
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 MOST = 8 << 20
 RECENT = 2000
 """Lines kept in memory."""
+NEAR = 1 << 13
+"""Bytes of a file that are read through in search of a line."""
 
 
 class Journal:
@@ -66,6 +70,16 @@ class Journal:
         with self._lock:
             return self._seq
 
+    def after(self, seq: int, most: int) -> list[dict[str, Any]]:
+        """The next lines after a number, so many at the most."""
+        with self._lock:
+            recent = list(self._recent)
+        if recent and recent[0]["seq"] > seq + 1:
+            found = _after(self._old, seq, most) or _after(self.path, seq, most)
+            if found:
+                return found
+        return [e for e in recent if e["seq"] > seq][:most]
+
     def since(self, seq: int) -> list[dict[str, Any]]:
         """All lines after a number, as far as they are kept."""
         with self._lock:
@@ -75,6 +89,31 @@ class Journal:
         if recent[0]["seq"] > seq + 1:
             recent = [*_entries(self._old), *_entries(self.path)]
         return [e for e in recent if e["seq"] > seq]
+
+
+def _after(path: Path, seq: int, most: int) -> list[dict[str, Any]]:
+    """The next lines after a number, found by halves: the file may be large, and who reads it slow."""
+    try:
+        with path.open("rb") as file:
+            low, high = 0, file.seek(0, os.SEEK_END)
+            while high - low > NEAR:
+                middle = (low + high) // 2
+                file.seek(middle)
+                file.readline()
+                first = next(_whole(file), None)
+                low, high = (middle, high) if first and first["seq"] <= seq else (low, middle)
+            file.seek(low)
+            if low:
+                file.readline()
+            return list(islice((entry for entry in _whole(file) if entry["seq"] > seq), most))
+    except OSError:
+        return []
+
+
+def _whole(file: BinaryIO) -> Iterator[dict[str, Any]]:
+    while line := file.readline():
+        if entry := _entry(line.decode("utf-8", errors="replace")):
+            yield entry
 
 
 def _is_torn(path: Path) -> bool:

@@ -28,6 +28,7 @@ inline void scripted() {
   }
   throws<rorg::Unreachable>([&] { client.restart("cut"); }, "cannot reach", "what may have arrived is not repeated");
   client.restart("ending");  // 503 says that it was not done
+  client.restart("much");    // and so does 429
   client.restart("a", false, Seconds(5));
   throws<rorg::NotReady>([&] { client.wait({"late"}, Seconds(0.5)); }, "too late", "its time goes on while it is away");
   // Two outages with a second of peace between them are two: patience is for each.

@@ -14,7 +14,7 @@ from rorg_client.aio_request import AsyncRequest
 from rorg_client.aio_watch import AsyncWatcher
 from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
 from rorg_client.client import RESTART_PAUSE, not_restarted, readiness_of
-from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
+from rorg_client.errors import Error, NotReady, Unreachable, invalid, unreachable
 from rorg_client.types import (
     Event,
     GroupView,
@@ -274,6 +274,6 @@ class AsyncClient:
                 self._at_home().append(connection)
             else:
                 connection.close()
-        if answer.status == 503:
-            raise Failed(problem(answer.status, answer.body), sent=False)
+        if failed := calls.not_now(answer):
+            raise failed
         return answer

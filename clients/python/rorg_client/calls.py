@@ -24,6 +24,8 @@ HELD = 10.0
 """Seconds for which rorg may hold an answer back until it has acted on an earlier change."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0
 """Seconds between two attempts."""
+NOT_NOW = (429, 503)
+"""Statuses of what was not done and can be asked again: too many calls, and rorg is busy."""
 MANIFESTS = "/v1/manifests"
 T = TypeVar("T")
 
@@ -94,11 +96,20 @@ def generation(answer: Answer) -> int:
 
 class Failed(Exception):
     """An attempt that had no answer, or "not now". `sent`: it may have arrived. `stale`: its connection was kept from
-    an earlier call, which says nothing of who is there now."""
+    an earlier call, which says nothing of who is there now. `after`: seconds until it may be made again."""
 
-    def __init__(self, error: BaseException, sent: bool, stale: bool = False) -> None:
-        self.error, self.sent, self.stale = error, sent, stale
+    def __init__(self, error: BaseException, sent: bool, stale: bool = False, after: float = 0.0) -> None:
+        self.error, self.sent, self.stale, self.after = error, sent, stale, after
         super().__init__(str(error))
+
+
+def not_now(answer: Answer) -> Failed | None:
+    """What an answer stands for that says "not now"."""
+    if answer.status not in NOT_NOW:
+        return None
+    # Who is merely busy is asked again as soon as may be: it is back before the second is over.
+    after = answer.headers.get("retry-after", "") if answer.status == 429 else ""
+    return Failed(problem(answer.status, answer.body), sent=False, after=float(after) if after.isdigit() else 0.0)
 
 
 class Attempts:
@@ -114,9 +125,10 @@ class Attempts:
             return 0.0
         if self.end < 0:
             self.end = now + self.patience
-        if (failed.sent and self.call.once) or now + self.pause > self.end:
+        pause = max(self.pause, failed.after)
+        if (failed.sent and self.call.once) or now + pause > self.end:
             raise self._error(failed) from failed.error
-        pause, self.pause = self.pause, min(2 * self.pause, LONGEST_PAUSE)
+        self.pause = min(2 * self.pause, LONGEST_PAUSE)
         return pause
 
     def _error(self, failed: Failed) -> Error:

@@ -313,8 +313,8 @@ class Client:
                 connection.close()
                 if stale:
                     self._local.kept = None
-        if answer.status == 503:
-            raise Failed(problem(answer.status, answer.body), sent=False)
+        if failed := calls.not_now(answer):
+            raise failed
         return answer
 
 

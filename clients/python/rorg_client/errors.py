@@ -57,6 +57,7 @@ _CODES = {
     "not-ready": NotReady,
     "unreachable": Unreachable,
     "busy": Unreachable,
+    "too-many-requests": Unreachable,
     "ending": Unreachable,
 }
 

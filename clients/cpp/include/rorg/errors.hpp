@@ -85,7 +85,7 @@ inline Readiness readiness(const json::Value& told) {
     error.services = readiness(told);
     throw error;
   }
-  if (status == 503) throw Unreachable(title, cause, remedy, status);
+  if (status == 503 || status == 429) throw Unreachable(title, cause, remedy, status);
   throw Error(title, cause, remedy, status);
 }
 

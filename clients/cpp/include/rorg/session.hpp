@@ -42,12 +42,13 @@ struct Call {
 class Outage {
  public:
   explicit Outage(Seconds patience) : end_(in(patience)), patience_(patience) {}
-  // Sleeps until the next attempt; false when patience has run out.
-  bool goes_on() {
+  // Sleeps until the next attempt, so long at the least; false when patience has run out.
+  bool goes_on(Seconds after = Seconds(0)) {
     if (!begun_) end_ = in(patience_);
     begun_ = true;
-    if (left(end_) < pause_) return false;
-    std::this_thread::sleep_for(pause_);
+    const Seconds pause = std::max(pause_, after);
+    if (left(end_) < pause) return false;
+    std::this_thread::sleep_for(pause);
     pause_ = std::min(pause_ * 2, Seconds(1));
     return true;
   }
@@ -75,7 +76,7 @@ class Session {
   const Where where;
   const Seconds timeout, patience;
 
-  // The answer, which may say no, but is never 503: that is repeated, as is a connection that fails.
+  // The answer, which may say no, but never "not now": that is repeated, as is a connection that fails.
   Answer call(const Call& call) {
     Outage outage(call.patience);
     for (;;) {
@@ -84,9 +85,9 @@ class Session {
       const auto lasted = [began] { return Seconds(std::chrono::steady_clock::now() - began); };
       try {
         Answer answer = once(call, kept);
-        if (answer.status != 503) return answer;
+        if (!not_now(answer)) return answer;
         if (lasted() > longest_hold) outage.over();
-        if (!outage.goes_on()) raise(answer.status, answer.body);
+        if (!outage.goes_on(pause_of(answer))) raise(answer.status, answer.body);
       } catch (const Lost& lost) {
         // One that was kept may have been closed meanwhile, which says nothing of who is there now.
         if (kept && !lost.late && call.repeatable) continue;
@@ -125,6 +126,14 @@ class Session {
   // rorg holds back an answer that must know of a change for so long, and then says 503.
   static constexpr Seconds longest_hold{11};
 
+  // It was not done: rorg is busy, or this program asks too much.
+  static bool not_now(const Answer& answer) { return answer.status == 503 || answer.status == 429; }
+  // Who asks too much is told when to come again.
+  static Seconds pause_of(const Answer& answer) {
+    const auto told = answer.status == 429 ? whole(answer.header("retry-after")) : std::nullopt;
+    return Seconds(told ? static_cast<double>(std::min<std::uint64_t>(*told, 3600)) : 0.0);
+  }
+
   Local& local() {
     Local* found = local_;
     if (found->process == ::getpid()) return *found;
@@ -153,7 +162,7 @@ class Session {
     const std::string path = call.path + (call.until ? "&timeout=" + written(left(*call.until)) : "");
     Answer answer = connection->call(call.method, path, headers, call.body, deadline);
     if (const auto generation = whole(answer.header("rorg-generation"))) note(*generation, call);
-    if (connection->reusable() && answer.status != 503) {
+    if (connection->reusable() && !not_now(answer)) {
       std::lock_guard<std::mutex> guard(own.mutex);
       if (own.idle.size() < most_idle) own.idle.push_back(std::move(connection));
     }

@@ -1,0 +1,128 @@
+"""The limits of the server, in one table; and what it counts of each caller. The reference of the API is written from
+this file. Nothing here does I/O or asks for the time."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rorg.api.permissions import Caller
+from rorg.errors import TooMany
+
+MOST_HEAD = 32 << 10
+"""Bytes of a request's first line and headers (300 names to wait for fit); else 431."""
+MOST_HEADERS = 64
+"""Headers of a request; else 431."""
+MOST_BODY = 1 << 20
+"""Bytes of a body, which must say how many they are; else 413."""
+MOST_DROPPED = 16 << 20
+"""Bytes of a refused body that are read, so that its sender sees why, before it is hung up on."""
+MOST_PIPELINED = 4
+"""Requests of a connection that wait behind the one being answered; with one more it is hung up on."""
+IDLE = 60.0
+"""Seconds after which a connection that asks nothing is closed."""
+COMPLETE = 30.0
+"""Seconds from a request's first byte to its last; else its connection is closed."""
+DEAF = 30.0
+"""Seconds for which an answer may wait to be read before its connection is closed; events are asked for again."""
+HANDSHAKE = 10.0
+"""Seconds of a TLS handshake."""
+MOST_HANDSHAKES = 64
+"""TLS handshakes at once; the one that has taken longest makes room for the next."""
+MOST_CONNECTIONS = 4000
+"""Connections in all, of every socket; less where this process may have fewer files open."""
+RESERVED = 512
+"""Descriptors that no connection takes, for the loop: containers, probes, files. Half of them where there are fewer
+than 1024."""
+MOST_OF_ONE = 200
+"""Connections of one service. Of the room that is left nobody gets more than half, people included."""
+MOST_HELD = 4 << 20
+"""Bytes of one service's bodies that are being read, and as many of answers that it does not read."""
+SHARE = 0.2
+"""CPU seconds a second that a service's calls may cost; with none left, 429 and Retry-After. People have no such limit:
+who may stop rorg need not flood it."""
+BURST = 1.0
+"""CPU seconds that a service may save up: 45 changes at once, then 9 a second; 2500 looks at a service, then 500 a
+second."""
+MOST_OWED = 0.4
+"""CPU seconds that it may owe: it never waits longer than 2.25 s."""
+CALL = 0.0003
+"""CPU seconds that any call costs beside its work: in the kernel, and because the loop waits meanwhile."""
+CHANGE = 0.02
+"""CPU seconds that a change costs beside those of its call: it is written to the disk, and the loop looks at all."""
+WAIT = 0.005
+"""CPU seconds that a wait costs: the loop looks at once, and probes are asked anew."""
+GREETING = 0.0005
+"""CPU seconds that a connection costs before it says anything."""
+SPARE = 0.05
+"""CPU seconds that it must have saved up again, once it has used all, before it is heard."""
+
+UNLIMITED = math.inf
+
+
+def room(descriptors: int) -> int:
+    """Connections in all, where the process may have so many descriptors."""
+    return min(MOST_CONNECTIONS, descriptors - min(RESERVED, descriptors // 2))
+
+
+class Account:
+    """What one caller uses of the server. `clock` gives monotonic seconds."""
+
+    def __init__(self, name: str, share: float, clock: Callable[[], float]) -> None:
+        self.name, self.share, self.clock = name, share, clock
+        self.connections = self.bodies = self.unread = 0
+        self.threads = asyncio.Lock()
+        self._left, self._at, self._resting = BURST, clock(), False
+
+    @property
+    def limited(self) -> bool:
+        return self.share != UNLIMITED
+
+    def charge(self, seconds: float) -> None:
+        """The caller has cost so much CPU."""
+        if self.limited:
+            now = self.clock()
+            self._left = max(-MOST_OWED, min(BURST, self._left + (now - self._at) * self.share) - seconds)
+            self._at = now
+
+    def owed(self) -> float:
+        """Seconds until it may ask again; 0 when it may now."""
+        self.charge(0.0)
+        self._resting = self._left < (SPARE if self._resting else 0.0)
+        return (SPARE - self._left) / self.share if self._resting else 0.0
+
+    def fits(self, left: int) -> bool:
+        """Whether it may have one more connection, where there is room for `left` more in all."""
+        return self.connections < (min(MOST_OF_ONE, left) if self.limited else left)
+
+    @contextmanager
+    def reading(self, length: int) -> Iterator[None]:
+        """While a body of this length is read and answered. Raises TooMany."""
+        if self.limited and self.bodies + length > MOST_HELD:
+            raise TooMany("read the request", f"{self.name} sends {self.bodies} bytes already", "again in a moment")
+        self.bodies += length
+        try:
+            yield
+        finally:
+            self.bodies -= length
+
+
+class Accounts:
+    """Of every caller that has been there since the start, so that nobody begins anew by hanging up."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self.clock = clock
+        self._found: dict[str, Account] = {}
+
+    def of(self, caller: Caller) -> Account:
+        return self._one(caller.identity, UNLIMITED if caller.kind == "developer" else SHARE)
+
+    def of_service(self, name: str) -> Account:
+        return self._one(name, SHARE)
+
+    def _one(self, name: str, share: float) -> Account:
+        if name not in self._found:
+            self._found[name] = Account(name, share, self.clock)
+        return self._found[name]

@@ -1,0 +1,99 @@
+"""What callers cost, in front of everything: who has used its share up is told when to come again."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import types
+from collections.abc import Coroutine, Generator
+from typing import Any
+
+from rorg.api import limits
+from rorg.api.connection import CPU
+from rorg.api.limits import Account
+from rorg.api.operations import Operations
+from rorg.api.problems import answer
+from rorg.errors import TooMany
+
+THREADS = ("/v1/manifests", "/v1/diff", "/v1/usage", "/v1/listeners")
+"""Calls that work in threads of their own: one at a time of a service, each charged by its time."""
+
+
+class Metered:
+    """In front of the application. Every step that a call of a service takes in the server's thread is charged to its
+    account; while that owes, work under way waits, and what comes is refused."""
+
+    def __init__(self, app: Any, operations: Operations) -> None:
+        self.app, self.operations = app, operations
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        account: Account = scope["state"]["account"]
+        if not account.limited:
+            await self.app(scope, receive, send)
+            return
+        account.charge(limits.CALL)
+        try:
+            self._admit(account)
+            with account.reading(_length(scope)):
+                await paced(self._one(scope, receive, send), account)
+        except TooMany as error:
+            await answer(error)(scope, receive, send)
+
+    def _admit(self, account: Account) -> None:
+        if owed := account.owed():
+            told = f"{account.name} asks for more than its share of rorg and is told to wait"
+            self.operations.loop.recorder.when_new(f"share of {account.name}", True, "too-many-requests", told)
+            raise TooMany(
+                "answer",
+                f"{account.name} has used up its share of rorg, {limits.SHARE:.0%} of a CPU",
+                f"again in {owed:.1f} s, and less often",
+                math.ceil(owed),
+            )
+
+    async def _one(self, scope: Any, receive: Any, send: Any) -> None:
+        account: Account = scope["state"]["account"]
+        account.charge(_price(scope))
+        if not scope["path"].startswith(THREADS):
+            await self.app(scope, receive, send)
+            return
+        async with account.threads:
+            clock = asyncio.get_running_loop().time
+            began = clock()
+            try:
+                await self.app(scope, receive, send)
+            finally:
+                account.charge(clock() - began)
+
+
+def _price(scope: Any) -> float:
+    """CPU seconds that a call costs elsewhere, if it is done: renewals are kept in mind, and all else that changes
+    something is written."""
+    if scope["method"] == "GET":
+        return limits.WAIT if scope["path"] == "/v1/wait" else 0.0
+    return 0.0 if scope["path"].endswith("/renew") else limits.CHANGE
+
+
+def _length(scope: Any) -> int:
+    """Bytes of the body that a call says it has; what says none, or too many, is refused later."""
+    text = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
+    return min(int(text), limits.MOST_BODY) if text.isdigit() and len(text) < 10 else 0
+
+
+@types.coroutine
+def paced(work: Coroutine[Any, Any, None], account: Account) -> Generator[Any, Any, None]:
+    """Runs it, each step at the cost of an account; while that owes, the next one waits."""
+    step, value = work.send, None
+    while True:
+        began = CPU()
+        try:
+            awaited = step(value)
+        except StopIteration:
+            return
+        finally:
+            account.charge(CPU() - began)
+        try:
+            value, step = (yield awaited), work.send
+            while owed := account.owed():
+                yield from asyncio.sleep(owed)
+        except BaseException as error:  # such as that it is cancelled, which the work is to hear
+            value, step = error, work.throw
