@@ -46,7 +46,7 @@ class Server:
         self.group = group_id(group)
         self._asyncio: asyncio.AbstractEventLoop | None = None
         self._event = asyncio.Event()
-        self.services = ServiceSockets(directory, self.group, self._protocol, operations.loop.recorder)
+        self.services = ServiceSockets(directory, self.group, self._protocol, self._hang_up, operations.loop.recorder)
         self._open: Counter[str] = Counter()
         self._broken: Exception | None = None
         """Why it could not begin to serve."""
@@ -157,11 +157,19 @@ class Server:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
         if self._asyncio is None:
             return
-        declared = frozenset(n for n, s in self.operations.loop.tree.desired.catalog.services.items() if s.calls)
+        decision = self.operations.loop.decision
+        # Of the pass, since it has what is withheld too: that stays as it was.
+        services = decision.situation.desired.catalog.services if decision else {}
+        declared = frozenset(name for name, service in services.items() if service.calls)
         with contextlib.suppress(RuntimeError):
             self._asyncio.call_soon_threadsafe(self._turn)
             if self.services.due(declared):
                 self._asyncio.call_soon_threadsafe(lambda: asyncio.ensure_future(self.services.serve(declared)))
+
+    def _hang_up(self, service: str) -> None:
+        for connection in list(self.uvicorn.server_state.connections):
+            if isinstance(connection, Connection) and connection.service == service:
+                connection.transport.abort()
 
     def _turn(self) -> None:
         self._event.set()

@@ -70,9 +70,12 @@ class ServiceSockets:
         directory: Path,
         group: int | None,
         protocol: Callable[[Who], Callable[[], asyncio.Protocol]],
+        hang_up: Callable[[str], None],
         recorder: Recorder,
     ) -> None:
-        self.directory, self.group, self.protocol, self.recorder = directory, group, protocol, recorder
+        """`hang_up` ends all connections of a service."""
+        self.directory, self.group, self.recorder = directory, group, recorder
+        self.protocol, self.hang_up = protocol, hang_up
         self.servers: dict[str, asyncio.AbstractServer] = {}
         """By service."""
         self._declared: frozenset[str] = frozenset()
@@ -95,6 +98,7 @@ class ServiceSockets:
         """Serves exactly these. What cannot be served is told, and tried again after a while."""
         for name in set(self.servers) - names:
             self.servers.pop(name).close()
+            self.hang_up(name)
             shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
         for name in sorted(names - set(self.servers)):
             caller = Caller("service", service=name)
