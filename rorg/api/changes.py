@@ -13,9 +13,7 @@ from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Hold, Request
 from rorg.model.units import format_seconds, stamp
 from rorg.store.requests_document import RequestsDocument
-
-MOST_REQUESTS = 100
-"""Requests that one requester may have at a time."""
+from rorg.store.requests_limits import no_room
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +44,9 @@ def put_request(current: Current, request: Request) -> Change:
             kind = Invalid if found[0].mistaken else Refused
             what = f"request {', '.join(request.services)}"
             raise kind(what, "; ".join(p.cause for p in found), found[0].remedy)
-        own = [r for r in document.requests if r.requester == request.requester and r.id != request.id]
-        if len(own) >= MOST_REQUESTS:
-            what = f"accept another request of {request.requester}"
-            raise Refused(what, f"it has {len(own)} already", "to release some")
+        full = no_room(document, request)
+        if full:
+            raise Refused(f"accept another request of {request.requester}", full, "to release some")
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
