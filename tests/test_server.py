@@ -356,7 +356,7 @@ def test_a_follower_misses_nothing_over_a_restart_though_it_has_seen_nothing_yet
     seen: list[dict] = []
     follower = robot.client()
     threading.Thread(target=lambda: [seen.append(e) for e in follower.events(follow=True)], daemon=True).start()
-    wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) == 1)
+    wait_for(lambda: robot.loop.recorder.journal._followers)
     at = robot.loop.recorder.journal.last
     robot.stop()
     robot.start()

@@ -30,9 +30,7 @@ def read(model: type[M], body: Mapping[str, Any]) -> M:
         raise unreadable(error.errors()) from error
 
 
-def seconds_of(
-    value: str | None, field: str, parse: Callable[[object], float] = parse_duration
-) -> float | None:
+def seconds_of(value: str | None, field: str, parse: Callable[[object], float] = parse_duration) -> float | None:
     """Seconds of a duration such as "10s"; None where none is given. Raises Invalid for what is none, and for 0."""
     if value is None:
         return None

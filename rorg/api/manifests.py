@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import stat
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +29,7 @@ from rorg.manifest.load import load
 from rorg.manifest.models import FOLDERS
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.units import NAME
-from rorg.store.files import write_atomic
+from rorg.store.files import make_directory, write_atomic
 
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
 ManifestName = Annotated[str, Parameter(pattern=NAME)]
@@ -94,8 +95,7 @@ class Manifests:
             self._valid(path, body.text, f"change the {kind} '{name}'")
             if caller.kind == "service":
                 vet(caller, name, body.text, self.operations.catalog)
-            path.parent.mkdir(exist_ok=True)
-            write_atomic(path, body.text, mode=0o644)
+            _write(path, body.text)
             generation = self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
             return path, digest(body.text.encode()), generation
 
@@ -126,10 +126,25 @@ class Manifests:
     def _told(self, caller: Caller, path: Path, message: str) -> int:
         commit(self.root, path, caller.author, message)
         self.operations.loop.recorder.event(
-            "manifest", f"{message} (by {caller.author})", author=caller.author, file=str(path.relative_to(self.root))
+            "manifest",
+            f"{message} (by {caller.author})",
+            caller.person,
+            author=caller.author,
+            file=str(path.relative_to(self.root)),
         )
         self.operations.loop.wakes.files_changed()
         return self.operations.changed(manifest=True)
+
+
+def _write(path: Path, text: str) -> None:
+    """What was there keeps its owner and its mode; what is new, everybody may read."""
+    make_directory(path.parent, 0o755)
+    try:
+        before = path.stat()
+    except OSError:
+        write_atomic(path, text, mode=0o644)
+    else:
+        write_atomic(path, text, mode=stat.S_IMODE(before.st_mode), owner=(before.st_uid, before.st_gid))
 
 
 def digest(content: bytes) -> str:

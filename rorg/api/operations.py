@@ -225,7 +225,7 @@ class Operations:
             # Once the disk has it, and only when it changed anything.
             if future.exception() is None and any(changed):
                 text = f"{change.message} (by {caller.author})"
-                self.loop.recorder.event(change.kind, text, author=caller.author, **change.about)
+                self.loop.recorder.event(change.kind, text, caller.person, author=caller.author, **change.about)
 
         future = self.committer.submit(note)
         future.add_done_callback(told)

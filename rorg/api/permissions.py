@@ -71,6 +71,11 @@ class Caller:
             return f"uid {self.uid}"
 
     @property
+    def person(self) -> bool:
+        """Whether a person calls, or what a person began; and no service in the name of one."""
+        return self.kind == "developer" and not self.via
+
+    @property
     def requester(self) -> str:
         return self.service if self.kind == "service" else DEVELOPER
 

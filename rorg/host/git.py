@@ -24,6 +24,7 @@ def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
+            umask=0o022,  # what it writes is for whoever could read the tree before
             env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
         ) as process:
             try:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid, Refused
-from rorg.store.files import locked, write_atomic
+from rorg.store.files import locked, make_directory, open_private, write_atomic
 
 
 def default_state_dir() -> Path:
@@ -29,7 +29,7 @@ class StateDir:
     def prepare(self) -> StateDir:
         """Creates the directory. Raises Invalid when that is not allowed."""
         try:
-            self.path.mkdir(parents=True, exist_ok=True, mode=0o750)
+            make_directory(self.path)
         except OSError as error:
             raise Invalid(
                 f"use the state directory {self.path}",
@@ -69,7 +69,7 @@ class StateDir:
     def acquire(self, what: str) -> None:
         """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
         self.prepare()
-        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        descriptor = open_private(self.path / "lock", os.O_RDWR)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -107,5 +107,3 @@ def test_one_service_takes_no_room_from_the_others():
 def test_the_same_request_can_be_put_again_at_every_limit():
     document = as_much_as_possible(["developer", *"abcdefgh"], LARGE["long names"][0], "")
     assert not [r for r in document.requests if no_room(document, r)]
-
-

@@ -11,6 +11,7 @@ from conftest import wait_for
 from robots import RealRobot
 
 from rorg.client import Error, Forbidden
+from rorg.store.journal import Journal
 
 ALPHA = {"always_on": True, "priority": 40, "may_request": ["camera", "lidar"]}
 BRIDGE = {"always_on": True, "may_act_for": ["alpha"]}
@@ -60,7 +61,7 @@ def under_way(robot: RealRobot, count: int) -> None:
 def test_a_service_asks_for_no_more_than_its_own_priority(robot):
     own, bridge = robot.client("alpha"), robot.client("bridge")
     for client, requester in ((own, None), (own, "alpha"), (bridge, "alpha")):
-        with pytest.raises(Forbidden, match="priority 41.*its own is 40"):
+        with pytest.raises(Forbidden, match=r"priority 41.*its own is 40"):
             client.request("camera", priority=41, requester=requester)
     assert robot.requests() == ()
     own.request("camera", id="look", priority=40, ttl=None)
@@ -141,3 +142,33 @@ def test_a_typing_error_in_its_name_takes_no_service_its_socket(robot):
     robot.wait(lambda: not robot.status().get("withheld"))
     robot.client("alpha").request("camera", id="look", ttl=None)
     assert place.stat().st_ino == before
+
+
+def test_a_service_that_floods_the_journal_pushes_out_no_line_of_people(robot, monkeypatch):
+    monkeypatch.setattr("rorg.store.journal.MOST", 4000)
+    monkeypatch.setattr("rorg.store.journal.RECENT", 20)
+    robot.stop()
+    robot.start()
+    person, own = robot.client(patience=10), robot.client("alpha", patience=10)
+    person.request("camera", id="tour", reason="visitor", ttl=None)
+    person.hold("lidar", 600, "calibration")
+    for number in range(60):
+        own.call("PUT", "/v1/requests/x", {"services": ["camera"], "reason": f"{number}" + "x" * 400, "ttl": "10s"})
+        own.call("DELETE", "/v1/requests/x")
+    found = list(person.events(cursor=0))
+    assert [e["kind"] for e in found if e.get("author") == "root"] == ["request", "hold"]
+    assert [e["seq"] for e in found] == sorted(e["seq"] for e in found)
+    mine = [e for e in found if e.get("author") == "alpha"]
+    assert 10 < len(mine) < 120, "the oldest of its own are gone"
+    robot.stop()
+    robot.start()
+    assert [e for e in robot.client(patience=10).events(cursor=0) if e["seq"] <= found[-1]["seq"]] == found
+
+
+def test_half_a_line_in_either_file_of_the_journal_costs_no_other(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    for number in range(6):
+        Journal(path).append("now", "told", f"{number}", person=number % 2 == 1)
+        for file in tmp_path.iterdir():
+            file.write_text(file.read_text() + '{"seq": 9, "at"')
+    assert [(e["seq"], e["message"]) for e in Journal(path).since(0)] == [(n + 1, f"{n}") for n in range(6)]
