@@ -90,6 +90,7 @@ class Server:
             where = f"{self.tcp[0]}:{self.tcp[1]}" if self.tcp else str(self.directory / NAME)
             raise Invalid(f"serve on {where}", str(self._broken or "no answer within 30 s"), "another address")
         self.operations.loop.decided = self.decided
+        self.app.state.manifests.recover()
 
     def end(self) -> None:
         """From now on every caller, also those who wait, is told to come again; what was accepted is still done. May

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import time
 from pathlib import Path
+
+import psutil
 
 PATIENCE = 5.0
 """Seconds for a question to git."""
@@ -12,6 +15,8 @@ COMMIT_PATIENCE = 60.0
 """Seconds for a commit: a hook may run."""
 STALE = 600.0
 """Seconds after which index.lock is one that a killed git left behind."""
+AGAIN = 0.1
+"""Seconds between two looks at a lock."""
 SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
 """Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
 
@@ -61,6 +66,30 @@ def checkout_under_way(git: Path | None) -> bool:
         return git is not None and time.time() - (git / "index.lock").stat().st_mtime < STALE
     except OSError:
         return False
+
+
+def committed(root: Path, path: Path) -> bool:
+    """Whether git has nothing left to commit of a file; also where there is no repository."""
+    return git_dir(root) is None or _git(root, "status", "--porcelain", "--", str(path)) == ""
+
+
+def wait_for_locks(root: Path, since: float) -> None:
+    """Waits for a git that was begun by an rorg that was killed, and goes on. Where it was killed too, its locks are
+    taken away: those from after `since` (seconds since the epoch) while no git runs at all."""
+    git, deadline = git_dir(root), time.monotonic() + COMMIT_PATIENCE
+    while git and (left := _locks(git, since)) and time.monotonic() < deadline:
+        if not any(process.info["name"] == "git" for process in psutil.process_iter(["name"])):
+            for lock in left:
+                lock.unlink(missing_ok=True)
+        time.sleep(AGAIN)
+
+
+def _locks(git: Path, since: float) -> list[Path]:
+    found = []
+    for lock in (*git.glob("*.lock"), *git.glob("refs/heads/**/*.lock")):
+        with contextlib.suppress(OSError):
+            found += [lock] if lock.stat().st_mtime >= since else []
+    return found
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
+LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]{8}")
+"""The name of a file on its way to its place."""
 PRIVATE = 0o640
 """The mode of what rorg keeps for itself: for its user, and for a group that somebody gives the file to."""
 
@@ -62,6 +65,15 @@ def write_atomic(
             os.fsync(directory)
         finally:
             os.close(directory)
+
+
+def clear_leftovers(directory: Path) -> None:
+    """Removes what a killed write_atomic() left in a directory. The process of such a file is in its name; what is of
+    our own number is from before we began."""
+    for path in directory.glob(".*"):
+        found = LEFTOVER.fullmatch(path.name)
+        if found and (int(found[1]) == os.getpid() or not os.path.exists(f"/proc/{found[1]}")):
+            path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid, Refused
-from rorg.store.files import locked, make_directory, open_private, write_atomic
+from rorg.store.files import clear_leftovers, locked, make_directory, open_private, write_atomic
 
 
 def default_state_dir() -> Path:
@@ -47,6 +47,11 @@ class StateDir:
         return self.path / "journal.jsonl"
 
     @property
+    def manifest_change(self) -> Path:
+        """The change of a manifest that is being carried out."""
+        return self.path / "manifest-change.json"
+
+    @property
     def status(self) -> Path:
         return self.path / "status.json"
 
@@ -82,6 +87,8 @@ class StateDir:
             ) from None
         write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
         self._lock = descriptor
+        with locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
+            clear_leftovers(self.path)
 
     def release(self) -> None:
         if self._lock is not None:
