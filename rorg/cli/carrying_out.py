@@ -7,6 +7,7 @@ from typing import Any
 
 from rorg.cli.context import SETTLED, Context, condition, hopeless
 from rorg.cli.output import note
+from rorg.cli.terminal import entry
 from rorg.core.decide import Decision
 from rorg.daemon.snapshot import snapshot
 from rorg.errors import NotReady
@@ -21,7 +22,7 @@ def carry_out(context: Context, first: Decision, wait: bool, timeout: float) -> 
     failed = hopeless(view, view["services"])
     late = {**_late(view), **failed}
     for name, why in late.items():
-        note(f"{name} is not ready: {why}")
+        note(entry("", f"{name} is not ready: {why}"))
     if timed_out or failed or (late and wait):
         raise NotReady(
             "finish",
@@ -34,7 +35,7 @@ def _run(context: Context, first: Decision, view: dict[str, Any], timeout: float
     """Runs the loop and leaves in `view` how everything is at its end; whether the time was over before."""
     from rorg.daemon.wiring import make_loop
 
-    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(f"  {line}"))
+    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)))
     timed_out = threading.Event()
 
     def over() -> None:
