@@ -18,9 +18,14 @@ PRIVATE = 0o640
 def open_private(path: Path, flags: int) -> int:
     """A descriptor of a file that is made where it is not there, private by whomever it was made. Raises OSError."""
     descriptor = os.open(path, flags | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
-    with contextlib.suppress(PermissionError):  # it is another user's
-        os.fchmod(descriptor, PRIVATE)
+    _set_mode(descriptor, PRIVATE)
     return descriptor
+
+
+def _set_mode(file: int | Path, mode: int) -> None:
+    """Whatever the umask made of it. Another user's files stay as they are, and so does a disk that knows no modes."""
+    with contextlib.suppress(PermissionError):
+        os.chmod(file, mode)
 
 
 def make_directory(path: Path, mode: int = 0o750) -> None:
@@ -35,7 +40,7 @@ def make_directory(path: Path, mode: int = 0o750) -> None:
         if not path.is_dir():
             raise
     else:
-        path.chmod(mode)
+        _set_mode(path, mode)
 
 
 def write_atomic(
@@ -50,7 +55,7 @@ def write_atomic(
             if owner is not None:
                 with contextlib.suppress(PermissionError):
                     os.fchown(descriptor, *owner)
-            os.fchmod(descriptor, mode)
+            _set_mode(descriptor, mode)
             file.write(text)
             file.flush()
             if durable:
