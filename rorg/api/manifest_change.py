@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rorg.host.git import commit, committed, wait_for_locks
+from rorg.manifest.files import read_bytes
 from rorg.store.files import clear_leftovers, make_directory, write_atomic
 from rorg.store.state_dir import read_json
 
@@ -52,7 +53,7 @@ def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
     path = root / change.file
     clear_leftovers(path.parent)
     try:
-        now = digest(path.read_bytes())
+        now = digest(read_bytes(path, root))
     except OSError:
         now = None
     if now == change.after:

@@ -73,7 +73,7 @@ def as_much_as_possible(requesters: list[str], services: tuple[str, ...], reason
     return document
 
 
-SERVICES = [f"service-{n}" for n in range(10)]
+SERVICES = [f"service-{n}" for n in range(8)]
 LARGE = {
     "long names": (tuple(f"{n:062}" for n in range(300)), ""),
     "short names": (tuple(f"{n:02x}" for n in range(256)), ""),
