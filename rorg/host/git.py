@@ -75,21 +75,27 @@ def committed(root: Path, path: Path) -> bool:
 
 def wait_for_locks(root: Path, since: float) -> None:
     """Waits for a git that was begun by an rorg that was killed, and goes on. Where it was killed too, its locks are
-    taken away: those from after `since` (seconds since the epoch) while no git runs at all."""
+    taken away: those from after `since` (seconds since the epoch) that no git is old enough to have made."""
     git, deadline = git_dir(root), time.monotonic() + COMMIT_PATIENCE
     while git and (left := _locks(git, since)) and time.monotonic() < deadline:
-        if not any(process.info["name"] == "git" for process in psutil.process_iter(["name"])):
-            for lock in left:
+        begun = [
+            p.info["create_time"] or 0.0
+            for p in psutil.process_iter(["name", "create_time"])
+            if p.info["name"] == "git"
+        ]
+        for lock, made in left.items():
+            if all(at > made + AGAIN for at in begun):
                 lock.unlink(missing_ok=True)
         time.sleep(AGAIN)
 
 
-def _locks(git: Path, since: float) -> list[Path]:
-    found = []
+def _locks(git: Path, since: float) -> dict[Path, float]:
+    """Each with the time when it was made."""
+    found = {}
     for lock in (*git.glob("*.lock"), *git.glob("refs/heads/**/*.lock")):
         with contextlib.suppress(OSError):
-            found += [lock] if lock.stat().st_mtime >= since else []
-    return found
+            found[lock] = lock.stat().st_mtime
+    return {lock: made for lock, made in found.items() if made >= since}
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:

@@ -72,8 +72,8 @@ def test_a_service_asks_for_no_more_than_its_own_priority(robot):
 
 def test_what_is_withdrawn_is_refused_on_open_connections_and_their_leases_run_out(robot):
     own, kept = robot.client("alpha"), Open(robot, "alpha")
-    own.call("PUT", "/v1/requests/far", {"services": ["lidar"], "ttl": "400ms"})
-    own.call("PUT", "/v1/requests/near", {"services": ["camera"], "ttl": "400ms"})
+    own.call("PUT", "/v1/requests/far", {"services": ["lidar"], "ttl": "2s"})
+    own.call("PUT", "/v1/requests/near", {"services": ["camera"], "ttl": "2s"})
     over = threading.Event()
 
     def keep(id: str) -> None:
