@@ -24,6 +24,7 @@ from rorg.engines.make import make_engine
 from rorg.errors import Busy, Invalid, Missing
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Where
+from rorg.model.units import SHORTEST_LEASE
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import RequestsFile
 from rorg.store.requests_parser import parse, render
@@ -348,7 +349,7 @@ TEXTS = st.one_of(
             reason=TEXTS,
             incarnation=st.none() | TEXTS.filter(bool),
             priority=st.none() | st.integers(0, 100),
-            ttl=st.none() | st.floats(0.001, 1e8),
+            ttl=st.none() | st.floats(SHORTEST_LEASE, 1e8),
             renewed=TEXTS,
         ),
         max_size=3,

@@ -13,11 +13,7 @@ from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Hold, Request
 from rorg.model.units import format_seconds, stamp
 from rorg.store.requests_document import RequestsDocument
-
-MOST_REQUESTS = 100
-"""Requests that one requester may have at a time."""
-MOST_NAMED = 1000
-"""Services and groups that they may name in all: each pass, and each write of the file, looks at every one."""
+from rorg.store.requests_limits import no_room
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +41,9 @@ def put_request(current: Current, request: Request) -> Change:
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         _refuse(request, problems(catalog, document.requests, request))
-        own = [r for r in document.requests if r.requester == request.requester and r.id != request.id]
-        if len(own) >= MOST_REQUESTS:
-            what = f"accept another request of {request.requester}"
-            raise Refused(what, f"it has {len(own)} already", "to release some")
-        named = sum(len(r.services) for r in own)
-        if named + len(request.services) > MOST_NAMED:
-            what = f"accept another request of {request.requester}"
-            raise Refused(what, f"it names {named} services already", "to release some, or groups")
+        full = no_room(document, request)
+        if full:
+            raise Refused(f"accept another request of {request.requester}", full, "to release some, or to name groups")
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"

@@ -8,15 +8,15 @@ import json
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Query
+from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
-from rorg.api.callers import Who, needs
+from rorg.api.callers import Who, needs, still
 from rorg.api.operations import Operations
 from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
 from rorg.api.status_models import EventView
-from rorg.errors import Busy
+from rorg.errors import Busy, Forbidden
 
 SLICE = 100
 """Lines that are written at once: no more are kept for who reads slowly."""
@@ -39,6 +39,7 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
     )
     async def events(
+        request: Request,
         caller: Who,
         cursor: Annotated[int | None, Query(ge=0)] = None,
         follow: bool = False,
@@ -55,14 +56,20 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         if mine or requester or caller.kind == "service":
             whose = requester or caller.requester
             allow_request(caller, whose, (), operations.catalog)
-        lines = _lines(operations, place, follow, whose, changed)
+        lines = _lines(operations, place, follow, whose, changed, lambda: still(request, "events"))
         return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
 async def _lines(
-    operations: Operations, at: int, follow: bool, whose: str, changed: Callable[[], asyncio.Event]
+    operations: Operations,
+    at: int,
+    follow: bool,
+    whose: str,
+    changed: Callable[[], asyncio.Event],
+    allowed: Callable[[], object],
 ) -> AsyncIterator[bytes]:
-    """`whose`: the requester whose lines alone are told; empty for all lines."""
+    """`whose`: the requester whose lines alone are told; empty for all lines. `allowed` raises Forbidden once the
+    caller may not hear more, and Busy where that is not known."""
     journal, written = operations.loop.recorder.journal, asyncio.Event()
     end = journal.follow(_from_any_thread(written)) if follow else lambda: None
     try:
@@ -70,6 +77,8 @@ async def _lines(
             # Both are looked at before the journal is read: what is written from here on wakes the wait below.
             written.clear()
             turn = changed()
+            with contextlib.suppress(Busy):
+                allowed()
             found = journal.after(at, SLICE)
             if found:
                 at = found[-1]["seq"]
@@ -80,6 +89,8 @@ async def _lines(
                 return
             else:
                 await _either(written, turn)
+    except Forbidden:
+        return  # asked again, it is told why
     finally:
         end()
 

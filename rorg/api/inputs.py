@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from rorg.api.models import PutRequest
 from rorg.errors import Invalid
 from rorg.model.catalog import Request
-from rorg.model.units import parse_duration
+from rorg.model.units import parse_duration, parse_lease
 
 M = TypeVar("M", bound=BaseModel)
 PARTS = ("body", "query", "path")
@@ -30,12 +30,12 @@ def read(model: type[M], body: Mapping[str, Any]) -> M:
         raise unreadable(error.errors()) from error
 
 
-def seconds_of(value: str | None, field: str) -> float | None:
+def seconds_of(value: str | None, field: str, parse: Callable[[object], float] = parse_duration) -> float | None:
     """Seconds of a duration such as "10s"; None where none is given. Raises Invalid for what is none, and for 0."""
     if value is None:
         return None
     try:
-        seconds = parse_duration(value)
+        seconds = parse(value)
     except ValueError as error:
         raise Invalid("read the request", f"{field}: {error}") from error
     if not seconds:
@@ -51,6 +51,6 @@ def request_of(id: str, requester: str, body: PutRequest, renewed: str = "") -> 
         tuple(dict.fromkeys(body.services)),
         body.reason,
         priority=body.priority,
-        ttl=seconds_of(body.ttl, "ttl"),
+        ttl=seconds_of(body.ttl, "ttl", parse_lease),
         renewed=renewed,
     )

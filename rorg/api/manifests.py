@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hashlib
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -15,20 +14,19 @@ from fastapi import Path as Parameter
 from fastapi.responses import JSONResponse, Response
 
 from rorg.api.callers import Who, needs
+from rorg.api.manifest_change import ManifestChange, digest, recover
 from rorg.api.models import ManifestView, PutManifest
 from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
 from rorg.api.vetting import vet
-from rorg.errors import Busy, Invalid, Missing, Refused
-from rorg.host.git import commit
+from rorg.errors import Busy, Invalid, Missing, Refused, Unreachable
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.files import read_bytes
 from rorg.manifest.load import load
 from rorg.manifest.models import FOLDERS
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.units import NAME
-from rorg.store.files import write_atomic
 
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
 ManifestName = Annotated[str, Parameter(pattern=NAME)]
@@ -44,6 +42,11 @@ class Manifests:
     @property
     def root(self) -> Path:
         return self.operations.loop.tree.root
+
+    @property
+    def note(self) -> Path:
+        """Where a change is noted while it is carried out."""
+        return self.operations.loop.state.manifest_change
 
     def all(self) -> dict[tuple[str, str], tuple[Path, bytes]]:
         """(kind, name) -> file and content, of every manifest that can be read at all."""
@@ -94,10 +97,8 @@ class Manifests:
             self._valid(path, body.text, f"change the {kind} '{name}'")
             if caller.kind == "service":
                 vet(caller, name, body.text, self.operations.catalog)
-            path.parent.mkdir(exist_ok=True)
-            write_atomic(path, body.text, mode=0o644)
-            generation = self._told(caller, path, body.message or f"{kind} {name}: changed through the API")
-            return path, digest(body.text.encode()), generation
+            message = body.message or f"{kind} {name}: changed through the API"
+            return path, digest(body.text.encode()), self._change(caller, path, content, body.text, message)
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)
@@ -105,8 +106,27 @@ class Manifests:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
             self._valid(path, None, f"delete the {kind} '{name}'")
-            path.unlink()
-            return self._told(caller, path, message or f"{kind} {name}: deleted through the API")
+            message = message or f"{kind} {name}: deleted through the API"
+            return self._change(caller, path, content, None, message)
+
+    def recover(self) -> None:
+        """Ends what a rorg that was killed had begun to change, in a thread: git may take its time, and changes wait
+        for it."""
+        if self.note.exists():
+            self._lock.acquire()
+            threading.Thread(target=self._recover, name="manifest-recovery", daemon=True).start()
+
+    def _recover(self) -> None:
+        try:
+            found = recover(self.root, self.note)
+        except OSError as error:
+            self.operations.loop.recorder.event("manifest-recovery", f"a change was interrupted, and remains: {error}")
+        else:
+            if found:
+                change, outcome = found
+                self._told(change, f"{change.message} (by {change.author}) was interrupted: {outcome}")
+        finally:
+            self._lock.release()
 
     def _same(self, content: bytes | None, base: str | None, what: str) -> None:
         now = None if content is None else digest(content)
@@ -123,23 +143,34 @@ class Manifests:
         if errors:
             raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
 
-    def _told(self, caller: Caller, path: Path, message: str) -> int:
-        commit(self.root, path, caller.author, message)
-        self.operations.loop.recorder.event(
-            "manifest", f"{message} (by {caller.author})", author=caller.author, file=str(path.relative_to(self.root))
+    def _change(self, caller: Caller, path: Path, before: bytes | None, text: str | None, message: str) -> int:
+        change = ManifestChange(
+            str(path.relative_to(self.root)),
+            None if before is None else digest(before),
+            None if text is None else digest(text.encode()),
+            message,
+            caller.author,
+            caller.person,
         )
-        self.operations.loop.wakes.files_changed()
+        try:
+            change.carry_out(self.root, self.note, text)
+        except OSError as error:
+            raise Unreachable(
+                f"write {change.file}", error.strerror or str(error), "to make room on the disk"
+            ) from error
+        return self._told(change, f"{message} (by {change.author})")
+
+    def _told(self, change: ManifestChange, text: str) -> int:
+        loop = self.operations.loop
+        loop.recorder.event("manifest", text, change.person, author=change.author, file=change.file)
+        loop.wakes.files_changed()
         return self.operations.changed(manifest=True)
-
-
-def digest(content: bytes) -> str:
-    """Of a manifest's text, by which an edit says what it began from."""
-    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The routes."""
     manifests, allowed = Manifests(operations), [needs("manifests")]
+    app.state.manifests = manifests
     _add_reading(app, manifests, allowed)
 
     @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)

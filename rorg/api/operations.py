@@ -158,7 +158,7 @@ class Operations:
 
     def put_request(self, caller: Caller, request: Request) -> Future[int]:
         """Accepts it whole, in place of the one with the same requester and id, or refuses it whole."""
-        allow_request(caller, request.requester, request.services, self.catalog)
+        allow_request(caller, request.requester, request.services, self.catalog, request.priority)
         change = changes.put_request(self.current, request)
 
         def edit(document: RequestsDocument) -> RequestsDocument:
@@ -170,9 +170,13 @@ class Operations:
         return self._change(caller, replace(change, edit=edit))
 
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
-        """Gives a lease its full time again. In memory alone: a restart of rorg does so for all."""
-        allow_request(caller, key[0], (), self.catalog)
-        found = self.loop.leases.renew(key, self.committer.file)
+        """Gives a lease its full time again. In memory alone: a restart of rorg does so for all. A service's runs out
+        once its manifest would not let it request the same."""
+        catalog = self.catalog
+        allow_request(caller, key[0], (), catalog)
+        found = self.loop.leases.renew(
+            key, self.committer.file, lambda r: allow_request(caller, r.requester, r.services, catalog, r.priority)
+        )
         if found is None:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
         return request_json(found)
@@ -221,7 +225,7 @@ class Operations:
             # Once the disk has it, and only when it changed anything.
             if future.exception() is None and any(changed):
                 text = f"{change.message} (by {caller.author})"
-                self.loop.recorder.event(change.kind, text, author=caller.author, **change.about)
+                self.loop.recorder.event(change.kind, text, caller.person, author=caller.author, **change.about)
 
         future = self.committer.submit(note, caller.identity)
         future.add_done_callback(told)

@@ -78,6 +78,11 @@ class Caller:
         return f"certificate {self.certificate}" if self.certificate else f"uid {self.uid}"
 
     @property
+    def person(self) -> bool:
+        """Whether a person calls, or what a person began; and no service in the name of one."""
+        return self.kind == "developer" and not self.via
+
+    @property
     def requester(self) -> str:
         return self.service if self.kind == "service" else DEVELOPER
 
@@ -118,6 +123,14 @@ def allow(caller: Caller, operation: str) -> None:
         raise Forbidden(WORDS[operation], f"{who} may not", remedy)
 
 
+def allow_call(caller: Caller, catalog: Catalog) -> None:
+    """Raises Forbidden for a service whose manifest gives it no socket. It may have a connection all the same, from
+    when its manifest did."""
+    declared = catalog.services.get(caller.service)
+    if caller.kind == "service" and not (declared and declared.calls):
+        raise Forbidden("call rorg", f"the manifest of {caller.service} gives it nothing to ask for", "`may_request`")
+
+
 def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
     """The caller for whom a service acts, with that one's permissions. Raises Forbidden where it may not act for it."""
     declared = catalog.services.get(caller.service)
@@ -135,14 +148,24 @@ def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
     return replace(who, via=caller.service)
 
 
-def allow_request(caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog) -> None:
-    """Raises Forbidden where a service asks in another's name, or for what its manifest does not allow."""
+def allow_request(
+    caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog, priority: int | None = None
+) -> None:
+    """Raises Forbidden where a service asks in another's name, for what its manifest does not allow, or with a higher
+    priority than its own."""
     allow(caller, "request")
     if caller.kind != "service":
         return
     if requester != caller.service:
         raise Forbidden(f"request as {requester}", f"{caller.service} may only request for itself", "no requester")
     _within(caller, "request", services, catalog)
+    declared = catalog.services.get(caller.service)
+    if declared and priority is not None and priority > declared.priority:
+        raise Forbidden(
+            f"request {', '.join(services)}",
+            f"{caller.service} asks with priority {priority}, and its own is {declared.priority}",
+            f"{declared.priority}, or `priority: {priority}` in its manifest",
+        )
 
 
 def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:

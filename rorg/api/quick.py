@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rorg.api.operations import Operations
-from rorg.api.permissions import allow
+from rorg.api.permissions import allow, allow_call
 from rorg.errors import RorgError
 
 
@@ -27,6 +27,7 @@ class Quick:
         if "/" not in name:
             try:
                 allow(scope["state"]["caller"], "read")
+                allow_call(scope["state"]["caller"], self.operations.catalog)
                 body = self.operations.service_text(name)
             except RorgError:
                 pass

@@ -93,6 +93,7 @@ class Server:
             where = f"{self.tcp[0]}:{self.tcp[1]}" if self.tcp else str(self.directory / NAME)
             raise Invalid(f"serve on {where}", str(self._broken or "no answer within 30 s"), "another address")
         self.operations.loop.decided = self.decided
+        self.app.state.manifests.recover()
 
     def end(self) -> None:
         """From now on every caller, also those who wait, is told to come again; what was accepted is still done. May
@@ -160,7 +161,14 @@ class Server:
         account = self.accounts.of_service(service) if service else None
         listener = Listener(place, make, self.left, account, context)
         self.listeners.add(listener)
-        return lambda: self._deafen(listener)
+
+        def end() -> None:
+            self._deafen(listener)
+            for connection in list(self.uvicorn.server_state.connections):
+                if isinstance(connection, Connection) and connection.account is account:
+                    connection.transport.abort()
+
+        return end
 
     def _deafen(self, listener: Listener) -> None:
         self.listeners.discard(listener)
@@ -191,7 +199,10 @@ class Server:
         """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
         if self._asyncio is None:
             return
-        declared = frozenset(n for n, s in self.operations.loop.tree.desired.catalog.services.items() if s.calls)
+        decision = self.operations.loop.decision
+        # Of the pass, since it has what is withheld too: that stays as it was.
+        services = decision.situation.desired.catalog.services if decision else {}
+        declared = frozenset(name for name, service in services.items() if service.calls)
         with contextlib.suppress(RuntimeError):
             self._asyncio.call_soon_threadsafe(self._turn)
             if self.services.due(declared):

@@ -13,6 +13,7 @@ from pathlib import Path
 from rorg.api.connection import Who
 from rorg.api.permissions import Caller
 from rorg.daemon.recorder import Recorder
+from rorg.store.files import make_directory
 
 NAME = "rorg.sock"
 BACKLOG = 1024
@@ -28,9 +29,9 @@ def make_directories(directory: Path) -> None:
     """Where the sockets are. Services' ones are open to every user, since programs in containers run as any; so nobody
     else of this machine may get as far as to them. A container has its own directory mounted, whatever stands above
     it."""
-    directory.mkdir(parents=True, exist_ok=True, mode=0o755)
+    make_directory(directory, 0o755)
     services = directory / "services"
-    services.mkdir(exist_ok=True)
+    make_directory(services, 0o700)
     services.chmod(0o700)
 
 
@@ -40,7 +41,7 @@ def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = N
     Bound by way of an open directory, since a path of its own may be longer than the 107 bytes allowed. Raises
     OSError."""
     made = directory / ".new"
-    made.mkdir(mode=0o700, exist_ok=True)
+    make_directory(made, 0o700)
     (made / NAME).unlink(missing_ok=True)
     found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     folder = os.open(made, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -88,7 +89,9 @@ class ServiceSockets:
     def prepare(self, names: Iterable[str]) -> None:
         """The directories that are mounted into containers must be there before a container is made."""
         for name in names:
-            (self.directory / "services" / name).mkdir(parents=True, exist_ok=True)
+            place = self.directory / "services" / name
+            make_directory(place)
+            place.chmod(0o755)  # programs in containers are of any user
 
     def serve(self, names: frozenset[str]) -> None:
         """Serves exactly these. What cannot be served is told, and tried again after a while."""

@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import JSONResponse, Response
 
-from rorg.api.callers import needs
+from rorg.api.callers import needs, still
 from rorg.api.models import (
     WaitResult,
 )
@@ -30,11 +30,13 @@ async def _ready(
     timeout: float,
     changed: Callable[[], asyncio.Event],
     hangup: asyncio.Future[None],
+    allowed: Callable[[], object],
 ) -> Response:
     clock = asyncio.get_running_loop().time
     deadline = clock() + timeout
     while not hangup.done():
         event = changed()
+        allowed()
         known = operations.open_to(question.generation)
         found = operations.readiness(question)
         services = {name: ready.as_json() for name, ready in found.services.items()}
@@ -70,6 +72,6 @@ def add_waiting(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         with operations.question(names) as question:
             hangup = asyncio.ensure_future(gone(request))
             try:
-                return await _ready(operations, question, timeout, changed, hangup)
+                return await _ready(operations, question, timeout, changed, hangup, lambda: still(request, "read"))
             finally:
                 hangup.cancel()

@@ -7,6 +7,7 @@ from typing import Any
 
 from rorg.cli.context import SETTLED, Context, condition, hopeless
 from rorg.cli.output import note
+from rorg.cli.terminal import entry
 from rorg.core.decide import Decision
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
@@ -28,7 +29,7 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
     failed = hopeless(view, view["services"])
     late = {**_late(view), **failed}
     for name, why in late.items():
-        note(f"{name} is not ready: {why}")
+        note(entry("", f"{name} is not ready: {why}"))
     if timed_out or failed or (late and wait):
         raise NotReady(
             "finish",
@@ -41,7 +42,7 @@ def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple
     """Runs the loop; the last decision, and whether the time was over before all was done."""
     from rorg.daemon.wiring import loop_over
 
-    loop = loop_over(tree, context.state, context.engine(), lambda line: note(f"  {line}"))
+    loop = loop_over(tree, context.state, context.engine(), lambda line: note(entry("  ", line)))
     loop.dispatch = DispatchLimits(bulk=BULK)
     timed_out = threading.Event()
 

@@ -13,6 +13,7 @@ from rorg_client import Client
 from rorg_client import Error as ClientError
 
 from rorg.cli.output import note
+from rorg.cli.terminal import entry
 from rorg.engines import ENGINES
 from rorg.errors import Invalid, NotReady, Refused, Unreachable
 from rorg.store.state_dir import StateDir, default_state_dir, read_json
@@ -197,7 +198,7 @@ class Context:
         for text in found:
             if text not in self._remarked:
                 self._remarked.add(text)
-                note(text)
+                note(entry("", text))
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""

@@ -18,10 +18,9 @@ def command(
     state_dir: StateDirectory = None,
 ) -> None:
     """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure."""
-    import json
-
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form
+    from rorg.cli.output import as_json, check_form
+    from rorg.cli.terminal import entry, printable
     from rorg.store.journal import Journal
 
     check_form(output, ("table", "json"))
@@ -29,8 +28,8 @@ def command(
     client = context.serving("follow events") if follow else context.client()
     found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
     for event in found:
-        line = f"{event['at'][:19].replace('T', ' ')}  {event['message']}"
-        echo(json.dumps(event) if output == "json" else line)
+        at = f"{printable(event['at'][:19].replace('T', ' '))}  "
+        echo(as_json(event) if output == "json" else entry(at, event["message"]))
 
 
 def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from typing import Annotated
 
 from rorg.cli.options import EngineName, Option, ServiceName, StateDirectory
@@ -36,6 +37,19 @@ def command(
         raise Invalid(f"read the logs of {service}", "it has no container yet", "`rorg request` or `rorg apply`")
     for name in names:
         if name in containers:
-            for chunk in context.engine().logs(containers[name].id, follow, tail):
-                sys.stdout.buffer.write(chunk)
-                sys.stdout.buffer.flush()
+            _show(context.engine().logs(containers[name].id, follow, tail))
+
+
+def _show(chunks: Iterable[bytes]) -> None:
+    """As they are, where a program or a file takes them; a terminal gets lines and colours, and obeys nothing else."""
+    from rorg.cli.terminal import LogText
+
+    log = LogText() if sys.stdout.isatty() else None
+    try:
+        for chunk in chunks:
+            sys.stdout.buffer.write(log.text(chunk).encode() if log else chunk)
+            sys.stdout.buffer.flush()
+    finally:
+        if log:
+            sys.stdout.buffer.write(log.text(b"", end=True).encode())
+            sys.stdout.buffer.flush()

@@ -83,8 +83,10 @@ def _complete() -> None:
 
 def _complain(text: str) -> None:
     """Says it, if anybody still listens; the exit code tells it anyway."""
+    from rorg.cli.terminal import lines
+
     with contextlib.suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
+        print(lines(text), file=sys.stderr, flush=True)
 
 
 def _told_by_the_api(error: Exception) -> None:
@@ -92,5 +94,7 @@ def _told_by_the_api(error: Exception) -> None:
     has imported it: that costs 20 ms."""
     client = sys.modules.get("rorg_client")
     if client and isinstance(error, client.Error):
-        _complain(f"rorg: {error}")
+        from rorg.cli.terminal import entry
+
+        _complain(entry("rorg: ", error))
         sys.exit(int(CLIENT_CODES.get(error.code, Exit.USAGE)))

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rorg.cli.terminal import lines, printable
 from rorg.errors import Invalid
 
 FORMS = ("table", "wide", "name", "yaml", "json")
@@ -21,35 +22,45 @@ def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
 
 
 def echo(text: Any, end: str = "\n") -> None:
-    """Data: to standard output, at once."""
+    """Data: to standard output, at once, in lines that can be shown."""
+    _write(lines(text), end)
+
+
+def _write(text: str, end: str = "\n") -> None:
+    """What rorg has made itself, and may have colours."""
     print(text, end=end, flush=True)
 
 
 def note(text: str) -> None:
     """For people; data alone goes to standard output. That nobody reads it ends nothing."""
     with contextlib.suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
+        print(lines(text), file=sys.stderr, flush=True)
 
 
 def confirm(question: str) -> bool:
     """Asks the person at the terminal; no answer is a no."""
-    print(f"{question} [y/N]: ", end="", file=sys.stderr, flush=True)
+    print(f"{printable(question)} [y/N]: ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def dump(value: Any, form: str) -> None:
-    """JSON or YAML."""
+    """JSON or YAML. Both have escapes of their own for what cannot be shown."""
     if form == "json":
-        echo(json.dumps(value, indent=2))
+        echo(as_json(value, 2))
     else:
         import yaml
 
         echo(yaml.safe_dump(value, sort_keys=False), end="")
 
 
+def as_json(value: Any, indent: int | None = None) -> str:
+    """JSON in ASCII; it is the same with DEL escaped."""
+    return json.dumps(value, indent=indent).replace("\x7f", "\\u007f")
+
+
 def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
     """(lines of cells, the head first; the width of each column)."""
-    cells = [[c.upper() for c in columns]] + [[str(row.get(c, "")) for c in columns] for row in rows]
+    cells = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
     return cells, [max(len(line[i]) for line in cells) for i in range(len(columns))]
 
 
@@ -99,7 +110,7 @@ def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title:
     for column in columns:
         found.add_column(column.upper(), no_wrap=column != "why", overflow="ellipsis")
     for row in rows:
-        texts = [str(row.get(c, "")) for c in columns]
+        texts = [printable(row.get(c, "")) for c in columns]
         found.add_row(*[Text(t, style=COLOURS.get(t, "")) for t in texts])
     return found
 
@@ -114,7 +125,7 @@ def print_rows(
         dump(rows if full is None else full, form)
     elif form == "name":
         for row in rows:
-            echo(row[columns[0]])
+            echo(printable(row[columns[0]]))
     elif sys.stdout.isatty():
         _on_terminal(rows, shown)
     else:
@@ -129,7 +140,7 @@ def _on_terminal(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> N
         width = 0
     text = coloured_table(rows, columns, width) if colours else None
     if text is not None:
-        echo(text)
+        _write(text)
         return
     from rich.console import Console
 

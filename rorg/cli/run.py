@@ -45,6 +45,7 @@ def command(
     from rorg.api.server import make_server
     from rorg.cli.context import Context
     from rorg.cli.output import note
+    from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid
 
@@ -53,7 +54,7 @@ def command(
         raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
     context.state.acquire("rorg run")
     loop = make_loop(
-        context.root, context.state, context.engine(), lambda line: note(f"{time.strftime('%H:%M:%S')} {line}")
+        context.root, context.state, context.engine(), lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line))
     )
     note(
         f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "

@@ -23,6 +23,7 @@ def command(
 
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, dump, rich_table, table
+    from rorg.cli.terminal import printable
 
     check_form(output, ("table", "json"))
     client = Context(state_dir, None).serving("look at what runs")
@@ -34,7 +35,7 @@ def command(
             dump(found, "json")
         else:
             echo(table(found["services"], COLUMNS))
-            echo(found["summary"])
+            echo(printable(found["summary"]))
         return
     from rich.console import Group
     from rich.live import Live
@@ -44,7 +45,7 @@ def command(
         while True:
             now = client.usage()
             found = look(before, now, client.status())
-            shown = Group(Text(found["summary"], style="bold"), rich_table(found["services"], COLUMNS))
+            shown = Group(Text(printable(found["summary"]), style="bold"), rich_table(found["services"], COLUMNS))
             live.update(shown, refresh=True)
             before = now
             time.sleep(interval)

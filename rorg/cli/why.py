@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 from rorg.cli.output import echo
+from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
     from rorg_client.types import RequestView, Why
@@ -29,6 +30,11 @@ def command(
 
 
 def _lines(entry: Why) -> list[str]:
+    """Each is one line, whatever others have written into it."""
+    return [printable(line) for line in _texts(entry)]
+
+
+def _texts(entry: Why) -> list[str]:
     name = entry["service"]
     lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link['text']}" for depth, link in enumerate(entry["chain"])]

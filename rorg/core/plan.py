@@ -108,7 +108,8 @@ class Plan:
             reason = ", ".join(filter(None, ["" if part else _why(action), _after(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
-        return "".join(line.rstrip() + "\n" for line in [*lines, self.summary()])
+        # A reason may be somebody's text: it makes no line of its own.
+        return "".join(line.replace("\n", "\\n").rstrip() + "\n" for line in [*lines, self.summary()])
 
     def summary(self) -> str:
         """One line with the counts."""

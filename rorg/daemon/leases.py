@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,14 +61,18 @@ class Leases:
         with self._lock:
             self._renewals[key] = next(self._numbers)
 
-    def renew(self, key: Key, committed: RequestsFile) -> Request | None:
+    def renew(
+        self, key: Key, committed: RequestsFile, allow: Callable[[Request], None] = lambda _: None
+    ) -> Request | None:
         """Counts a renewal of a request; None when there is none, or not any more. `committed` is the file as the last
-        acknowledged change left it, which the loop may not have read yet; while it is broken, what counts goes on."""
+        acknowledged change left it, which the loop may not have read yet; while it is broken, what counts goes on.
+        `allow` raises where this request may not be renewed."""
         with self._lock:
             document = self.file.document if self.file.diagnostics else committed.now()
             found = next((r for r in document.requests if r.key == key), None)
             if found is None or key in self._ending:
                 return None
+            allow(found)
             self._renewals[key] = next(self._numbers)
             return found
 

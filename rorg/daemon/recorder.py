@@ -46,10 +46,11 @@ class Recorder:
         """Of the last pass."""
         self._lock = threading.Lock()
 
-    def event(self, kind: str, message: str, **more: Any) -> None:
+    def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
+        """`person`: a person did it."""
         with self._lock:
             self.tell(message)
-            self.journal.append(self.wall(), kind, message, **more)
+            self.journal.append(self.wall(), kind, message, person, **more)
 
     def tell(self, message: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import subprocess
 import time
 from pathlib import Path
+
+import psutil
 
 from rorg.host.commands import Exceeded, Output, end, listen
 
@@ -15,6 +18,8 @@ COMMIT_PATIENCE = 60.0
 """Seconds for a commit: a hook may run."""
 STALE = 600.0
 """Seconds after which index.lock is one that a killed git left behind."""
+AGAIN = 0.1
+"""Seconds between two looks at a lock."""
 SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
 """Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
 
@@ -28,6 +33,7 @@ def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            umask=0o022,  # what it writes is for whoever could read the tree before
             env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
             start_new_session=True,
         )
@@ -62,6 +68,36 @@ def checkout_under_way(git: Path | None) -> bool:
         return git is not None and time.time() - (git / "index.lock").stat().st_mtime < STALE
     except OSError:
         return False
+
+
+def committed(root: Path, path: Path) -> bool:
+    """Whether git has nothing left to commit of a file; also where there is no repository."""
+    return git_dir(root) is None or _git(root, "status", "--porcelain", "--", str(path)) == ""
+
+
+def wait_for_locks(root: Path, since: float) -> None:
+    """Waits for a git that was begun by an rorg that was killed, and goes on. Where it was killed too, its locks are
+    taken away: those from after `since` (seconds since the epoch) that no git is old enough to have made."""
+    git, deadline = git_dir(root), time.monotonic() + COMMIT_PATIENCE
+    while git and (left := _locks(git, since)) and time.monotonic() < deadline:
+        begun = [
+            p.info["create_time"] or 0.0
+            for p in psutil.process_iter(["name", "create_time"])
+            if p.info["name"] == "git"
+        ]
+        for lock, made in left.items():
+            if all(at > made + AGAIN for at in begun):
+                lock.unlink(missing_ok=True)
+        time.sleep(AGAIN)
+
+
+def _locks(git: Path, since: float) -> dict[Path, float]:
+    """Each with the time when it was made."""
+    found = {}
+    for lock in (*git.glob("*.lock"), *git.glob("refs/heads/**/*.lock")):
+        with contextlib.suppress(OSError):
+            found[lock] = lock.stat().st_mtime
+    return {lock: made for lock, made in found.items() if made >= since}
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:

@@ -17,6 +17,10 @@ LONGEST = 3653 * 86400.0
 """Seconds."""
 
 
+SHORTEST_LEASE = 0.1
+"""Seconds."""
+
+
 def parse_duration(value: object) -> float:
     """Seconds of "20s", "1m30s" or "250ms". A bare number has no unit and is refused, except 0."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
@@ -26,6 +30,14 @@ def parse_duration(value: object) -> float:
     found = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
     if found > LONGEST:
         raise ValueError(f"{value!r} is more than ten years")
+    return found
+
+
+def parse_lease(value: object) -> float:
+    """Seconds of a lease: a duration in which whoever holds it has the time to renew it."""
+    found = parse_duration(value)
+    if found < SHORTEST_LEASE:
+        raise ValueError(f"a lease of {value} would be over before it can be renewed; try 10s, and 100ms at the least")
     return found
 
 

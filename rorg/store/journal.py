@@ -1,16 +1,21 @@
 """The journal: one JSON object a line for everything that happened, numbered. Kept small: two files of at most MOST
-bytes, and the last lines in memory for those who follow."""
+bytes, twice, and the last lines in memory for those who follow. What people did stands apart from the rest, so that no
+service that does much ever pushes it out."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from rorg.store.files import open_private
 
 MOST = 8 << 20
 RECENT = 2000
@@ -19,32 +24,52 @@ NEAR = 1 << 13
 """Bytes of a file that are read through in search of a line."""
 
 
+class _Lines:
+    """Lines in a file, and the file before it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.old = path, path.with_suffix(".old.jsonl")
+        self._begin = b"\n" if _is_torn(path) else b""
+        """What ends half a last line, which a machine that lost power may have left."""
+
+    def append(self, line: str) -> None:
+        """Raises OSError."""
+        descriptor = open_private(self.path, os.O_WRONLY | os.O_APPEND)
+        with open(descriptor, "ab") as file:
+            file.write(self._begin + line.encode() + b"\n")
+            size = file.tell()
+        self._begin = b""
+        if size > MOST:
+            self.path.replace(self.old)
+
+    def after(self, seq: int, most: int) -> list[dict[str, Any]]:
+        found = _after(self.old, seq, most)
+        return found + _after(self.path, seq, most - len(found)) if len(found) < most else found
+
+    def entries(self) -> list[dict[str, Any]]:
+        return [*_entries(self.old), *_entries(self.path)]
+
+
 class Journal:
     """`seq` numbers lines without a gap as long as the files are there, across restarts of rorg."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         self._lock = threading.Lock()
-        self._recent: deque[dict[str, Any]] = deque(_entries(path)[-RECENT:], maxlen=RECENT)
+        self._all, self._people = _Lines(path), _Lines(path.with_suffix(".people.jsonl"))
+        kept = _merged(_entries(self._all.path), _entries(self._people.path))
+        self._recent: deque[dict[str, Any]] = deque(kept[-RECENT:], maxlen=RECENT)
         self._seq: int = self._recent[-1]["seq"] if self._recent else 0
-        self._begin = "\n" if _is_torn(path) else ""
-        """What ends half a last line, which a machine that lost power may have left."""
         self._followers: list[Callable[[], None]] = []
 
-    def append(self, at: str, kind: str, message: str, **more: Any) -> None:
-        """`at` is ISO 8601 in UTC; `kind` a stable word. A full disk loses the line, never the robot."""
+    def append(self, at: str, kind: str, message: str, person: bool = False, **more: Any) -> None:
+        """`at` is ISO 8601 in UTC; `kind` a stable word; `person` says that a person did it. A full disk loses the
+        line, never the robot."""
         with self._lock:
             self._seq += 1
             entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
             self._recent.append(entry)
-            try:
-                if self.path.exists() and self.path.stat().st_size > MOST:
-                    self.path.replace(self._old)
-                with self.path.open("a", encoding="utf-8") as file:
-                    file.write(self._begin + json.dumps(entry) + "\n")
-                self._begin = ""
-            except OSError:
-                pass
+            with contextlib.suppress(OSError):
+                (self._people if person else self._all).append(json.dumps(entry))
             followers = tuple(self._followers)
         for tell in followers:
             tell()
@@ -61,10 +86,6 @@ class Journal:
         return end
 
     @property
-    def _old(self) -> Path:
-        return self.path.with_suffix(".old.jsonl")
-
-    @property
     def last(self) -> int:
         """Number of the last line."""
         with self._lock:
@@ -75,9 +96,9 @@ class Journal:
         with self._lock:
             recent = list(self._recent)
         if recent and recent[0]["seq"] > seq + 1:
-            found = _after(self._old, seq, most) or _after(self.path, seq, most)
+            found = _merged(self._all.after(seq, most), self._people.after(seq, most))
             if found:
-                return found
+                return found[:most]
         return [e for e in recent if e["seq"] > seq][:most]
 
     def since(self, seq: int) -> list[dict[str, Any]]:
@@ -87,7 +108,7 @@ class Journal:
         if seq >= self._seq or not recent:
             return []
         if recent[0]["seq"] > seq + 1:
-            recent = [*_entries(self._old), *_entries(self.path)]
+            recent = _merged(self._all.entries(), self._people.entries())
         return [e for e in recent if e["seq"] > seq]
 
 
@@ -114,6 +135,10 @@ def _whole(file: BinaryIO) -> Iterator[dict[str, Any]]:
     while line := file.readline():
         if entry := _entry(line.decode("utf-8", errors="replace")):
             yield entry
+
+
+def _merged(*entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return sorted((entry for some in entries for entry in some), key=itemgetter("seq"))
 
 
 def _is_torn(path: Path) -> bool:

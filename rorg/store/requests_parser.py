@@ -11,7 +11,7 @@ import yaml
 from rorg.manifest.yaml_source import Document, Path, read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Diagnostic, nearest
-from rorg.model.units import format_duration, parse_duration, parse_time, stamp
+from rorg.model.units import format_duration, parse_lease, parse_time, stamp
 from rorg.store.requests_document import RequestsDocument
 
 HEADER = """\
@@ -122,7 +122,7 @@ class _Reader:
 
     def ttl(self, path: Path, value: Any) -> float | None:
         try:
-            return None if value is None else parse_duration(value) or None
+            return None if value is None else parse_lease(value)
         except ValueError as error:
             self.error((*path, "ttl"), str(error))
             return None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid, Refused
-from rorg.store.files import locked, write_atomic
+from rorg.store.files import clear_leftovers, locked, make_directory, open_private, write_atomic
 
 
 def default_state_dir() -> Path:
@@ -29,7 +29,7 @@ class StateDir:
     def prepare(self) -> StateDir:
         """Creates the directory. Raises Invalid when that is not allowed."""
         try:
-            self.path.mkdir(parents=True, exist_ok=True, mode=0o750)
+            make_directory(self.path)
         except OSError as error:
             raise Invalid(
                 f"use the state directory {self.path}",
@@ -45,6 +45,11 @@ class StateDir:
     @property
     def journal(self) -> Path:
         return self.path / "journal.jsonl"
+
+    @property
+    def manifest_change(self) -> Path:
+        """The change of a manifest that is being carried out."""
+        return self.path / "manifest-change.json"
 
     @property
     def status(self) -> Path:
@@ -69,7 +74,7 @@ class StateDir:
     def acquire(self, what: str) -> None:
         """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
         self.prepare()
-        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        descriptor = open_private(self.path / "lock", os.O_RDWR)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -82,6 +87,8 @@ class StateDir:
             ) from None
         write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
         self._lock = descriptor
+        with locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
+            clear_leftovers(self.path)
 
     def release(self) -> None:
         if self._lock is not None:

@@ -17,10 +17,17 @@ from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
 from rorg.host.commands import Exceeded, Output, end, listen
 from rorg.model.units import stamp
+from rorg.store.files import open_private
 
-SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
+SUPERVISE = (
+    'trap : INT TERM HUP QUIT; "$@"; code=$?; umask 077; '
+    'echo $code > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
+)
 """The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
 writes the exit code in one step. The service runs in the foreground: a shell's background jobs ignore SIGINT."""
+
+UMASK = 0o022
+"""Of services, as in a container: whatever rorg's own is."""
 
 
 def hear_signals() -> None:
@@ -39,7 +46,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
     _check_program(record, command, environment)
-    with records.log(container).open("ab") as log:
+    with open(open_private(records.log(container), os.O_WRONLY | os.O_APPEND), "ab") as log:
         log_from = log.tell()
         child = subprocess.Popen(
             ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
@@ -49,6 +56,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
             env=environment,
             start_new_session=True,
             cwd=_folder(record),
+            umask=UMASK,
         )
     records.children[container] = child
     await_program(child, container)
@@ -77,6 +85,7 @@ def run_beside(
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            umask=UMASK,
         )
     except OSError as error:
         return 127, str(error).encode()

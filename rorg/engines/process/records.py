@@ -10,7 +10,7 @@ from typing import Any
 
 from rorg.engines.process.table import is_same, stat
 from rorg.errors import EngineError
-from rorg.store.files import write_atomic
+from rorg.store.files import make_directory, write_atomic
 from rorg.store.state_dir import read_json
 
 Record = Mapping[str, Any]
@@ -24,7 +24,7 @@ class Records:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.children: dict[str, subprocess.Popen[bytes]] = {}
-        directory.mkdir(parents=True, exist_ok=True)
+        make_directory(directory)
 
     def ids(self) -> list[str]:
         return sorted(p.name for p in self.directory.iterdir() if (p / "record.json").exists())

@@ -1,0 +1,92 @@
+"""One manifest written, or deleted, and committed. It is noted before anything is done, so that whoever kills rorg in
+the middle of it leaves nothing half: the next rorg finishes the change, or undoes it, and says which."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import stat
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rorg.host.git import commit, committed, wait_for_locks
+from rorg.manifest.files import read_bytes
+from rorg.store.files import clear_leftovers, make_directory, write_atomic
+from rorg.store.state_dir import read_json
+
+
+@dataclass(frozen=True, slots=True)
+class ManifestChange:
+    """What is about to be done. `before` and `after` are digests of the file's content, None where there is no file."""
+
+    file: str
+    """Relative to the tree."""
+    before: str | None
+    after: str | None
+    message: str
+    author: str
+    person: bool = False
+    """Whether the author is a person."""
+
+    def carry_out(self, root: Path, note: Path, text: str | None) -> None:
+        """Writes the file, or deletes it where there is no `text`, and commits it. Raises OSError; what was not
+        written then is as it was."""
+        path = root / self.file
+        write_atomic(note, json.dumps(asdict(self)))
+        try:
+            path.unlink() if text is None else _write(path, text)
+        except OSError:
+            note.unlink()
+            raise
+        commit(root, path, self.author, self.message)
+        note.unlink()
+
+
+def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
+    """Finishes or undoes the change that a killed rorg left behind: (it, what came of it); None where there is none.
+    May wait for a git that goes on without its rorg."""
+    change, begun = _noted(note)
+    if change is None:
+        note.unlink(missing_ok=True)
+        return None
+    path = root / change.file
+    clear_leftovers(path.parent)
+    try:
+        now = digest(read_bytes(path, root))
+    except OSError:
+        now = None
+    if now == change.after:
+        wait_for_locks(root, begun)
+        done = committed(root, path) or commit(root, path, change.author, change.message)
+        found = "finished" if done else "it is written, and not committed: git does not do it"
+    else:
+        found = "undone: nothing of it was written" if now == change.before else "left: somebody has changed it since"
+    note.unlink()
+    return change, found
+
+
+def _noted(note: Path) -> tuple[ManifestChange | None, float]:
+    """The change, and when it was noted, in seconds since the epoch."""
+    try:
+        change, begun = ManifestChange(**(read_json(note) or {})), note.stat().st_mtime
+    except (OSError, TypeError):
+        return None, time.time()
+    whole = all(isinstance(text, str) for text in (change.file, change.message, change.author))
+    return (change if whole else None), begun
+
+
+def _write(path: Path, text: str) -> None:
+    """What was there keeps its owner and its mode; what is new, everybody may read."""
+    make_directory(path.parent, 0o755)
+    try:
+        before = path.stat()
+    except OSError:
+        write_atomic(path, text, mode=0o644)
+    else:
+        write_atomic(path, text, mode=stat.S_IMODE(before.st_mode), owner=(before.st_uid, before.st_gid))
+
+
+def digest(content: bytes) -> str:
+    """Of a manifest's text, by which an edit says what it began from."""
+    return hashlib.sha256(content).hexdigest()[:16]
