@@ -22,13 +22,14 @@ from robots import RealRobot
 from rorg_process import RorgProcess
 from test_deployment import certificate
 
-from rorg.api import changes, limits
+from rorg.api import limits
 from rorg.api.limits import Account
 from rorg.api.metering import THREADS
 from rorg.client import Client, NotReady, Refused
 from rorg.core.requests import mistakes, problems
 from rorg.errors import TooMany
 from rorg.model.catalog import Catalog, Request, Service
+from rorg.store import requests_limits
 from rorg.store.committer import MOST_OF_ONE, Turns
 from rorg.store.journal import Journal
 
@@ -372,7 +373,7 @@ def test_what_works_in_threads_is_known(near):
 
 
 def test_one_requester_cannot_make_the_file_of_all_large(near, monkeypatch):
-    monkeypatch.setattr(changes, "MOST_NAMED", 3)
+    monkeypatch.setattr(requests_limits, "MOST_NAMED", 3)
     client = near.client()
     client.request("camera", "alpha", id="first", ttl=None)
     with pytest.raises(Refused, match="names 2 services already"):
