@@ -13,7 +13,7 @@ except ImportError:
     from rorg.client import Client, Forbidden, NotFound
 
 SEEN = 10.0
-"""Seconds for which the service that runs a node is remembered, where its calls cannot be seen."""
+"""Seconds for which the process of a node, or the service that runs it, is remembered."""
 
 
 class Connection(NamedTuple):
@@ -57,6 +57,8 @@ class Identity:
         self.client, self.graph, self.others = client, graph, others
         self._seen: dict[tuple[str, int], tuple[float, str]] = {}
         """(node, its port) -> when it was looked for, and the service found."""
+        self._nodes: dict[int, tuple[float, dict[str, Any]]] = {}
+        """Port -> when it was looked at, and the process that listened."""
 
     def requester(self, caller: str, via: Connection) -> str:
         """In whose name a call is. That of the service whose process calls; where that cannot be seen, of the one that
@@ -68,9 +70,8 @@ class Identity:
         port = self.graph.port(caller)
         if not process:
             return self._runner(caller, port) or self.others
-        node = self._process(f"/v1/listeners/{port}") if port else {}
-        same = not node or node["pid"] == process["pid"] or (node["service"] or None) == process["service"]
-        if not same:
+        if not any(_same(self._listener(port, anew), process) for anew in (False, True)):
+            node = self._listener(port)
             raise _impostor(caller, f"it is a process of {_told(node)}, and {_told(process)} calls")
         return str(process["service"] or self.others)
 
@@ -80,6 +81,15 @@ class Identity:
             return dict(self.client.call("GET", address))
         except NotFound:
             return {}
+
+    def _listener(self, port: int, anew: bool = False) -> dict[str, Any]:
+        """The process at a port: a look at all sockets of the machine is dear."""
+        now = time.monotonic()
+        at, found = self._nodes.get(port, (0.0, {}))
+        if port and (anew or not found or now - at > SEEN):
+            found = self._process(f"/v1/listeners/{port}")
+            self._nodes = {**{k: v for k, v in dict(self._nodes).items() if now - v[0] < SEEN}, port: (now, found)}
+        return found
 
     def _runner(self, caller: str, port: int) -> str:
         """The service that runs a node: by the process at its port, else by what manifests declare."""
@@ -96,6 +106,12 @@ class Identity:
             return str(found)
         declared = (s for s in self.client.services() if caller in s["ros_nodes"] and s["incarnation"])
         return str(next((s["service"] for s in declared), ""))
+
+
+def _same(node: dict[str, Any], process: dict[str, Any]) -> bool:
+    """Whether a process may call as a node: it is the node's own, or of the same service. A node that is gone has
+    none."""
+    return not node or node["pid"] == process["pid"] or (node["service"] or None) == process["service"]
 
 
 def _told(process: dict[str, Any]) -> str:
