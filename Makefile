@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types bench schemas docs clean
+.PHONY: demo test lint types bench schemas docs constraints clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml clients/python/pyproject.toml
@@ -32,6 +32,9 @@ schemas: $(BIN)/rorg
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py
 	$(BIN)/python docs/explanation/import_graph.py
+
+constraints:
+	$(PYTHON) .ci/constraints
 
 lint: $(VENV)/test-installed
 	$(BIN)/ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import pytest
 import yaml
@@ -149,3 +150,31 @@ def test_networks_take_the_place_of_an_inherited_host_network(docker_robot):
             api.remove_container(container.id, v=True, force=True)
         for network in made:
             api.remove_network(network)
+
+
+def test_no_container_gains_privileges_or_processes_without_end_unless_it_says_so(docker_robot):
+    robot = docker_robot
+    free = {"security_opt": ["no-new-privileges:false"], "pids_limit": -1}
+    robot.declare(
+        {
+            "usual": {"always_on": True, "container": {"security_opt": ["seccomp=unconfined"]}},
+            "again": {"always_on": True, "container": {"security_opt": ["no-new-privileges"], "pids_limit": 50}},
+            "sudo": {"always_on": True, "container": free},
+            "heir": {"always_on": True, "profile": "lab"},
+            "bare": {"always_on": True, "profile": "plain"},
+        },
+        profiles={"lab": {"container": free}},
+    )
+    robot.wait(lambda: robot.active() == {"usual", "again", "sudo", "heir", "bare"})
+    seen = {c.service: robot.engine.api().inspect_container(c.id) for c in robot.containers()}
+    told = {name: (s["HostConfig"]["SecurityOpt"], s["HostConfig"]["PidsLimit"]) for name, s in seen.items()}
+    assert told == {
+        "usual": (["no-new-privileges:true", "seccomp=unconfined"], 4096),
+        "again": (["no-new-privileges"], 50),
+        "sudo": (["no-new-privileges:false"], None),
+        "heir": (["no-new-privileges:false"], None),
+        "bare": (None, None),
+    }
+    status = {name: Path(f"/proc/{s['State']['Pid']}/status").read_text() for name, s in seen.items()}
+    gains = {name for name, text in status.items() if "NoNewPrivs:\t0" in text}
+    assert gains == {"sudo", "heir", "bare"}, "what the kernel says"

@@ -56,6 +56,7 @@ COMPUTING = {"rorg.cli.alone", "rorg.cli.carrying_out", "rorg.cli.local"}
 """What commands load once they must compute something themselves."""
 HERE = {
     *("pyproject.toml", "Makefile", ".ci", ".gitignore", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
+    "SECURITY.md",
     *("rorg", "clients", "manifests", "schemas", "images", "tests", "docs"),
 }
 """All that the top of the repository holds."""

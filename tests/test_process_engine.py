@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_for
+from robots import RealRobot
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.engines.process.engine import ProcessEngine
@@ -159,3 +160,14 @@ print(engine.inspect(made).state)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "exited\n", done.stderr
     assert time.monotonic() - began < 20
+
+
+def test_only_what_somebody_asked_for_is_told_to_mean_nothing_here(tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    try:
+        robot.declare({"arm": {"container": {"cap_add": ["KILL"]}}, "camera": {}})
+        robot.wait(lambda: any("manifests in force" in line for line in robot.log()))
+        told = [line for line in robot.log() if "no meaning" in line]
+        assert [line.partition("for: ")[2] for line in told] == ["cap_add (1 services)"]
+    finally:
+        robot.close()

@@ -33,7 +33,7 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         **ros,
         "command": "/bridge/lib/rorg_ros/rorg_node.py",
         "ready": {"ros_node": "/rorg"},
-        "may_act_for": ["behaviour", "cpp"],
+        "may_act_for": ["behaviour", "cpp", "impostor"],
     }
     tree["behaviour"] = {
         **ros,
@@ -42,6 +42,13 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         "restart": "never",
         "may_request": ["camera"],
         "may_restart": ["camera"],
+    }
+    tree["impostor"] = {
+        **ros,
+        "command": "python3 /nodes/impostor.py /told/impostor /behaviour look camera",
+        "needs": ["rorg_ros"],
+        "restart": "never",
+        "may_request": ["camera"],
     }
     tree["cpp"] = {
         **ros,
@@ -63,6 +70,14 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         assert "may restart camera" in told["restart_arm"][1]
         assert "camera" in told["status"]
         assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
+        before = [r for r in robot.requests() if r.requester == "behaviour"]
+        robot.request("impostor", id="steal")
+        robot.wait(lambda: (tmp_path / "impostor").exists(), 60)
+        for done, message in json.loads((tmp_path / "impostor").read_text()).values():
+            assert done is False
+            assert "cannot call as /behaviour: it is a process of behaviour, and impostor calls" in message
+        assert [r for r in robot.requests() if r.requester == "behaviour"] == before
+        robot.release("steal")
         robot.kill("behaviour")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 5)
         robot.request("cpp", id="run")

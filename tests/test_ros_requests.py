@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import docker
@@ -19,7 +19,7 @@ from robots import RealRobot, write_tree
 from test_ros import NODES, services
 
 sys.path.insert(0, str(ROOT / "clients/ros1/rorg_ros/src"))
-from rorg_ros.bridge import Bridge, Graph, holder_of, request_id, tag
+from rorg_ros.bridge import Bridge, Connection, Graph, holder_of, request_id, tag
 
 PAUSE = {"idle": {"action": "pause"}}
 LISTEN = [
@@ -44,6 +44,9 @@ class People(Graph):
 
     def port(self, node: str) -> int:
         return self.ports.get(node, 0)
+
+    def near(self, node: str) -> bool | None:
+        return True if node in self.ports else None
 
     def nodes(self) -> list[str]:
         return list(self.ports)
@@ -107,6 +110,96 @@ def test_a_request_belongs_to_the_service_that_runs_the_caller(robot, port):
     bridge.request("/tour", "look", ["camera"], "", 0.0)
     robot.kill("tour")
     robot.wait(lambda: held(robot) == {"rorg_ros": ["lamp"]}, 10)
+
+
+CALLS = """import socket, sys, time
+with socket.create_connection(("127.0.0.1", int(sys.argv[1]))):
+    time.sleep(600)"""
+
+
+@pytest.fixture
+def stranger(robot) -> Iterator[Callable[[str], Connection]]:
+    """How a call of a service's program comes by: `stranger("thief")` declares it, and awaits its connection."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        to, open_ = server.getsockname()[1], []
+        server.settimeout(60)
+
+        def call(name: str) -> Connection:
+            command = ["python3", "-S", "-c", CALLS, str(to)]
+            spec = {"image": "rorg-base", "command": command, "always_on": True, "may_request": ["lamp"]}
+            text = {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": name}, "spec": spec}
+            (robot.tree / f"services/{name}.yaml").write_text(yaml.safe_dump(text))
+            found, peer = server.accept()
+            open_.append(found)
+            return Connection(True, peer[1], to)
+
+        yield call
+        for found in open_:
+            found.close()
+
+
+def test_no_process_speaks_for_a_node_of_another(robot, port, stranger):
+    """Nor for one of another machine, nor does one of another machine for a node of this one."""
+
+    class Graph(People):
+        def near(self, node: str) -> bool | None:
+            return False if node == "/far" else super().near(node)
+
+    bridge = Bridge(robot.client("rorg_ros"), Graph(tour=port, person=0), others="developer")
+    assert bridge.request("/tour", "look", ["camera"], "", 20.0).success
+    thief, far = stranger("thief"), Connection(False, 0, 0)
+    before = robot.requests()
+    for via, node in ((thief, "/tour"), (far, "/tour"), (far, "/person"), (thief, "/far")):
+        refused = [
+            bridge.release(node, "look", via),
+            bridge.request(node, "look", ["lamp"], "", 0.0, 0.0, via),
+            bridge.restart(node, "camera", True, via),
+            bridge.remove_manifest(node, "", "camera", "", "", via),
+        ]
+        assert all(not done.success and f"cannot call as {node}" in done.message for done in refused), refused
+        assert not bridge.put_manifest(node, "", "radio", "", "", "", via)[0]
+        assert not bridge.get_manifest(node, "", "camera", via)[0]
+    assert "a process of tour, and thief calls" in bridge.release("/tour", "look", thief).message
+    assert robot.requests() == before
+
+
+def test_a_program_without_a_node_of_its_own_has_the_rights_of_its_service(robot, stranger):
+    """Not those of whom the bridge takes others for, nor what others hold."""
+    bridge = Bridge(robot.client("rorg_ros"), People(), others="developer")
+    hand = "/rosservice_12_1700000000000"
+    assert bridge.request(hand, "x", ["camera"], "", 0.0).success
+    thief = stranger("thief")
+    refused = bridge.request(hand, "y", ["camera"], "", 0.0, 0.0, thief)
+    assert "thief may request lamp" in refused.message
+    assert bridge.release(hand, "x", thief).message == "nothing to release"
+    assert held(robot) == {"developer": ["camera"]}
+    assert bridge.request(hand, "y", ["lamp"], "", 0.0, 0.0, thief).success
+    assert held(robot) == {"developer": ["camera"], "thief": ["lamp"]}
+    assert bridge.release(hand, "y").message == "nothing to release", "nor do others for it"
+    assert bridge.release(hand, "y", thief).message == "released"
+
+
+def test_of_processes_that_no_service_runs_each_speaks_for_itself(robot):
+    """A node in this process, and a call of this one and of another."""
+    with socket.create_server(("127.0.0.1", 0)) as node, socket.create_server(("127.0.0.1", 0)) as server:
+        to = server.getsockname()[1]
+        bridge = Bridge(robot.client("rorg_ros"), People(person=node.getsockname()[1]))
+        with socket.create_connection(("127.0.0.1", to)) as own:
+            accepted = server.accept()[0]
+            assert bridge.request("/person", "x", ["lamp"], "", 0.0, 0.0, Connection(True, own.getsockname()[1], to))
+            accepted.close()
+        other = subprocess.Popen([sys.executable, "-S", "-c", CALLS, str(to)])
+        try:
+            server.settimeout(60)
+            accepted, peer = server.accept()
+            refused = bridge.release("/person", "x", Connection(True, peer[1], to))
+            assert f"(pid {os.getpid()}), and no service (pid {other.pid}) calls" in refused.message
+            assert held(robot) == {"rorg_ros": ["lamp"]}
+            assert bridge.release("/person", "x").message == "released", "where nobody sees who calls"
+            accepted.close()
+        finally:
+            other.kill()
+            other.wait()
 
 
 def test_a_request_by_hand_lives_for_its_lease(robot):

@@ -159,11 +159,13 @@ class Why(BaseModel):
     waits: list[str] = Field(description="Why what would be done with it is not done now.")
 
 
-class Listener(BaseModel):
-    """Who listens at a port."""
+class ProcessView(BaseModel):
+    """The process at a port of this machine."""
 
     port: int
+    pid: int
     service: str
+    """The service that runs it; empty where none does."""
 
 
 class ServiceUsage(BaseModel):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -20,7 +20,7 @@ from rorg.core.status import Status, statuses
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
 from rorg.errors import Busy, Missing
-from rorg.host.listeners import lineage, listening
+from rorg.host.listeners import calling, lineage, listening
 from rorg.host.load import machine
 from rorg.model.catalog import Catalog, Group, Request
 from rorg.model.graph import closure
@@ -137,22 +137,29 @@ class Operations:
             "machine": machine(),
         }
 
-    def listener(self, port: int) -> str:
-        """The service one of whose processes listens at a TCP port of this machine. Looks at all sockets, and asks the
-        engine where nobody is known: a program may call before the loop has seen it run."""
+    def listener(self, port: int) -> dict[str, Any]:
+        """The process that listens at a TCP port of this machine. Raises Missing where there is none to be seen."""
+        return {"port": port, **self._process(f"find who listens at port {port}", lambda: listening(port))}
+
+    def connection(self, port: int, to: int) -> dict[str, Any]:
+        """The process that has a TCP connection from a port of this machine to another. Raises Missing as above."""
+        return {"port": port, **self._process(f"find who called from port {port}", lambda: calling(port, to))}
+
+    def _process(self, what: str, find: Callable[[], int | None]) -> dict[str, Any]:
+        """A process and the service that runs it, if one does. Looks at all sockets, and asks the engine where nobody
+        is known: a program may call before the loop has seen it run."""
         if not self.loop.engine.local:
-            raise Missing(f"find who listens at port {port}", "the engine is on another machine")
-        forebears = lineage(listening(port))
+            raise Missing(what, "the engine is on another machine")
+        forebears = lineage(find())
+        if not forebears:
+            raise Missing(what, "no process is known to")
         runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
-        if forebears and not runs.keys() & set(forebears):
+        if not runs.keys() & set(forebears):
             containers = self.loop.engine.list()
             if any(c.brief for c in containers):
-                raise Busy(f"find who listens at port {port}", "the engine holds back what runs", "again in a moment")
+                raise Busy(what, "the engine holds back what runs", "again in a moment")
             runs = {c.pid: c.service for c in containers if c.alive}
-        found = next((runs[pid] for pid in forebears if pid in runs), None)
-        if found is None:
-            raise Missing(f"find who listens at port {port}", "no service's process is known to")
-        return found
+        return {"pid": forebears[0], "service": next((runs[pid] for pid in forebears if pid in runs), "")}
 
     # -- changing ----------------------------------------------------------------------------------------------
 

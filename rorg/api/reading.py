@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Path
+from fastapi import FastAPI, Path, Query
 from fastapi.responses import Response
 
 from rorg.api import views
 from rorg.api.callers import needs
-from rorg.api.models import GroupView, ImageView, Listener, RequestView, ServiceView, Usage, Why
+from rorg.api.models import GroupView, ImageView, ProcessView, RequestView, ServiceView, Usage, Why
 from rorg.api.operations import Operations
 from rorg.api.status_models import PlanView, StatusView
+
+Port = Annotated[int, Path(ge=1, le=65535)]
 
 
 def text(value: Any) -> Response:
@@ -72,10 +74,15 @@ def _add_services(app: FastAPI, operations: Operations) -> None:
         """Why a service, or each of a group, is active, or why not."""
         return text(operations.why(name))
 
-    @app.get("/v1/listeners/{port}", dependencies=read, response_model=Listener)
-    def listener(port: Annotated[int, Path(ge=1, le=65535)]) -> Response:
-        """Which service listens at a TCP port of this machine: tells a bridge whose program calls it."""
-        return text({"port": port, "service": operations.listener(port)})
+    @app.get("/v1/listeners/{port}", dependencies=read, response_model=ProcessView)
+    def listener(port: Port) -> Response:
+        """Which process, of which service, listens at a TCP port of this machine: tells a bridge whose node it is."""
+        return text(operations.listener(port))
+
+    @app.get("/v1/connections/{port}", dependencies=read, response_model=ProcessView)
+    def connection(port: Port, to: Annotated[int, Query(ge=1, le=65535, description="Its other end.")]) -> Response:
+        """Which process, of which service, has a TCP connection from a port of this machine: who calls a bridge."""
+        return text(operations.connection(port, to))
 
     @app.get("/v1/usage", dependencies=read, response_model=Usage)
     def usage() -> Response:

@@ -51,6 +51,7 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
         option: spec[option]
         for option in said - {"container_name"}
         if option in container.live
+        and (container.live[option] is not None or option in changed)  # None: its kernel cannot do what it was asked
         and normal(option, container.live[option]) != normal(option, spec[option])
         and (not changed or option in written)
     }

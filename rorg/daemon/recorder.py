@@ -133,10 +133,10 @@ class Recorder:
             self._ignored(tree)
 
     def _ignored(self, tree: Tree) -> None:
-        """Options that the engine has no meaning for are not passed over in silence."""
+        """Options that somebody asked for, and the engine has no meaning for, are not passed over in silence."""
         users: dict[str, int] = {}
         for service in tree.desired.catalog.services.values():
-            for option in self.engine.capabilities.ignored_options & set(service.spec or {}):
+            for option in self.engine.capabilities.ignored_options & set(service.spec or {}) - set(service.defaults):
                 users[option] = users.get(option, 0) + 1
         if users:
             found = ", ".join(f"{option} ({count} services)" for option, count in sorted(users.items()))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -66,8 +67,8 @@ class Merged:
 def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Options of two levels: mappings by key, lists appended without repeats, everything else replaced (as Compose
     merges files). `entrypoint` and a healthcheck's `test` are one thing though they are lists. What cannot stand
-    beside what the upper level says is left out: another volume at the same place, another way into a network, options
-    of another driver of logs."""
+    beside what the upper level says is left out: another volume at the same place, another word on the same matter of
+    security, another way into a network, options of another driver of logs."""
     merged = {k: v for k, v in base.items() if not (k in _ONE_OF and _ONE_OF[k] in over and k not in over)}
     for key, value in over.items():
         old = merged.get(key)
@@ -75,8 +76,9 @@ def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str,
             merged[key] = _merge_keys(_same_driver(old, value) if key == "logging" else old, value)
         elif isinstance(old, list) and isinstance(value, list) and key != "entrypoint":
             new = [item for item in value if item not in old]
-            taken = {mounted_at(item) for item in new} if key == "volumes" else set()
-            merged[key] = [item for item in old if key != "volumes" or mounted_at(item) not in taken] + new
+            place = _PLACES.get(key, lambda _: None)
+            taken = {place(item) for item in new} - {None}
+            merged[key] = [item for item in old if place(item) not in taken] + new
         else:
             merged[key] = value
     return merged
@@ -109,6 +111,16 @@ def _same_driver(old: Mapping[str, Any], over: Mapping[str, Any]) -> Mapping[str
 def mounted_at(volume: Any) -> str:
     """Where a volume is in the container, in one spelling."""
     return same_path(volume["target"] if isinstance(volume, Mapping) else volume.split(":")[:2][-1])
+
+
+def _matter(option: str) -> str | None:
+    """What a value of security_opt is about: seccomp, apparmor, ...; None where several may stand beside each other."""
+    name = re.split("[=:]", option, maxsplit=1)[0]
+    return None if name == "label" else name
+
+
+_PLACES: Mapping[str, Callable[[Any], str | None]] = {"volumes": mounted_at, "security_opt": _matter}
+"""Option that is a list -> what only one item of it can be at."""
 
 
 def trace(origins: Origins, container: Mapping[str, Any], over: Mapping[str, Any], origin: Origin) -> Origins:

@@ -376,7 +376,7 @@ def test_one_requester_cannot_make_the_file_of_all_large(near, monkeypatch):
     monkeypatch.setattr(requests_limits, "MOST_NAMED", 3)
     client = near.client()
     client.request("camera", "alpha", id="first", ttl=None)
-    with pytest.raises(Refused, match="names 2 services already"):
+    with pytest.raises(Refused, match="name 2 services already"):
         client.request("camera", "alpha", id="second", ttl=None)
     client.request("camera", id="second", ttl=None)
     client.request("alpha", "camera", id="first", ttl=None)

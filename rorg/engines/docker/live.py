@@ -25,7 +25,7 @@ def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
     """Live options of a container from the HostConfig of an inspection, in the units of manifests."""
     found = {option: host[key] for option, key in _LIVE.items() if key in host}
     found["cpus"] = (host.get("NanoCpus") or 0) / NANO
-    found["pids_limit"] = host.get("PidsLimit") or 0
+    found["pids_limit"] = host.get("PidsLimit")  # None where it was never in force
     policy = host.get("RestartPolicy") or {}
     count = policy.get("MaximumRetryCount") or 0
     found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")

@@ -8,7 +8,7 @@ from urllib.parse import urlparse
 
 import rosgraph
 import rospy
-from rorg_ros.bridge import Bridge, Client, Error, Graph
+from rorg_ros.bridge import Bridge, Client, Connection, Error, Graph
 from rorg_ros.msg import ServiceStatus, Status
 from rorg_ros.srv import (
     GetManifest,
@@ -31,9 +31,6 @@ from rorg_ros.srv import (
 class Master(Graph):
     """The graph as the ROS master knows it."""
 
-    def __init__(self) -> None:
-        self.local = {"localhost", socket.gethostname(), *rosgraph.network.get_local_addresses()}
-
     def alive(self, node):
         """Registered, and somebody listens at its port: a paused node does, a killed one does not."""
         try:
@@ -43,12 +40,20 @@ class Master(Graph):
         except (OSError, xmlrpc.client.Error):
             return True  # no master: nothing can be concluded
 
+    def near(self, node):
+        return is_near(self._where(node)[0])
+
     def port(self, node):
+        host, port = self._where(node)
+        return port if is_near(host) else 0
+
+    def _where(self, node):
+        """(host, port) of its registration; ("", 0) where there is none, or no master."""
         try:
             where = urlparse(master().lookupNode(node))
-        except (rosgraph.MasterError, OSError, xmlrpc.client.Error):
-            return 0
-        return (where.port or 0) if where.hostname in self.local else 0
+            return where.hostname or "", where.port or 0
+        except (rosgraph.MasterError, OSError, ValueError, xmlrpc.client.Error):
+            return "", 0
 
     def nodes(self):
         try:
@@ -73,8 +78,35 @@ def listens(uri):
     return True
 
 
+def is_near(host):
+    """Whether an address, or what a name stands for, is one of this machine; None where it stands for nothing. Only
+    such a one can be bound to."""
+    try:
+        with socket.socket() as probe:
+            probe.bind((host, 0))
+        return True if host else None
+    except socket.gaierror:
+        return None
+    except OSError:
+        return False
+
+
+class Service(rospy.Service):
+    """Tells its handler what a call came by, in place of whatever its caller says of that."""
+
+    def handle(self, transport, header):
+        there, here = transport.socket.getpeername(), transport.socket.getsockname()
+        near = is_near(there[0])
+        header["connection"] = Connection(near, there[1] if near else 0, here[1])
+        return super().handle(transport, header)
+
+
 def caller(request) -> str:
     return request._connection_header["callerid"]
+
+
+def via(request) -> Connection:
+    return request._connection_header["connection"]
 
 
 def status_of(service) -> ServiceStatus:
@@ -102,28 +134,40 @@ def offer(bridge: Bridge) -> None:
         found, message, service = bridge.query(request.name)
         return QueryServiceResponse(found, message, status_of(service) if found else ServiceStatus())
 
-    rospy.Service("~query", QueryService, query)
-    rospy.Service(
+    Service("~query", QueryService, query)
+    Service(
         "~request",
         RequestServices,
-        lambda r: RequestServicesResponse(*bridge.request(caller(r), r.id, r.services, r.reason, r.wait, r.ttl)),
+        lambda r: RequestServicesResponse(
+            *bridge.request(caller(r), r.id, r.services, r.reason, r.wait, r.ttl, via(r))
+        ),
     )
-    rospy.Service("~release", ReleaseServices, lambda r: ReleaseServicesResponse(*bridge.release(caller(r), r.id)[:2]))
-    rospy.Service(
-        "~restart", RestartService, lambda r: RestartServiceResponse(*bridge.restart(caller(r), r.name, r.force)[:2])
+    Service(
+        "~release", ReleaseServices, lambda r: ReleaseServicesResponse(*bridge.release(caller(r), r.id, via(r))[:2])
     )
-    rospy.Service(
-        "~get_manifest", GetManifest, lambda r: GetManifestResponse(*bridge.get_manifest(caller(r), r.kind, r.name))
+    Service(
+        "~restart",
+        RestartService,
+        lambda r: RestartServiceResponse(*bridge.restart(caller(r), r.name, r.force, via(r))[:2]),
     )
-    rospy.Service(
+    Service(
+        "~get_manifest",
+        GetManifest,
+        lambda r: GetManifestResponse(*bridge.get_manifest(caller(r), r.kind, r.name, via(r))),
+    )
+    Service(
         "~put_manifest",
         PutManifest,
-        lambda r: PutManifestResponse(*bridge.put_manifest(caller(r), r.kind, r.name, r.text, r.base, r.message)),
+        lambda r: PutManifestResponse(
+            *bridge.put_manifest(caller(r), r.kind, r.name, r.text, r.base, r.message, via(r))
+        ),
     )
-    rospy.Service(
+    Service(
         "~remove_manifest",
         RemoveManifest,
-        lambda r: RemoveManifestResponse(*bridge.remove_manifest(caller(r), r.kind, r.name, r.base, r.message)[:2]),
+        lambda r: RemoveManifestResponse(
+            *bridge.remove_manifest(caller(r), r.kind, r.name, r.base, r.message, via(r))[:2]
+        ),
     )
 
 

@@ -37,6 +37,9 @@ class Discovered(Graph):
             self.seen[node] = now
         return bool(node) and now - self.seen.setdefault(node, now) < LEASE
 
+    def near(self, node: str) -> None:
+        return None
+
     def port(self, node: str) -> int:
         return 0
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
+from .identity import UNSEEN, Connection, Graph, Identity
 from .names import address, format_seconds, holder_of, manifest, passing, request_id, tag
 
 try:
@@ -32,24 +33,6 @@ RENEW = 5.0
 """Seconds between two renewals of a long lease."""
 FORGET = 30.0
 """Seconds after which a request that rorg does not know is forgotten here too."""
-SEEN = 10.0
-"""Seconds for which the service that runs a caller is remembered."""
-
-
-class Graph:
-    """The nodes, as a bridge sees them."""
-
-    def alive(self, node: str) -> bool:
-        """Whether a node is still there; a paused one is."""
-        raise NotImplementedError
-
-    def port(self, node: str) -> int:
-        """The TCP port of this machine at which it listens; 0 where it is elsewhere, or nothing is known."""
-        raise NotImplementedError
-
-    def nodes(self) -> Iterable[str]:
-        """The names of all."""
-        raise NotImplementedError
 
 
 class Terms(NamedTuple):
@@ -74,24 +57,31 @@ class Bridge:
     tells bridges of different graphs apart."""
 
     def __init__(self, client: Client, graph: Graph, others: str = "", kind: str = "ros1") -> None:
-        self.client, self.graph, self.others, self.kind = client, graph, others, kind
+        self.client, self.graph, self.kind = client, graph, kind
+        self._identity = Identity(client, graph, others)
         self._terms: dict[str, Terms] = {}
         """By the id of the request in rorg."""
-        self._seen: dict[tuple[str, int], tuple[float, str]] = {}
-        """(caller, its port) -> when it was looked for, and the service found."""
         self._lock = threading.Lock()
         """Held while a request is dropped: what is asked for again meanwhile comes after it."""
 
     # -- for callers -------------------------------------------------------------------------------------------
 
     def request(
-        self, caller: str, id: str, services: Iterable[str], reason: str, wait: float, ttl: float = 0.0
+        self,
+        caller: str,
+        id: str,
+        services: Iterable[str],
+        reason: str,
+        wait: float,
+        ttl: float = 0.0,
+        via: Connection = UNSEEN,
     ) -> Done:
         """Requests for as long as the caller is there, and `ttl` seconds more."""
         if not (math.isfinite(ttl) and math.isfinite(wait) and ttl >= 0):
             return Done(False, "cannot request: ttl and wait must be numbers of seconds; try 0 for the default")
         try:
-            held, names = self._put(caller, id, services, reason, ttl)
+            requester = self._identity.requester(caller, via)
+            held, names = self._put(caller, requester, id, services, reason, ttl)
             if wait > 0:
                 self._wait(names, wait)
         except Error as error:
@@ -99,9 +89,11 @@ class Bridge:
         told = f"; {format_seconds(held.lease)} after its caller is gone it ends" if held.lease else ""
         return Done(True, f"requested {', '.join(names)}{told}", held.lease)
 
-    def _put(self, caller: str, id: str, services: Iterable[str], reason: str, ttl: float) -> tuple[Terms, list[str]]:
+    def _put(
+        self, caller: str, requester: str, id: str, services: Iterable[str], reason: str, ttl: float
+    ) -> tuple[Terms, list[str]]:
         holder = holder_of(caller)
-        key, requester = request_id(self.kind, holder, id), self.requester(caller)
+        key = request_id(self.kind, holder, id)
         lasts = not (ttl or passing(caller)) and self.graph.alive(caller)
         lease = max(ttl, SHORTEST) if ttl else 0.0 if lasts else BY_HAND
         names = [self.resolve(name) for name in services]
@@ -124,7 +116,7 @@ class Bridge:
             made = held._replace(requester=done["requester"])
             if self._terms.get(key) is held:
                 self._terms[key] = made
-        if before and before.requester != made.requester:
+        if before and before.requester != made.requester and self.graph.alive(caller):
             self.client.call("DELETE", address(key, before.requester))  # its caller is another service's now
         return made, names
 
@@ -142,21 +134,22 @@ class Bridge:
                     raise
             time.sleep(0.2)
 
-    def release(self, caller: str, id: str) -> Done:
+    def release(self, caller: str, id: str, via: Connection = UNSEEN) -> Done:
+        """Gives up what the caller's own requester holds under its name."""
         key = request_id(self.kind, holder_of(caller), id)
-        with self._lock:
-            known = self._terms.pop(key, None)
+        known = self._terms.get(key)
         try:
-            found = (
-                [known.requester]
-                if known
-                else [r["requester"] for r in self.client.requests() if r["id"] == key and not r["standing"]]
-            )
-            for requester in found:
-                self.client.call("DELETE", address(key, requester))
+            requester = self._identity.requester(caller, via)
+            self.client.call("POST", address(key, requester, "/renew"))  # says whether there is one
+            self.client.call("DELETE", address(key, requester))
+        except NotFound:
+            return Done(True, "nothing to release")
         except Error as error:
             return Done(False, str(error))
-        return Done(True, "released" if found else "nothing to release")
+        with self._lock:
+            if self._terms.get(key) is known:
+                self._terms.pop(key, None)
+        return Done(True, "released")
 
     def query(self, name: str) -> tuple[bool, str, dict[str, Any]]:
         try:
@@ -164,9 +157,9 @@ class Bridge:
         except Error as error:
             return False, str(error), {}
 
-    def restart(self, caller: str, name: str, force: bool) -> Done:
+    def restart(self, caller: str, name: str, force: bool, via: Connection = UNSEEN) -> Done:
         try:
-            query = self._as(caller, {"force": "true"} if force else {})
+            query = self._as(caller, via, {"force": "true"} if force else {})
             self.client.call("POST", f"/v1/services/{quote(self.resolve(name))}/restart{query}")
         except Error as error:
             return Done(False, str(error))
@@ -174,10 +167,10 @@ class Bridge:
 
     # -- manifests ---------------------------------------------------------------------------------------------
 
-    def get_manifest(self, caller: str, kind: str, name: str) -> tuple[bool, str, str, str]:
+    def get_manifest(self, caller: str, kind: str, name: str, via: Connection = UNSEEN) -> tuple[bool, str, str, str]:
         """(success, message, text, digest)."""
         try:
-            query = self._as(caller, {})
+            query = self._as(caller, via, {})
             # Its digest first: should it be changed in between, a change on the base of the older one is refused.
             found = self._digest(kind or "Service", name, query)
             return True, "", self.client.call("GET", manifest(kind, name) + query), found
@@ -185,20 +178,22 @@ class Bridge:
             return False, str(error), "", ""
 
     def put_manifest(
-        self, caller: str, kind: str, name: str, text: str, base: str, message: str
+        self, caller: str, kind: str, name: str, text: str, base: str, message: str, via: Connection = UNSEEN
     ) -> tuple[bool, str, str]:
         """(success, message, digest)."""
         body = {"text": text, "base": base or None, "message": message}
         try:
-            done = self.client.call("PUT", manifest(kind, name) + self._as(caller, {}), body)
+            done = self.client.call("PUT", manifest(kind, name) + self._as(caller, via, {}), body)
         except Error as error:
             return False, str(error), ""
         return True, f"written to {done['file']}", done["digest"]
 
-    def remove_manifest(self, caller: str, kind: str, name: str, base: str, message: str) -> Done:
+    def remove_manifest(
+        self, caller: str, kind: str, name: str, base: str, message: str, via: Connection = UNSEEN
+    ) -> Done:
         try:
-            base = base or self._digest(kind or "Service", name, self._as(caller, {}))
-            query = self._as(caller, {"base": base, "message": message})
+            base = base or self._digest(kind or "Service", name, self._as(caller, via, {}))
+            query = self._as(caller, via, {"base": base, "message": message})
             self.client.call("DELETE", manifest(kind, name) + query)
         except Error as error:
             return Done(False, str(error))
@@ -212,24 +207,8 @@ class Bridge:
 
     # -- who is who --------------------------------------------------------------------------------------------
 
-    def requester(self, caller: str) -> str:
-        """The service that runs a node: by the process at its port, else by what manifests declare; else `others`."""
-        who, now = (caller, self.graph.port(caller)), time.monotonic()
-        at, found = self._seen.get(who, (0.0, ""))
-        if not found or now - at > SEEN:
-            found = self._runner(*who)
-            self._seen = {**{k: v for k, v in dict(self._seen).items() if now - v[0] < SEEN}, who: (now, found)}
-        return found or self.others
-
-    def _runner(self, caller: str, port: int) -> str:
-        if port:
-            with contextlib.suppress(NotFound):
-                return str(self.client.call("GET", f"/v1/listeners/{port}")["service"])
-        declared = (s for s in self.client.services() if caller in s["ros_nodes"] and s["incarnation"])
-        return str(next((s["service"] for s in declared), ""))
-
-    def _as(self, caller: str, query: dict[str, str]) -> str:
-        requester = self.requester(caller)
+    def _as(self, caller: str, via: Connection, query: dict[str, str]) -> str:
+        requester = self._identity.requester(caller, via)
         query = {**query, **({"requester": requester} if requester else {})}
         return f"?{urlencode(query)}" if query else ""
 

@@ -1,0 +1,99 @@
+"""What rorg imports is declared, private parts of libraries are bound to versions that have them, and what the image
+installs is pinned by its content."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import distributions, packages_distributions
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+DECLARED = {canonicalize_name(r.name): r for r in map(Requirement, PROJECT["project"]["dependencies"])}
+LOCAL = "rorg-client"
+"""Comes with rorg; no registry has it."""
+PRIVATE = {
+    "docker": "its client's calls for what it has no method for (rorg/engines/docker)",
+    "requests": "the response beneath a stream (rorg/engines/docker/exec.py)",
+    "urllib3": "the connection beneath a stream (rorg/engines/docker/exec.py)",
+    "uvicorn": "its protocol and the main loop of its server (rorg/api)",
+}
+"""Library -> which parts are used that it does not promise to keep."""
+CONSTRAINTS = ROOT / "images/rorg/constraints.txt"
+
+
+def imports() -> Iterator[tuple[Path, str]]:
+    for path in sorted((ROOT / "rorg").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                yield from ((path, alias.name.partition(".")[0]) for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                yield path, (node.module or "").partition(".")[0]
+
+
+def test_what_is_imported_is_declared():
+    providers = packages_distributions()
+    third = {(path, name) for path, name in imports() if name not in {"rorg", *sys.stdlib_module_names}}
+    assert len({name for _, name in third}) > 10, "is anything found?"
+    missing = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, name in third
+        if not {canonicalize_name(p) for p in providers.get(name, [name])} & DECLARED.keys()
+    }
+    assert not missing
+
+
+@pytest.mark.parametrize("name", sorted(PRIVATE))
+def test_private_parts_are_used_of_versions_that_have_them(name):
+    operators = {specifier.operator for specifier in DECLARED[name].specifier}
+    assert operators == {">=", "<"}, f"{PRIVATE[name]} may change"
+
+
+def pinned() -> dict[str, tuple[str, list[str]]]:
+    """Name -> version and hashes, of the constraints file."""
+    found = {}
+    for entry in CONSTRAINTS.read_text().replace("\\\n", " ").splitlines():
+        words = entry.split("#")[0].split()
+        if words:
+            name, _, version = words[0].partition("==")
+            found[canonicalize_name(name)] = (version, words[1:])
+    return found
+
+
+def test_what_is_pinned_is_pinned_by_content_and_nothing_else_is_said():
+    for name, (version, hashes) in pinned().items():
+        assert re.fullmatch(r"\d[\w.+!]*", version), name
+        assert hashes, name
+        assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", text) for text in hashes), name
+
+
+def test_pins_are_within_the_bounds():
+    pins = pinned()
+    assert LOCAL not in pins
+    build = [Requirement(text) for text in PROJECT["build-system"]["requires"]]
+    for requirement in (*DECLARED.values(), *build):
+        if requirement.name != LOCAL:
+            name = canonicalize_name(requirement.name)
+            assert name in pins, f"{requirement.name} is not pinned; try `make constraints`"
+            assert requirement.specifier.contains(pins[name][0]), f"{requirement}; try `make constraints`"
+
+
+def test_what_pinned_packages_need_is_pinned():
+    """As those say that are installed here: of the same version, what is pinned needs the same."""
+    pins, here = pinned(), {canonicalize_name(d.name): d for d in distributions()}
+    same = [name for name, (version, _) in pins.items() if name in here and here[name].version == version]
+    assert same, "nothing is installed here as it is pinned; try `make constraints`"
+    for name in same:
+        for requirement in map(Requirement, here[name].requires or ()):
+            if not requirement.marker or requirement.marker.evaluate({"extra": ""}):
+                needed = canonicalize_name(requirement.name)
+                assert needed in pins, f"{name} needs {requirement}; try `make constraints`"
+                assert requirement.specifier.contains(pins[needed][0]), f"{name} needs {requirement}"
