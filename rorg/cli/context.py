@@ -50,7 +50,7 @@ class Context:
     def engine_name(self) -> str:
         """What was asked for, else what rorg was last run with."""
         if not self._engine_name:
-            self._engine_name = _known((self.last() or {}).get("engine_name") or "docker")
+            self._engine_name = _known(self._last_text("engine_name") or "docker")
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
@@ -73,7 +73,14 @@ class Context:
         if self.remote:
             return None
         owner, status = self.state.owner(), self.last()
-        return status if owner and status and status.get("pid") == owner.get("pid") else None
+        return status if owner and status and status.get("pid") == owner.get("pid") and _whole(status) else None
+
+    def _last_text(self, *keys: str) -> str:
+        """A text of what a rorg published last; empty where it says none."""
+        found: Any = self.last()
+        for key in keys:
+            found = found.get(key) if isinstance(found, dict) else None
+        return found if isinstance(found, str) else ""
 
     @property
     def root(self) -> Path:
@@ -81,7 +88,7 @@ class Context:
         it was last run with."""
         if self.directory:
             return self.directory
-        last = (self.last() or {}).get("tree", {}).get("root")
+        last = self._last_text("tree", "root")
         if last and (not self._local or self.state.owner()):
             return Path(last)
         return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
@@ -163,7 +170,8 @@ class Context:
         from rorg.store.requests_file import RequestsFile
 
         self.state.prepare()
-        RequestsFile(self.state.requests).change(edit)
+        with self.state.usable():
+            RequestsFile(self.state.requests).change(edit)
         if self.state.owner() is None:
             note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
 
@@ -221,6 +229,19 @@ def _known(engine: str) -> str:
     if engine and engine not in ENGINES:
         raise Invalid(f"use the engine '{engine}'", "there is none of that name", " or ".join(ENGINES))
     return engine
+
+
+def _whole(status: dict[str, Any]) -> bool:
+    """Whether what was read is what an rorg publishes."""
+    from pydantic import ValidationError
+
+    from rorg.api.status_models import StatusView
+
+    try:
+        StatusView.model_validate(status)
+    except ValidationError:
+        return False
+    return True
 
 
 def is_ready(service: dict[str, Any]) -> bool:

@@ -8,6 +8,18 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from rorg.manifest.files import read_bytes
+
+MOST = 64 << 20
+"""Bytes of a file of the state directory. The largest, of a robot with a thousand services, have some 2 MiB."""
+
+
+def read_state(path: Path) -> str:
+    """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
+
+    Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
+    return read_bytes(path, None, MOST).decode("utf-8", errors="replace")
+
 
 def write_atomic(path: Path, text: str, durable: bool = True, mode: int = 0o640) -> None:
     """Replaces a file in one step. `durable` also waits until the disk has it (file and directory)."""

@@ -3,16 +3,23 @@ bytes, and the last lines in memory for those who follow."""
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import stat
 import threading
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from rorg.store.files import read_state
+
 MOST = 8 << 20
 RECENT = 2000
 """Lines kept in memory."""
+FORMS = {"at": str, "kind": str, "message": str, "service": str, "services": list, "requests": list, "shed": dict}
+"""What those who read lines go by."""
 
 
 class Journal:
@@ -34,9 +41,9 @@ class Journal:
             entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
             self._recent.append(entry)
             try:
-                if self.path.exists() and self.path.stat().st_size > MOST:
+                if self.path.is_file() and self.path.stat().st_size > MOST:
                     self.path.replace(self._old)
-                with self.path.open("a", encoding="utf-8") as file:
+                with open(_appendable(self.path), "a", encoding="utf-8") as file:
                     file.write(self._begin + json.dumps(entry) + "\n")
                 self._begin = ""
             except OSError:
@@ -77,10 +84,18 @@ class Journal:
         return [e for e in recent if e["seq"] > seq]
 
 
+def _appendable(path: Path) -> int:
+    """A descriptor to write at the file's end. Raises OSError for what is no file: a pipe waits for a reader."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return descriptor
+
+
 def _is_torn(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
-            return bool(file.seek(0, 2)) and file.seek(-1, 2) >= 0 and file.read(1) != b"\n"
+        return read_state(path)[-1:] not in ("", "\n")
     except OSError:
         return False
 
@@ -89,7 +104,7 @@ def _entries(path: Path) -> list[dict[str, Any]]:
     """The lines that are whole. A machine that lost power may have left half of one, at the end or, with later lines
     behind it, anywhere."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = read_state(path).splitlines()
     except OSError:
         return []
     return [entry for line in lines if (entry := _entry(line)) is not None]
@@ -100,5 +115,8 @@ def _entry(line: str) -> dict[str, Any] | None:
         entry = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    known = isinstance(entry, dict) and isinstance(entry.get("seq"), int)
-    return entry if known and all(isinstance(entry.get(k), str) for k in ("at", "kind", "message")) else None
+    if not isinstance(entry, dict) or type(entry.get("seq")) is not int or not {"at", "kind", "message"} <= set(entry):
+        return None
+    sound = all(isinstance(entry[key], form) for key, form in FORMS.items() if key in entry)
+    texts = (text for key in ("services", "requests") for text in entry.get(key, ()))
+    return entry if sound and all(isinstance(text, str) for text in texts) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -16,6 +15,7 @@ from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
 from rorg.model.units import stamp
+from rorg.store.state_dir import read_json
 
 SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
 """The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
@@ -103,11 +103,8 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
 
 
 def _image_path(records: Records, image: str) -> list[str]:
-    try:
-        noted = json.loads((records.directory.parent / "process-images.json").read_text()).get(image, [])
-        return [str(folder) for folder in noted]
-    except (OSError, ValueError):
-        return []
+    noted = (read_json(records.directory.parent / "process-images.json") or {}).get(image)
+    return [str(folder) for folder in noted] if isinstance(noted, list) else []
 
 
 def _check_program(record: Record, command: Sequence[str], environment: dict[str, str]) -> None:

@@ -43,7 +43,7 @@ def trim_log(path: Path) -> None:
 
 def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
     """The last `tail` lines, then, when following, what comes, until the container is removed."""
-    descriptor = os.open(path if path.exists() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = os.open(path if path.is_file() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
     try:
         text, begin = _read(descriptor, 0, os.fstat(descriptor).st_size)
         place = begin + len(text)
@@ -62,7 +62,7 @@ def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
 
 def read_log_from(path: Path, offset: int) -> tuple[bytes, int]:
     """Everything from an offset on, as far as it is kept; and the offset where that begins."""
-    if not path.exists():
+    if not path.is_file():
         return b"", offset
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
