@@ -27,7 +27,7 @@ SHARE = float(os.environ.get("FUZZ") or 0)
 SEED = os.environ.get("FUZZ_SEED") or "1"
 ONLY = os.environ.get("FUZZ_CASE")
 SLOWEST = 1.0
-"""Seconds for one case."""
+"""Seconds for one case, of the processor's time; on the clock so many times more as programs wait for a processor."""
 HUNG = 60
 """Seconds after which a case is ended, however busy the machine is."""
 TRIES = 3
@@ -103,7 +103,7 @@ def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figur
         except Exception as bug:
             figures.findings.append(case.keep(f"{type(bug).__name__}: {str(bug)[:500]}"))
             break
-        quickest = min(quickest, time.monotonic() - began)
+        quickest = min(quickest, (time.monotonic() - began) / max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)))
         if quickest < SLOWEST:
             break
     else:

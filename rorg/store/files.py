@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -41,6 +43,16 @@ def write_atomic(path: Path, text: str, durable: bool = True, mode: int = 0o640)
             os.fsync(directory)
         finally:
             os.close(directory)
+
+
+def appendable(path: Path) -> int:
+    """A descriptor to write at the end of a file, which is made where there is none. Raises OSError for what is no
+    regular file: to open a pipe would wait for a reader."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return descriptor
 
 
 @contextlib.contextmanager

@@ -3,17 +3,14 @@ bytes, and the last lines in memory for those who follow."""
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-import stat
 import threading
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rorg.store.files import read_state
+from rorg.store.files import appendable, read_state
 
 MOST = 8 << 20
 RECENT = 2000
@@ -43,7 +40,7 @@ class Journal:
             try:
                 if self.path.is_file() and self.path.stat().st_size > MOST:
                     self.path.replace(self._old)
-                with open(_appendable(self.path), "a", encoding="utf-8") as file:
+                with open(appendable(self.path), "a", encoding="utf-8") as file:
                     file.write(self._begin + json.dumps(entry) + "\n")
                 self._begin = ""
             except OSError:
@@ -82,15 +79,6 @@ class Journal:
         if recent[0]["seq"] > seq + 1:
             recent = [*_entries(self._old), *_entries(self.path)]
         return [e for e in recent if e["seq"] > seq]
-
-
-def _appendable(path: Path) -> int:
-    """A descriptor to write at the file's end. Raises OSError for what is no file: a pipe waits for a reader."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
-    return descriptor
 
 
 def _is_torn(path: Path) -> bool:

@@ -15,6 +15,7 @@ from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
 from rorg.model.units import stamp
+from rorg.store.files import appendable
 from rorg.store.state_dir import read_json
 
 SUPERVISE = 'trap : INT TERM HUP QUIT; "$@"; echo $? > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
@@ -38,7 +39,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
     _check_program(record, command, environment)
-    with records.log(container).open("ab") as log:
+    with open(_log_of(records, record), "ab") as log:
         log_from = log.tell()
         child = subprocess.Popen(
             ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
@@ -60,6 +61,14 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
         "boot": boot_id(),
         "started_at": stamp(time.time()),
     }
+
+
+def _log_of(records: Records, record: Record) -> int:
+    """A descriptor of its log. Raises EngineError."""
+    try:
+        return appendable(records.log(record["id"]))
+    except OSError as error:
+        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "to move it") from error
 
 
 def run_beside(records: Records, record: Record, command: Sequence[str], timeout: float) -> tuple[int, bytes]:
