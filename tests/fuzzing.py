@@ -19,7 +19,7 @@ FULL = {
     "bodies": 3_000,
     "streams": 2_000,
     "state": 500,
-    "labels": 2_000,
+    "labels": 1_000,
     "answers": 100_000,
 }
 """Cases of each kind in a whole run."""
