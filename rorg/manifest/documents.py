@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,14 +54,14 @@ class Source:
 def manifest_files(root: Path) -> list[Path]:
     """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
     folders = [root] + [root / folder for folder in FOLDERS]
-    found = [p for f in folders if f.is_dir() for p in f.iterdir()]
+    found = [p for f in folders if os.path.isdir(f) for p in f.iterdir()]
     # A link that leads nowhere counts: what cannot be read is a mistake, not a service that nobody declares any more.
-    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not p.is_dir())
+    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
 
 
 def stray_files(root: Path) -> list[Path]:
     """YAML in a folder of the tree's top level that is not read."""
-    folders = sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != ".")
+    folders = sorted(p for p in root.iterdir() if os.path.isdir(p) and p.name not in FOLDERS and p.name[0] != ".")
     return [path for folder in folders for path in sorted(folder.glob("*.y*ml"))]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
@@ -22,6 +23,13 @@ def _port(value: object) -> str:
 def _url(value: str) -> str:
     if not value.startswith("http://"):
         raise ValueError("must be a URL that begins with http://")
+    try:
+        parts = urlsplit(value)
+        sound = value.isascii() and value.isprintable() and bool(parts.hostname) and (parts.port or 80) > 0
+    except ValueError as error:
+        raise ValueError(f"must be a URL: {error}") from error
+    if not sound:
+        raise ValueError("must be a URL such as http://localhost:8080/health, in ASCII")
     return value
 
 
