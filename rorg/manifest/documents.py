@@ -125,8 +125,9 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
     if not isinstance(document.value, dict):
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
         return None, [*found, Diagnostic(document.where(()), message)]
+    told = {d.where for d in found}  # what cannot be read at all is not also of the wrong kind
     envelope, more = _validate(Manifest, document, document.value, ())
-    found += more
+    found += [d for d in more if d.where not in told]
     kind = document.value.get("kind")
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
@@ -134,7 +135,7 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
         return None, found
     spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:
-        return None, found + more
+        return None, found + [d for d in more if d.where not in told]
     meta = envelope.metadata
     return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
 

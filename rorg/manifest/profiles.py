@@ -173,7 +173,8 @@ def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[
         graph[name] = [parent for parent in source.spec.extends if parent in sources]
     rings = cycles(graph)
     for ring in rings:
-        where = sources[ring[0]].where("spec", "extends", sources[ring[0]].spec.extends.index(ring[1]))
+        last = sources[ring[-2]]
+        where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
         what = f"profiles extend each other: {' -> '.join(ring)}"
         diagnostics.append(Diagnostic(where, what, "to break the cycle"))
     closing = {pair for ring in rings for pair in pairwise(ring)}

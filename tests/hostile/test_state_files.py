@@ -144,14 +144,14 @@ def spoil(case: Case, state: Path) -> None:
 
 def said(*words: str) -> tuple[int, str]:
     """Exit code of a command and what it says, in this process."""
-    out, sys.argv = io.StringIO(), ["rorg", *words]
+    out, sys.argv = io.TextIOWrapper(io.BytesIO(), write_through=True), ["rorg", *words]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         try:
             main.run()
             code = 0
         except SystemExit as end:
             code = int(end.code or 0)
-    return code, out.getvalue()
+    return code, out.buffer.getvalue().decode()
 
 
 def commands_answer(case: Case, tree: Path, state: Path) -> None:
