@@ -182,7 +182,8 @@ def _place(document: Document, loc: Loc) -> Loc:
 
 def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
     where, key = document.where(loc, key=True), str(loc[-1])
-    kind = document.value.get("kind")
+    written = document.value.get("kind")
+    kind = written if isinstance(written, str) else ""
     feature = NOT_YET.get((kind, *loc[len(at) :]))
     if feature:
         return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
@@ -196,11 +197,11 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     return Diagnostic(where, f"unknown key '{key}'", remedy)
 
 
-def _other_level(kind: object, key: str) -> str:
+def _other_level(kind: str, key: str) -> str:
     """A key of the right name at the wrong depth."""
     if kind == "Service" and key in ContainerOptions.model_fields:
         return f"spec.container.{key}"
-    if kind in SPECS and key in SPECS[str(kind)].model_fields:
+    if kind in SPECS and key in SPECS[kind].model_fields:
         return f"spec.{key}"
     return ELSEWHERE.get(key, "")
 
