@@ -12,6 +12,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from cpp_program import program
 from fuzzing import Case, Figures, count, report
 
@@ -146,6 +147,7 @@ class Nonsense:
                 connection.shutdown(socket.SHUT_WR)  # else it may wait for more, which does not come
 
 
+@pytest.mark.fuzz
 def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_path):
     """As many as are asked for, some thousand to one program."""
     figures, began, first, most = Figures(), time.monotonic(), 0, count("answers", OF_ONE)

@@ -184,7 +184,8 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     where, key = document.where(loc, key=True), str(loc[-1])
     written = document.value.get("kind")
     kind = written if isinstance(written, str) else ""
-    feature = NOT_YET.get((kind, *loc[len(at) :]))
+    path: Any = (kind, *loc[len(at) :])
+    feature = NOT_YET.get(path)
     if feature:
         return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
     parent = _model_at(model, loc[len(at) : -1])

@@ -136,6 +136,7 @@ def answered(connection: socket.socket) -> tuple[int, bytes]:
     return int(head.split(b" ")[1]) if head.startswith(b"HTTP/1.1 ") else 0, body
 
 
+@pytest.mark.fuzz
 def test_any_body_of_any_route_is_answered(robot, told):
     passes = robot.loop.passes
 
@@ -180,6 +181,7 @@ def mutated(chance: random.Random) -> bytes:
     return bytes(text[: chance.randrange(len(text) + 1)] if chance.random() < 0.3 else text)
 
 
+@pytest.mark.fuzz
 def test_any_bytes_on_the_socket_harm_nobody(robot, told):
     def attempt(case: Case) -> None:
         case.text = mutated(case.chance)

@@ -50,6 +50,7 @@ def spoilt(case: Case, service: str) -> dict[str, str]:
     return found
 
 
+@pytest.mark.fuzz
 def test_no_label_breaks_a_pass(tmp_path):
     catalog = load_or_raise(write_tree(tmp_path, SERVICES))
 

@@ -6,6 +6,7 @@ import copy
 import random
 from dataclasses import replace
 
+import pytest
 import yaml
 from fuzzing import Case, fuzz
 from mutations import mutated_text, mutated_value
@@ -139,6 +140,7 @@ def mutation(texts: list[str], chance: random.Random) -> tuple[int, str]:
     return which, yaml.safe_dump(value, allow_unicode=chance.random() < 0.5)
 
 
+@pytest.mark.fuzz
 def test_mutated_manifests_are_read_or_refused_with_their_place(tmp_path):
     root = a_tree(tmp_path)
     assert not load(root).diagnostics
@@ -171,6 +173,7 @@ def placeless(document: RequestsDocument) -> RequestsDocument:
     return replace(document, requests=tuple(replace(r, where=Where("")) for r in document.requests))
 
 
+@pytest.mark.fuzz
 def test_mutated_requests_files_are_read_or_refused_and_written_as_they_are_read():
     def attempt(case: Case) -> None:
         _, case.text = mutation([REQUESTS], case.chance)

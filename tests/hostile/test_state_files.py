@@ -181,6 +181,7 @@ def a_loop_begins(tree: Path, state: StateDir) -> list[str]:
     return lines
 
 
+@pytest.mark.fuzz
 def test_spoilt_state_files_are_passed_over_or_told(left, tmp_path, monkeypatch):
     tree, kept = left
     monkeypatch.chdir(tmp_path)
