@@ -73,7 +73,11 @@ class Context:
         if self.remote:
             return None
         owner, status = self.state.owner(), self.last()
-        return status if owner and status and status.get("pid") == owner.get("pid") and _whole(status) else None
+        if not (owner and status and status.get("pid") == owner.get("pid")):
+            return None
+        from rorg.api.status_models import is_status
+
+        return status if is_status(status) else None
 
     def _last_text(self, *keys: str) -> str:
         """A text of what a rorg published last; empty where it says none."""
@@ -229,19 +233,6 @@ def _known(engine: str) -> str:
     if engine and engine not in ENGINES:
         raise Invalid(f"use the engine '{engine}'", "there is none of that name", " or ".join(ENGINES))
     return engine
-
-
-def _whole(status: dict[str, Any]) -> bool:
-    """Whether what was read is what an rorg publishes."""
-    from pydantic import ValidationError
-
-    from rorg.api.status_models import StatusView
-
-    try:
-        StatusView.model_validate(status)
-    except ValidationError:
-        return False
-    return True
 
 
 def is_ready(service: dict[str, Any]) -> bool:

@@ -46,7 +46,7 @@ class StateDir:
         except OSError as error:
             raise Invalid(
                 f"use the state directory {self.path}",
-                f"{error.filename or self.path}: {error.strerror or error}",
+                f"{error.filename2 or error.filename or self.path}: {error.strerror or error}",
                 "to mend or move what is there, or another directory: --state-dir DIR, or RORG_STATE_DIR",
             ) from error
 

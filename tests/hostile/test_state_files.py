@@ -9,6 +9,7 @@ import json
 import os
 import random
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,7 +22,7 @@ from robots import RealRobot, write_tree
 from rorg.cli import main
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
-from rorg.errors import RorgError
+from rorg.errors import Invalid, RorgError
 from rorg.store.files import MOST
 from rorg.store.requests_file import SPARE
 from rorg.store.state_dir import StateDir
@@ -198,3 +199,68 @@ def test_spoilt_state_files_are_passed_over_or_told(left, tmp_path, monkeypatch)
             assert not [line for line in told if "internal error" in line or "Traceback" in line], told
 
     fuzz("state", 20, attempt)
+
+
+@pytest.mark.parametrize("how", ODD)
+def test_an_odd_requests_file_is_told_and_what_runs_goes_on(left, tmp_path, how):
+    """What this robot is asked for is not known, so nothing of it is given up."""
+    tree, kept = left
+    state = StateDir(tmp_path / "state")
+    shutil.copytree(kept, state.path, ignore=shutil.ignore_patterns("run", "wakeup", SPARE))
+    ODD[how](state.requests, random.Random(1))
+    code, text = said("request", "camera", "--state-dir", str(state.path))
+    broken = how not in ("gone", "empty", "a link to nothing")
+    assert (code, str(state.requests) in text) == ((2, True) if broken else (0, False)), text
+    lines = a_loop_begins(tree, state)
+    assert any(str(state.requests) in line for line in lines) == broken, lines
+    assert any("suspended" in line for line in lines) == broken, lines
+
+
+@pytest.mark.parametrize("how", ["binary", "a directory", "a pipe", "a link to itself", "empty"])
+def test_a_robot_whose_id_cannot_be_read_is_not_taken_for_another(left, tmp_path, how):
+    tree, kept = left
+    state = StateDir(tmp_path / "state")
+    shutil.copytree(kept, state.path, ignore=shutil.ignore_patterns("run", "wakeup"))
+    ODD[how](state.path / "instance", random.Random(1))
+    with pytest.raises(Invalid, match=str(state.path / "instance")):
+        a_loop_begins(tree, state)
+    assert state.owner() is None
+
+
+def test_a_status_that_is_none_is_not_believed_though_an_rorg_runs(left, tmp_path):
+    _, kept = left
+    state = StateDir(tmp_path / "state")
+    shutil.copytree(kept, state.path, ignore=shutil.ignore_patterns("run", "wakeup"))
+    state.acquire("rorg run")
+    try:
+        view = {**json.loads(state.status.read_text()), "pid": os.getpid()}
+        for spoilt in ({**view, "services": 5}, {**view, "services": {"camera": {}}}, {**view, "plan": None}):
+            state.status.write_text(json.dumps(spoilt))
+            code, text = said("get", "--state-dir", str(state.path))
+            assert (code, "camera" in text) == (0, True), text
+    finally:
+        state.release()
+
+
+@pytest.mark.parametrize("name", ["run", "process", "lock", "owner.json", "instance.lock"])
+def test_what_lies_in_the_place_of_another_thing_is_told_with_its_path(left, tmp_path, name):
+    """Of what an rorg cannot do without."""
+    tree, _ = left
+    state, path = tmp_path / "state", tmp_path / "state" / name
+    state.mkdir()
+    path.touch() if name in ("run", "process") else path.mkdir()
+    words = ["run", str(tree), "--state-dir", str(state), "--engine", "process"]
+    found = subprocess.run([sys.executable, "-m", "rorg", *words], capture_output=True, text=True, timeout=60)
+    assert (found.returncode, str(path) in found.stderr) == (2, True), found.stderr
+
+
+def test_an_rorg_without_its_wakeup_socket_reads_the_file_all_the_same(tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    (robot.state.path / "wakeup").mkdir()
+    try:
+        robot.declare({"camera": {}})
+        robot.settle()
+        robot.request("camera")
+        robot.wait(lambda: robot.active() == {"camera"})
+    finally:
+        robot.close()
