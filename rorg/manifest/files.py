@@ -30,8 +30,8 @@ def read_plain(path: Path, root: Path) -> str:
     return text
 
 
-def read_bytes(path: Path, root: Path | None, most: int = MOST) -> bytes:
-    """The content of a regular file. `root` is the directory of the tree that no link may lead out of, None for none.
+def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
+    """The content of a regular file. `root` is the directory of the tree.
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, a link that leads out of the tree,
     larger than `most` bytes."""
@@ -43,7 +43,7 @@ def read_bytes(path: Path, root: Path | None, most: int = MOST) -> bytes:
         # Judged before it is opened: to open a device, or a pipe, may already do something.
         if not stat.S_ISREG(os.fstat(place).st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
-        if root is not None and _leads_out(path, os.readlink(f"/proc/self/fd/{place}"), root):
+        if _leads_out(path, os.readlink(f"/proc/self/fd/{place}"), root):
             raise OSError(errno.EPERM, "it is a link that leads out of the tree", str(path))
         descriptor = os.open(f"/proc/self/fd/{place}", os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     finally:

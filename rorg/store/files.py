@@ -10,8 +10,6 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from rorg.manifest.files import read_bytes
-
 MOST = 64 << 20
 """Bytes of a file of the state directory. The largest, of a robot with a thousand services, have some 2 MiB."""
 
@@ -20,7 +18,11 @@ def read_state(path: Path) -> str:
     """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
-    return read_bytes(path, None, MOST).decode("utf-8", errors="replace")
+    with open(_regular(path, os.O_RDONLY), "rb") as file:
+        content = file.read(MOST + 1)
+    if len(content) > MOST:
+        raise OSError(errno.EFBIG, f"it has more than {MOST >> 20} MiB", str(path))
+    return content.decode("utf-8", errors="replace")
 
 
 def write_atomic(path: Path, text: str, durable: bool = True, mode: int = 0o640) -> None:
@@ -48,7 +50,11 @@ def write_atomic(path: Path, text: str, durable: bool = True, mode: int = 0o640)
 def appendable(path: Path) -> int:
     """A descriptor to write at the end of a file, which is made where there is none. Raises OSError for what is no
     regular file: to open a pipe would wait for a reader."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    return _regular(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+
+
+def _regular(path: Path, flags: int) -> int:
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
