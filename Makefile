@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types bench schemas docs constraints clean
+.PHONY: demo test fuzz lint types bench schemas docs constraints clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml clients/python/pyproject.toml
@@ -21,6 +21,10 @@ demo: $(BIN)/rorg
 
 test: lint types
 	$(BIN)/pytest $(ARGS)
+
+# All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.
+fuzz: $(VENV)/test-installed
+	FUZZ=$(or $(FUZZ),1) timeout 7200 $(BIN)/pytest -s -m fuzz tests/hostile tests/test_cpp_answers.py $(ARGS)
 
 bench: $(VENV)/test-installed
 	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)

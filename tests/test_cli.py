@@ -91,9 +91,16 @@ def test_exit_codes_without_an_engine(shell, tmp_path):
 
 
 def test_an_internal_error_is_70_and_never_1(shell):
+    bug = "import sys; from rorg.cli import differences, main; differences.differences = lambda _: 1 // 0; main.run()"
+    found = subprocess.run([sys.executable, "-c", bug, "diff", str(shell.tree)], capture_output=True, text=True)
+    assert found.returncode == 70
+    assert "internal error: ZeroDivisionError" in found.stderr
+
+
+def test_a_requests_file_that_is_none_is_told(shell):
     shell.state.mkdir()
     (shell.state / "requests.yaml").mkdir()
-    assert "internal error" in shell("diff", str(shell.tree), code=70).stderr
+    assert "no regular file" in shell("diff", str(shell.tree), code=2).stderr
 
 
 def test_apply_alone_and_again(shell):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import random
 import socket
@@ -11,7 +12,12 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from cpp_program import program
+from fuzzing import Case, Figures, count, report
+
+ROUNDS, OF_ONE = "1800", 2000
+"""Rounds of one program, and how many answers it takes at the least."""
 
 
 @contextmanager
@@ -116,16 +122,22 @@ def mutated(dice: random.Random) -> bytes:
     return bytes(text[: dice.randrange(len(text) + 1)] if dice.random() < 0.1 else text)
 
 
-def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_path):
-    dice, lock, count = random.Random(9), threading.Lock(), [0]
+class Nonsense:
+    """Answers, each of them by its number."""
 
-    def answer(connection: socket.socket) -> None:
+    def __init__(self, first: int) -> None:
+        self.numbers, self.lock = itertools.count(first), threading.Lock()
+        self.last: dict[int, bytes] = {}
+        """By number; the last ones are kept where the client finds no end."""
+
+    def __call__(self, connection: socket.socket) -> None:
         while asked(connection):
-            with lock:
-                count[0] += 1
+            with self.lock:
+                number = next(self.numbers)
+                dice = Case.of("answers", number).chance
                 text, stays = mutated(dice), dice.random() < 0.5
-                drips = count[0] % 300 == 0
-            while drips:  # until nobody listens any more
+                self.last = {**dict(list(self.last.items())[-20:]), number: text}
+            while number % 300 == 299:  # it drips, until nobody listens any more
                 connection.sendall(b"H")
                 time.sleep(0.02)
             connection.sendall(text)
@@ -134,9 +146,26 @@ def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_pat
             if dice.random() < 0.98:
                 connection.shutdown(socket.SHUT_WR)  # else it may wait for more, which does not come
 
-    with server(tmp_path, answer) as path, program(sanitized["address"], "nonsense", "1800", RORG_SOCKET=path):
-        pass
-    assert count[0] >= 2000
+
+@pytest.mark.fuzz
+def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_path):
+    """As many as are asked for, some thousand to one program."""
+    figures, began, first, most = Figures(), time.monotonic(), 0, count("answers", OF_ONE)
+    while first < most:
+        nonsense, folder = Nonsense(first), tmp_path / str(first)
+        folder.mkdir()
+        try:
+            with server(folder, nonsense) as path, program(sanitized["address"], "nonsense", ROUNDS, RORG_SOCKET=path):
+                pass
+        except Exception as bug:
+            case = Case.of("answers", max(nonsense.last, default=first))
+            case.text = repr(nonsense.last)
+            figures.findings.append(case.keep(f"one of the last answers: {type(bug).__name__}: {str(bug)[:500]}"))
+            break
+        answered = next(nonsense.numbers) - first
+        assert answered >= OF_ONE
+        figures.cases, first = figures.cases + answered, first + answered
+    report("answers", figures, time.monotonic() - began)
 
 
 class Script:

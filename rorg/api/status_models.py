@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
 from rorg.api.models import RequestView, ServiceView
 
@@ -112,6 +112,15 @@ class StatusView(BaseModel):
     runs: dict[str, RunView] = Field(description="By service.")
     in_flight: dict[str, str] = Field(description="Service, and the engine call that is under way.")
     services: dict[str, ServiceView]
+
+
+def is_status(value: object) -> bool:
+    """Whether what was read is what an rorg publishes."""
+    try:
+        StatusView.model_validate(value)
+    except ValidationError:
+        return False
+    return True
 
 
 class EventView(BaseModel):

@@ -51,7 +51,7 @@ class Context:
     def engine_name(self) -> str:
         """What was asked for, else what rorg was last run with."""
         if not self._engine_name:
-            self._engine_name = _known((self.last() or {}).get("engine_name") or "docker")
+            self._engine_name = _known(self._last_text("engine_name") or "docker")
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
@@ -74,7 +74,18 @@ class Context:
         if self.remote:
             return None
         owner, status = self.state.owner(), self.last()
-        return status if owner and status and status.get("pid") == owner.get("pid") else None
+        if not (owner and status and status.get("pid") == owner.get("pid")):
+            return None
+        from rorg.api.status_models import is_status
+
+        return status if is_status(status) else None
+
+    def _last_text(self, *keys: str) -> str:
+        """A text of what a rorg published last; empty where it says none."""
+        found: Any = self.last()
+        for key in keys:
+            found = found.get(key) if isinstance(found, dict) else None
+        return found if isinstance(found, str) else ""
 
     @property
     def root(self) -> Path:
@@ -82,7 +93,7 @@ class Context:
         it was last run with."""
         if self.directory:
             return self.directory
-        last = (self.last() or {}).get("tree", {}).get("root")
+        last = self._last_text("tree", "root")
         if last and (not self._local or self.state.owner()):
             return Path(last)
         return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
@@ -164,7 +175,8 @@ class Context:
         from rorg.store.requests_file import RequestsFile
 
         self.state.prepare()
-        RequestsFile(self.state.requests).change(edit)
+        with self.state.usable():
+            RequestsFile(self.state.requests).change(edit)
         if self.state.owner() is None:
             note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -80,7 +81,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             results={(n, "interlock"): ProbeResult("", True, 0.0) for n in locked},
             memory=memory,
             now=0.0,
-            owner=last.get("instance") or place.state.instance(lambda: ""),
+            owner=place.state.instance(lambda: uuid.uuid4().hex),
             holds=document.holds,
             suspended=document.suspended,
             wall=time.time(),

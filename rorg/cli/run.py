@@ -63,7 +63,8 @@ def command(
     server = make_server(loop, context.state, group)
     if listen:
         server.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
-    server.start()
+    with context.state.usable():
+        server.start()
     note(f"API on {server.directory / 'rorg.sock'}")
     _run_until_told(loop, server)
     context.state.release()

@@ -9,10 +9,20 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_PREVIOUS, LABEL_RULES, LABEL_SERVICE, LABEL_SPEC
+from rorg.core.observed import (
+    LABEL_DECLARED,
+    LABEL_OWNER,
+    LABEL_PREVIOUS,
+    LABEL_RULES,
+    LABEL_SERVICE,
+    LABEL_SPEC,
+    Container,
+)
 from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"
+INTERLOCKS = ("tcp", "http", "file")
+"""Kinds of probes that ask this machine alone."""
 _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
@@ -90,6 +100,8 @@ def rules_of(label: str) -> Rules:
     try:
         value = json.loads(label)
         lock = value["interlock"]
+        if lock and lock[0] not in INTERLOCKS:
+            return Rules()
         return Rules(
             Probe(str(lock[0]), str(lock[1]), interval=max(0.05, min(3600.0, float(lock[2])))) if lock else None,
             {str(k): int(v) for k, v in value["exclusive"].items()},
@@ -97,3 +109,14 @@ def rules_of(label: str) -> Rules:
         )
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
         return Rules()
+
+
+def unreadable(container: Container) -> str:
+    """What is wrong with a container that carries our label, and what comes of it; empty where nothing is."""
+    if not container.service:
+        return f"{container.error or f'its label {LABEL_SERVICE} names no service'}: it is left alone"
+    if container.rules and rules_of(container.rules) == Rules():
+        return f"its label {LABEL_RULES} cannot be read: it holds nothing back once no manifest declares it"
+    if container.declared and not declared_of(container.declared):
+        return f"its label {LABEL_DECLARED} cannot be read: it is made anew where its digest differs"
+    return ""

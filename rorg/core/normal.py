@@ -37,7 +37,7 @@ def _tried(turn: Turn, value: Any) -> Any:
     """What was declared for an old container may be what would be refused today."""
     try:
         return turn(value)
-    except (ValueError, TypeError, AttributeError, LookupError):
+    except (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError):
         return value
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
@@ -14,6 +15,8 @@ LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
+SERVICE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
+"""What a service may be called, in any version."""
 
 
 class Labelled(TypedDict):
@@ -27,9 +30,10 @@ class Labelled(TypedDict):
 
 
 def from_labels(labels: Mapping[str, str]) -> Labelled:
-    """What our labels say of a container."""
+    """What our labels say of a container. One that names no service is nobody's: it is left alone."""
+    service = labels.get(LABEL_SERVICE, "")
     return {
-        "service": labels.get(LABEL_SERVICE, ""),
+        "service": service if SERVICE.fullmatch(service) else "",
         "digest": labels.get(LABEL_SPEC, ""),
         "declared": labels.get(LABEL_DECLARED, ""),
         "rules": labels.get(LABEL_RULES, ""),
@@ -98,7 +102,8 @@ class Observed:
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:
-        """Containers of each service: alive ones first, then the last started. Found once, asked often in a pass."""
+        """Containers of each service: alive ones first, then the last started. Found once, asked often in a pass. What
+        carries our label and names no service is not among them, whoever made it so."""
         if self._by_service is None:
             object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
@@ -107,7 +112,7 @@ class Observed:
         """Services whose containers are others, or otherwise, than before. What is the same needs no sorting again."""
         if before is self:
             return set()
-        changed = {c.service for c in changed_items(before.containers, self.containers)}
+        changed = {c.service for c in changed_items(before.containers, self.containers) if c.service}
         if self._by_service is None:
             found = {**before.by_service()}
             for name in changed:
@@ -120,5 +125,6 @@ class Observed:
 def _sorted(containers: Iterable[Container]) -> dict[str, list[Container]]:
     found: dict[str, list[Container]] = {}
     for container in sorted(containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
-        found.setdefault(container.service, []).append(container)
+        if container.service:
+            found.setdefault(container.service, []).append(container)
     return found

@@ -10,6 +10,7 @@ from rorg.core.digest import declared_of
 from rorg.core.memory import DEFAULT_GRACE
 from rorg.core.observed import Container
 from rorg.model.catalog import Service
+from rorg.model.units import LONGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +55,16 @@ def stop(container: Container, reason: str, service: Service | None) -> Step:
         reason,
         args={
             "signal": _signal(container, service, spec),
-            "grace": spec.get("stop_grace_period", DEFAULT_GRACE),
+            "grace": _grace(spec),
             "incarnation": container.incarnation,
         },
     )
+
+
+def _grace(spec: Mapping[str, Any]) -> float:
+    """Seconds; a label may say anything."""
+    found = spec.get("stop_grace_period", DEFAULT_GRACE)
+    return found if isinstance(found, int | float) and 0 <= found <= LONGEST else DEFAULT_GRACE
 
 
 def _signal(container: Container, service: Service | None, spec: Mapping[str, Any]) -> str:

@@ -42,7 +42,7 @@ class Leases:
             self.file.read()
             self.file.keep()
         except OSError as error:
-            self.recorder.event("requests-unreadable", str(error))
+            self.recorder.when_new("requests-not-kept", str(error), "requests-not-kept", str(error))
 
     def document(self) -> RequestsDocument:
         """What counts now: the last good content."""

@@ -7,10 +7,12 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.core.changes import changed_keys
+from rorg.core.changes import changed_items, changed_keys
 from rorg.core.decide import Decision
+from rorg.core.digest import unreadable
 from rorg.core.losses import losses, ready_runs
 from rorg.core.memory import Progress
+from rorg.core.observed import Observed
 from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
 from rorg.daemon.snapshot import pressure_json
@@ -44,6 +46,8 @@ class Recorder:
         """Service -> the run that was ready at the last pass."""
         self._progress: Mapping[str, Progress] = {}
         """Of the last pass."""
+        self._observed: Observed | None = None
+        """By the last pass."""
         self._lock = threading.Lock()
 
     def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
@@ -87,6 +91,7 @@ class Recorder:
         self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
         observed = decision.situation.observed
         self._when_new("engine", (observed.complete, observed.error), self._engine, observed)
+        self._strange(observed)
         for violation in decision.violations:
             self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
         before, self._progress = self._progress, decision.memory.progress
@@ -166,6 +171,16 @@ class Recorder:
             self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
         elif observed.error:
             self.event("engine-lost", observed.error)
+
+    def _strange(self, observed: Observed) -> None:
+        """Containers of ours of which something cannot be read; looked for only where any are others than before."""
+        before, self._observed = self._observed, observed
+        if before is observed:
+            return
+        for container in changed_items(before.containers if before else (), observed.containers):
+            if why := unreadable(container):
+                text = f"the container {container.name} ({container.id[:12]}): {why}"
+                self.when_new(f"container {container.id}", why, "container-unreadable", text)
 
     def _crashed(self, what: Any) -> None:
         name, step, decision = what

@@ -14,7 +14,7 @@ from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
-from rorg.manifest.documents import manifest_files, stray_files
+from rorg.manifest.documents import manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
 from rorg.model.catalog import EMPTY
@@ -93,11 +93,13 @@ class Tree:
         """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to."""
         top, found = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
-            found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and p.is_dir())
+            found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
         found += sorted(path.parent for path in self._inputs.files)
-        found += [p for p in _below(sorted(self._inputs.mounted)) if p.is_dir() and not p.is_symlink()]
+        found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
-        inside = (p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and p.is_dir())
+        inside = (
+            p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
+        )
         return list(itertools.islice(inside, MOST_FOLDERS))
 
     def read(self) -> tuple[bool, bool]:
@@ -153,12 +155,21 @@ class Tree:
         return stamps[-1], loaded
 
     def _take(self, loaded: Loaded) -> None:
+        loaded, desired = self._desired(loaded)
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
-        if loaded.catalog is not None:
-            contents = self._contents.of(loaded.catalog, self.root)
-            self.desired, self.loaded = desire(loaded.catalog, self.run, contents), True
+        if desired is not None:
+            self.desired, self.loaded = desired, True
             self._revision = None
+
+    def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None]:
+        """What a tree asks for; None, with the reason, where it has errors, or where nobody thought of what it says."""
+        if loaded.catalog is None:
+            return loaded, None
+        try:
+            return loaded, desire(loaded.catalog, self.run, self._contents.of(loaded.catalog, self.root))
+        except Exception as bug:
+            return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None
 
 
 def _below(places: Iterable[Path]) -> Iterator[Path]:

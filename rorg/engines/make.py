@@ -20,5 +20,6 @@ def make_engine(name: str, state: StateDir) -> Engine:
     if name == "process":
         from rorg.engines.process.engine import ProcessEngine
 
-        return ProcessEngine(owner, state.path / "process")
+        with state.usable():
+            return ProcessEngine(owner, state.path / "process")
     raise Invalid(f"use the engine '{name}'", "there is none of that name", " or ".join(ENGINES))

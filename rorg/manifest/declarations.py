@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.manifest.documents import Source
+from rorg.manifest.files import real
 from rorg.model.catalog import Budget, Image, Policy, Request, Thresholds
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
@@ -64,14 +65,14 @@ def requests_of(
 def image_of(source: Source) -> Image:
     """An Image, with its directories made absolute."""
     spec: Any = source.spec
-    context = str((source.directory / spec.context).resolve()) if spec.context is not None else None
+    context = str(real(source.directory / spec.context)) if spec.context is not None else None
     return Image(
         source.name,
         context,
         spec.dockerfile,
         dict(spec.args),
         tuple(spec.import_) if spec.import_ else None,
-        str(source.directory.resolve()),
+        str(real(source.directory)),
         source.where("metadata", "name"),
     )
 

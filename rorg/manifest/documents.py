@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,14 +54,14 @@ class Source:
 def manifest_files(root: Path) -> list[Path]:
     """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
     folders = [root] + [root / folder for folder in FOLDERS]
-    found = [p for f in folders if f.is_dir() for p in f.iterdir()]
+    found = [p for f in folders if os.path.isdir(f) for p in f.iterdir()]
     # A link that leads nowhere counts: what cannot be read is a mistake, not a service that nobody declares any more.
-    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not p.is_dir())
+    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
 
 
 def stray_files(root: Path) -> list[Path]:
     """YAML in a folder of the tree's top level that is not read."""
-    folders = sorted(p for p in root.iterdir() if p.is_dir() and p.name not in FOLDERS and p.name[0] != ".")
+    folders = sorted(p for p in root.iterdir() if os.path.isdir(p) and p.name not in FOLDERS and p.name[0] != ".")
     return [path for folder in folders for path in sorted(folder.glob("*.y*ml"))]
 
 
@@ -124,8 +125,9 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
     if not isinstance(document.value, dict):
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
         return None, [*found, Diagnostic(document.where(()), message)]
+    told = {d.where for d in found}  # what cannot be read at all is not also of the wrong kind
     envelope, more = _validate(Manifest, document, document.value, ())
-    found += more
+    found += [d for d in more if d.where not in told]
     kind = document.value.get("kind")
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
@@ -133,7 +135,7 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
         return None, found
     spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:
-        return None, found + more
+        return None, found + [d for d in more if d.where not in told]
     meta = envelope.metadata
     return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
 
@@ -180,8 +182,10 @@ def _place(document: Document, loc: Loc) -> Loc:
 
 def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
     where, key = document.where(loc, key=True), str(loc[-1])
-    kind = document.value.get("kind")
-    feature = NOT_YET.get((kind, *loc[len(at) :]))
+    written = document.value.get("kind")
+    kind = written if isinstance(written, str) else ""
+    path: Any = (kind, *loc[len(at) :])
+    feature = NOT_YET.get(path)
     if feature:
         return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
     parent = _model_at(model, loc[len(at) : -1])
@@ -194,11 +198,11 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     return Diagnostic(where, f"unknown key '{key}'", remedy)
 
 
-def _other_level(kind: object, key: str) -> str:
+def _other_level(kind: str, key: str) -> str:
     """A key of the right name at the wrong depth."""
     if kind == "Service" and key in ContainerOptions.model_fields:
         return f"spec.container.{key}"
-    if kind in SPECS and key in SPECS[str(kind)].model_fields:
+    if kind in SPECS and key in SPECS[kind].model_fields:
         return f"spec.{key}"
     return ELSEWHERE.get(key, "")
 

@@ -17,6 +17,19 @@ def read_text(path: Path, root: Path, most: int = MOST) -> str:
     return read_bytes(path, root, most).decode("utf-8", errors="replace")
 
 
+def read_plain(path: Path, root: Path) -> str:
+    """The text of a file whose words go to the engine and to programs. Raises OSError as read_bytes(), and for what is
+    not UTF-8 or has a NUL character."""
+    content = read_bytes(path, root)
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise OSError(errno.EILSEQ, f"it is not UTF-8 at byte {error.start}", str(path)) from error
+    if "\0" in text:
+        raise OSError(errno.EILSEQ, "it has a NUL character", str(path))
+    return text
+
+
 def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
     """The content of a regular file. `root` is the directory of the tree.
 
@@ -40,6 +53,12 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
     if len(content) > most:
         raise OSError(errno.EFBIG, f"it has more than {most >> 20} MiB", str(path))
     return content
+
+
+def real(path: Path | str) -> Path:
+    """The absolute path without links, as far as it is there. Links in a ring, and names that no file can have,
+    stay as they are written."""
+    return Path(os.path.realpath(path))
 
 
 def _leads_out(path: Path, real: str, root: Path) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.manifest.documents import Source
+from rorg.manifest.files import real
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         image: Any = source.spec
         if image.context is not None:
             files.add(source.directory / image.context / image.dockerfile)
-    top = root.resolve()
-    return Inputs(frozenset(files), frozenset(p for path in mounted if (p := path.resolve()).is_relative_to(top)))
+    top = real(root)
+    return Inputs(frozenset(files), frozenset(p for path in mounted if (p := real(path)).is_relative_to(top)))
 
 
 def _sources(options: Any) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,7 +20,6 @@ from rorg.manifest.references import check_conflicts, check_cycles, expand_group
 from rorg.manifest.render import render
 from rorg.model.catalog import (
     DEVELOPER,
-    EMPTY,
     EVERY,
     Catalog,
     Group,
@@ -47,23 +47,30 @@ def load(
     """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
     at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is.
 
-    Raises Invalid when `root` is no readable directory or holds no manifest at all.
+    Raises Invalid when `root` is no readable directory or holds no manifest at all, and nothing else: what nobody
+    thought of is an error of the tree too, and the robot goes on with the last good one.
     """
-    if not root.is_dir():
+    if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
-        sources, diagnostics, broken = read_tree(root, overlay)
+        loaded = _load(root, overlay, found)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
+    except Invalid:
+        raise
+    except Exception as bug:
+        loaded = Loaded(None, (unexpected(Where(str(root)), bug),))
+    return loaded
+
+
+def _load(root: Path, overlay: Mapping[Path, str | None] | None, found: Callable[[Inputs], None]) -> Loaded:
+    sources, diagnostics, broken = read_tree(root, overlay)
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
     diagnostics += more
     found(inputs(root, by_kind))
-    try:
-        catalog, more = _catalog(by_kind, broken)
-    except Exception as bug:
-        catalog, more = EMPTY, [unexpected(Where(str(root)), bug)]
+    catalog, more = _catalog(by_kind, broken)
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))

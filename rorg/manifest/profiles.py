@@ -6,12 +6,15 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source, read_source
 from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.graph import cycles
 from rorg.model.volumes import same_path
 
 BUILT_IN = Path(__file__).with_name("profiles")
@@ -148,41 +151,46 @@ def declared(options: ContainerOptions | None) -> dict[str, Any]:
 
 def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], list[Diagnostic]]:
     """Every profile by name, merged; with unknown names and cycles in `extends` as errors. `common` is under all that
-    do not say `common: false`, and do not extend one that does."""
-    diagnostics: list[Diagnostic] = []
+    do not say `common: false`, and do not extend one that does; what it extends itself stands on nothing."""
+    parents, diagnostics = _parents(sources)
+    below = {COMMON}
+    pending = [COMMON]
+    while pending:
+        more = set(parents[pending.pop()]) - below
+        below |= more
+        pending += more
     merged: dict[str, Merged] = {}
-
-    def visit(name: str, trail: tuple[str, ...]) -> Merged:
-        if name in merged:
-            return merged[name]
-        source, spec = sources[name], sources[name].spec
-        # What `common` itself extends stands on nothing: it is what everything else stands on.
-        based = COMMON in merged or COMMON not in (*trail, name)
-        result = visit(COMMON, ()) if based and name != COMMON and not _alone(name, sources) else Merged()
-        for index, parent in enumerate(spec.extends):
-            where = source.where("spec", "extends", index)
-            if parent in (*trail, name):
-                ring = (*trail, name, parent)
-                cycle = " -> ".join(ring[ring.index(parent) :])
-                diagnostics.append(Diagnostic(where, f"profiles extend each other: {cycle}", "to break the cycle"))
-            elif parent not in sources:
-                diagnostics.append(Diagnostic(where, f"unknown profile '{parent}'", nearest(parent, sources)))
-            else:
-                result = _over(result, visit(parent, (*trail, name)))
-        merged[name] = _over(result, _own(name, source))
-        return merged[name]
-
-    for name in sources:
-        visit(name, ())
+    alone: set[str] = set()
+    """Those that want nothing of `common`."""
+    first = {name: [*found, *([] if name in below else [COMMON])] for name, found in parents.items()}
+    for name in TopologicalSorter(first).static_order():
+        if not sources[name].spec.common or not alone.isdisjoint(parents[name]):
+            alone.add(name)
+        result = Merged() if name in below or name in alone else merged[COMMON]
+        for parent in parents[name]:
+            result = _over(result, merged[parent])
+        merged[name] = _over(result, _own(name, sources[name]))
     return merged, diagnostics
 
 
-def _alone(name: str, sources: Mapping[str, Source], seen: frozenset[str] = frozenset()) -> bool:
-    """Whether it, or one that it extends, wants nothing of `common`."""
-    if name in seen or name not in sources:
-        return False
-    spec: Any = sources[name].spec
-    return not spec.common or any(_alone(parent, sources, seen | {name}) for parent in spec.extends)
+def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[Diagnostic]]:
+    """What each profile extends, in order. Unknown names, and what leads in a circle, are left out, and told."""
+    diagnostics: list[Diagnostic] = []
+    graph: dict[str, list[str]] = {}
+    for name, source in sources.items():
+        for index, parent in enumerate(source.spec.extends):
+            if parent not in sources:
+                where = source.where("spec", "extends", index)
+                diagnostics.append(Diagnostic(where, f"unknown profile '{parent}'", nearest(parent, sources)))
+        graph[name] = [parent for parent in source.spec.extends if parent in sources]
+    rings = cycles(graph)
+    for ring in rings:
+        last = sources[ring[-2]]
+        where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
+        what = f"profiles extend each other: {' -> '.join(ring)}"
+        diagnostics.append(Diagnostic(where, what, "to break the cycle"))
+    closing = {pair for ring in rings for pair in pairwise(ring)}
+    return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}, diagnostics
 
 
 def _own(name: str, source: Source) -> Merged:

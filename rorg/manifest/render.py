@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,7 +14,7 @@ from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source
-from rorg.manifest.files import read_text
+from rorg.manifest.files import read_plain, read_text, real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
@@ -185,10 +187,10 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         local, _, target = mount.partition(":")
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
-        elif not (source.directory / local).exists():
+        elif not os.path.exists(source.directory / local):
             diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "to create it"))
         else:
-            volumes.append(f"{(source.directory / local).resolve()}:{target}:ro")
+            volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes
 
 
@@ -196,13 +198,13 @@ def _absolute(volume: Any, directory: Path) -> Any:
     """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
     if isinstance(volume, dict):
         if volume["type"] == "bind" and not volume["source"].startswith("/"):
-            return {**volume, "source": str((directory / Path(volume["source"]).expanduser()).resolve())}
+            return {**volume, "source": str(real(directory / os.path.expanduser(volume["source"])))}
         return volume
     head, colon, tail = volume.partition(":")
     if head.startswith("~/"):
-        head = str(Path(head).expanduser())
+        head = os.path.expanduser(head)
     elif head.startswith((".", "/")) and colon:
-        head = str((directory / head).resolve()) if head.startswith(".") else head
+        head = str(real(directory / head)) if head.startswith(".") else head
     return head + colon + tail
 
 
@@ -214,7 +216,7 @@ def _security(source: Source, values: list[str], diagnostics: list[Diagnostic]) 
         if kind == "seccomp" and name not in ("unconfined", "builtin"):
             try:
                 profile = json.loads(read_text(source.directory / name, source.root))
-            except (OSError, ValueError) as error:
+            except (OSError, ValueError, RecursionError) as error:
                 where = source.where("spec", "container", "security_opt", index)
                 why = getattr(error, "strerror", None) or "not JSON"
                 diagnostics.append(Diagnostic(where, f"seccomp profile '{name}': {why}", "to create it"))
@@ -255,10 +257,11 @@ def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagno
     found: dict[str, str] = {}
     for index, name in enumerate(options["env_file"]):
         try:
-            lines = read_text(source.directory / name, source.root).splitlines()
+            lines = read_plain(source.directory / name, source.root).splitlines()
         except OSError as error:
             where = source.where("spec", "container", "env_file", index)
-            diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", "to create it"))
+            remedy = "to create it" if error.errno == errno.ENOENT else "to mend it"
+            diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", remedy))
             continue
         found |= dict(line.split("=", 1) for line in lines if "=" in line and not line.lstrip().startswith("#"))
     return found

@@ -6,6 +6,7 @@ PyYAML speaks YAML 1.1, in which `NO` is false and `1:30` is 90. Robots have ser
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,6 +20,8 @@ MAX_DEPTH = 50
 """The parser's own recursion ends in a crash some ten thousand levels down."""
 MAX_NODES = 100_000
 """An alias bomb grows past any robot's manifest long before this many nodes."""
+MOST_NUMBER = (1 << 63) - 1
+"""What engines and kernels count with; an infinity is more, and what is no number is not less."""
 
 
 class _Loader(_Base):  # type: ignore[misc, valid-type]
@@ -116,14 +119,19 @@ class _Reader:
             self.error(node, "a NUL character, which ends a text for the engine and for programs", "to leave it out")
         return text
 
-    def number(self, node: yaml.Node, tag: str, text: str) -> int | float | str:
+    def number(self, node: yaml.Node, tag: str, text: str) -> int | float:
         try:
             if tag == "int":
-                return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
-            return float(re.sub(r"\.(?=[inIN])", "", text))
-        except ValueError as error:
-            self.error(node, f"not a number that can be read: {error}")
-            return text
+                value: int | float = int(text, 0) if text[:2] in ("0o", "0x") else int(text)
+            else:
+                value = float(re.sub(r"\.(?=[inIN])", "", text))
+        except ValueError:  # so many digits that Python does not even try
+            value = math.inf
+        if not -MOST_NUMBER <= value <= MOST_NUMBER:
+            shown = text if len(text) <= 40 else f"{text[:40]}..."
+            self.error(node, f"{shown} is not a number that anything takes", "quotes around it where it is a text")
+            return 0
+        return value
 
 
 def _check_depth(text: str) -> None:
@@ -157,6 +165,6 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
         mark = error.problem_mark or error.context_mark
         where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
         return None, [Diagnostic(where, f"not valid YAML: {error.problem or error.context}")]
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, UnicodeError) as error:
         return None, [Diagnostic(Where(file), f"not valid YAML: {error}")]
     return reader.document, reader.diagnostics

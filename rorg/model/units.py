@@ -15,6 +15,8 @@ _BYTES = {"": 1, "b": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30}
 
 LONGEST = 3653 * 86400.0
 """Seconds."""
+LARGEST = 1 << 62
+"""Bytes."""
 
 
 SHORTEST_LEASE = 0.1
@@ -48,12 +50,15 @@ def format_duration(seconds: float) -> str:
 
 def parse_memory(value: object) -> int:
     """Bytes of "180Mi", "512m" or 1048576. Every unit is a power of 1024, as in Compose; -1 means no limit."""
-    if isinstance(value, int) and not isinstance(value, bool) and value >= -1:
+    if isinstance(value, int) and not isinstance(value, bool) and -1 <= value <= LARGEST:
         return value
     if not isinstance(value, str) or not re.match(MEMORY, value):
         raise ValueError(f"{value!r} is not an amount of memory; write 180Mi, 2Gi, or bytes as a number")
     number, unit = re.match(r"([0-9.]+)(.*)", value).groups()  # type: ignore[union-attr]
-    return int(float(number) * _BYTES[unit[:1].lower()])
+    found = float(number) * _BYTES[unit[:1].lower()]
+    if found > LARGEST:
+        raise ValueError(f"{value!r} is more than any machine has")
+    return int(found)
 
 
 def format_seconds(seconds: float) -> str:

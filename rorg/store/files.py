@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,11 +15,25 @@ LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]{8}")
 """The name of a file on its way to its place."""
 PRIVATE = 0o640
 """The mode of what rorg keeps for itself: for its user, and for a group that somebody gives the file to."""
+MOST = 64 << 20
+"""Bytes of a file of the state directory. The largest, of a robot with a thousand services, have some 2 MiB."""
+
+
+def read_state(path: Path) -> str:
+    """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
+
+    Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
+    with open(regular(path, os.O_RDONLY), "rb") as file:
+        content = file.read(MOST + 1)
+    if len(content) > MOST:
+        raise OSError(errno.EFBIG, f"it has more than {MOST >> 20} MiB", str(path))
+    return content.decode("utf-8", errors="replace")
 
 
 def open_private(path: Path, flags: int) -> int:
-    """A descriptor of a file that is made where it is not there, private by whomever it was made. Raises OSError."""
-    descriptor = os.open(path, flags | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
+    """A descriptor of a file that is made where it is not there, private by whomever it was made. Raises OSError, also
+    for what is no regular file: to open a pipe would wait for a reader."""
+    descriptor = regular(path, flags | os.O_CREAT)
     _set_mode(descriptor, PRIVATE)
     return descriptor
 
@@ -79,6 +95,15 @@ def clear_leftovers(directory: Path) -> None:
         found = LEFTOVER.fullmatch(path.name)
         if found and (int(found[1]) == os.getpid() or not os.path.exists(f"/proc/{found[1]}")):
             path.unlink(missing_ok=True)
+
+
+def regular(path: Path, flags: int) -> int:
+    """A descriptor of a regular file. Raises OSError."""
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, PRIVATE)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return descriptor
 
 
 @contextlib.contextmanager

@@ -15,11 +15,13 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from rorg.store.files import open_private
+from rorg.store.files import open_private, read_state, regular
 
 MOST = 8 << 20
 RECENT = 2000
 """Lines kept in memory."""
+FORMS = {"at": str, "kind": str, "message": str, "service": str, "services": list, "requests": list, "shed": dict}
+"""What those who read lines go by."""
 NEAR = 1 << 13
 """Bytes of a file that are read through in search of a line."""
 
@@ -115,7 +117,7 @@ class Journal:
 def _after(path: Path, seq: int, most: int) -> list[dict[str, Any]]:
     """The next lines after a number, found by halves: the file may be large, and who reads it slow."""
     try:
-        with path.open("rb") as file:
+        with open(regular(path, os.O_RDONLY), "rb") as file:
             low, high = 0, file.seek(0, os.SEEK_END)
             while high - low > NEAR:
                 middle = (low + high) // 2
@@ -143,7 +145,7 @@ def _merged(*entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _is_torn(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
+        with open(regular(path, os.O_RDONLY), "rb") as file:
             return bool(file.seek(0, 2)) and file.seek(-1, 2) >= 0 and file.read(1) != b"\n"
     except OSError:
         return False
@@ -153,7 +155,7 @@ def _entries(path: Path) -> list[dict[str, Any]]:
     """The lines that are whole. A machine that lost power may have left half of one, at the end or, with later lines
     behind it, anywhere."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = read_state(path).splitlines()
     except OSError:
         return []
     return [entry for line in lines if (entry := _entry(line)) is not None]
@@ -164,5 +166,8 @@ def _entry(line: str) -> dict[str, Any] | None:
         entry = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    known = isinstance(entry, dict) and isinstance(entry.get("seq"), int)
-    return entry if known and all(isinstance(entry.get(k), str) for k in ("at", "kind", "message")) else None
+    if not isinstance(entry, dict) or type(entry.get("seq")) is not int or not {"at", "kind", "message"} <= set(entry):
+        return None
+    sound = all(isinstance(entry[key], form) for key, form in FORMS.items() if key in entry)
+    texts = (text for key in ("services", "requests") for text in entry.get(key, ()))
+    return entry if sound and all(isinstance(text, str) for text in texts) else None

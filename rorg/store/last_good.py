@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
@@ -12,6 +13,7 @@ from rorg.core.former import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Service
 from rorg.model.diagnostics import Where
 from rorg.store.files import write_atomic
+from rorg.store.state_dir import read_json
 
 NAME = ".services.last-good.json"
 T = TypeVar("T")
@@ -27,19 +29,28 @@ def write_kept(folder: Path, kept: Kept) -> None:
     ]
     declared: list[Service | Group] = [*kept.catalog.services.values(), *kept.catalog.groups.values()]
     last = [_dump(what) for what in declared]
-    write_atomic(folder / NAME, json.dumps({"last": last, "former": former}) + "\n", mode=0o600)
+    content = {"last": last, "former": former}
+    write_atomic(folder / NAME, json.dumps({"digest": _digest(content), **content}) + "\n", mode=0o600)
 
 
 def read_kept(folder: Path) -> Kept:
-    """What was written last; what cannot be read of it, by whatever rorg it was written, is passed over."""
+    """What was written last: nothing where the file is not as it was written. What cannot be understood of it, by
+    whatever rorg it was written, is passed over."""
     try:
-        content = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        content = read_json(folder / NAME) or {}
+        if content.pop("digest", "") != _digest(content):
+            return Kept()
         last, former = _each(content["last"], _load), _each(content["former"], _former)
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+    except (ValueError, LookupError, TypeError, RecursionError):
         return Kept()
     services = {w.name: w for w in last if isinstance(w, Service)}
     groups = {w.name: w for w in last if isinstance(w, Group)}
     return Kept(Catalog(services, groups), {f.what.name: f for f in former})
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """Tells a file that was spoilt, in whichever of its values."""
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def _dump(what: Service | Group) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rorg.errors import Invalid
 from rorg.model.diagnostics import Diagnostic, Where
 from rorg.store import wakeup
-from rorg.store.files import locked, write_atomic
+from rorg.store.files import locked, read_state, write_atomic
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
 
@@ -30,17 +30,12 @@ class RequestsFile:
         """What is wrong with the content of now; the last good one counts meanwhile."""
 
     def read(self) -> bool:
-        """Looks at the file; True when its good content is new."""
+        """Looks at the file; True when its good content is new. What cannot be read is looked at each time."""
         stamp = self._now()
-        if stamp == self._stamp:
+        if stamp is not None and stamp == self._stamp:
             return False
-        text = self.path.read_text(encoding="utf-8", errors="replace") if stamp else ""
-        self._stamp = stamp
-        try:
-            document, self.diagnostics = parse(text, str(self.path))
-        except Exception as bug:  # whatever somebody wrote into it, the robot goes on
-            where = Where(str(self.path))
-            document, self.diagnostics = None, [Diagnostic(where, f"cannot be read: {type(bug).__name__}: {bug}")]
+        document, self.diagnostics, read = _content(self.path)
+        self._stamp = stamp if read else None
         if document is None:
             return False
         self.good, changed = True, document != self.document
@@ -63,17 +58,19 @@ class RequestsFile:
             spare.unlink(missing_ok=True)
         elif self.good:
             write_atomic(spare, render(self.document))
-        elif spare.exists():
-            document, _ = parse(spare.read_text(encoding="utf-8"), str(spare))
+        elif spare.is_file():
+            document, _, _ = _content(spare)
             if document is not None:
                 self.document, self.good = document, True
 
-    def _now(self) -> tuple[int, ...]:
-        """Changes with every version of the file."""
+    def _now(self) -> tuple[int, ...] | None:
+        """Changes with every version of the file; None where it cannot be looked at."""
         try:
             stat = self.path.stat()
         except FileNotFoundError:
             return ()
+        except OSError:
+            return None
         return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
     def change(self, edit: Callable[[RequestsDocument], RequestsDocument], notify: bool = True) -> RequestsDocument:
@@ -90,3 +87,18 @@ class RequestsFile:
                 if notify:
                     wakeup.notify(self.path.parent)
             return self.document
+
+
+def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], bool]:
+    """What a requests file asks for, nothing where there is none, and what is wrong with it; and whether it could be
+    read. Whatever somebody put there, the robot goes on."""
+    try:
+        text = read_state(path)
+    except FileNotFoundError:
+        return RequestsDocument(), [], True
+    except OSError as error:
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or move it")], False
+    try:
+        return *parse(text, str(path)), True
+    except Exception as bug:
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {type(bug).__name__}: {bug}", "to mend it")], True

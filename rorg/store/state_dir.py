@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid, Refused
-from rorg.store.files import clear_leftovers, locked, make_directory, open_private, write_atomic
+from rorg.store.files import clear_leftovers, locked, make_directory, open_private, read_state, write_atomic
+
+INSTANCE = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}"
 
 
 def default_state_dir() -> Path:
@@ -28,15 +33,22 @@ class StateDir:
 
     def prepare(self) -> StateDir:
         """Creates the directory. Raises Invalid when that is not allowed."""
-        try:
+        with self.usable():
             make_directory(self.path)
+        return self
+
+    @contextlib.contextmanager
+    def usable(self) -> Iterator[None]:
+        """What the disk refuses in the block, and what lies there in the place of something else, is told as Invalid,
+        with its path."""
+        try:
+            yield
         except OSError as error:
             raise Invalid(
                 f"use the state directory {self.path}",
-                error.strerror or str(error),
-                "--state-dir DIR, or RORG_STATE_DIR",
+                f"{error.filename2 or error.filename or self.path}: {error.strerror or error}",
+                "to mend or move what is there, or another directory: --state-dir DIR, or RORG_STATE_DIR",
             ) from error
-        return self
 
     @property
     def requests(self) -> Path:
@@ -64,17 +76,26 @@ class StateDir:
         return Path("/run/rorg") if self.path == Path("/var/lib/rorg") else self.path.resolve() / "run"
 
     def instance(self, make_id: Any) -> str:
-        """The instance id, made by `make_id()` the first time."""
+        """The instance id, made by `make_id()` the first time. Raises Invalid for one that cannot be read: with another
+        one this robot's containers would be a stranger's."""
         path = self.prepare().path / "instance"
-        with locked(self.path / "instance.lock"):
-            if not path.exists():
+        with self.usable(), locked(self.path / "instance.lock"):
+            if not os.path.lexists(path):
                 write_atomic(path, make_id() + "\n")
-            return path.read_text(encoding="utf-8").strip()
+            found = read_state(path).strip()
+        if not re.fullmatch(INSTANCE, found):
+            raise Invalid(
+                f"tell which robot {self.path} is",
+                f"{path} holds no id",
+                "to write there what the containers of this robot have in their label rorg.io/owner",
+            )
+        return found
 
     def acquire(self, what: str) -> None:
         """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
         self.prepare()
-        descriptor = open_private(self.path / "lock", os.O_RDWR)
+        with self.usable():
+            descriptor = open_private(self.path / "lock", os.O_RDWR)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -85,7 +106,8 @@ class StateDir:
                 f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
                 "to stop that one first, or another --state-dir",
             ) from None
-        write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
+        with self.usable():
+            write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
         self._lock = descriptor
         with locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
             clear_leftovers(self.path)
@@ -113,7 +135,7 @@ class StateDir:
 def read_json(path: Path) -> dict[str, Any] | None:
     """The object in a JSON file, or None when it is not there or not whole."""
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = json.loads(read_state(path))
     except (OSError, ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

@@ -45,11 +45,15 @@ class Wakeup:
         self._stopped = False
 
     def start(self) -> None:
-        """Takes the place of a socket that a killed loop left behind: the caller owns the state directory."""
-        (self.directory / NAME).unlink(missing_ok=True)
-        with _address(self.directory) as address:
-            self._socket.bind(address)
-        os.chmod(self.directory / NAME, 0o660)
+        """Takes the place of a socket that a killed loop left behind: the caller owns the state directory. Where there
+        is something else, nobody is heard, and the file watcher must do."""
+        try:
+            (self.directory / NAME).unlink(missing_ok=True)
+            with _address(self.directory) as address:
+                self._socket.bind(address)
+            os.chmod(self.directory / NAME, 0o660)
+        except OSError:
+            return
         threading.Thread(target=self._listen, name="wakeup", daemon=True).start()
 
     def _listen(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import random
 from collections.abc import Callable
 from typing import Any
@@ -51,5 +52,5 @@ def mutated_value(value: Any, chance: random.Random) -> Any:
 
     visit(value)
     if places:
-        chance.choice(places)(chance.choice(VALUES))
+        chance.choice(places)(copy.deepcopy(chance.choice(VALUES)))
     return value

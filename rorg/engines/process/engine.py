@@ -85,8 +85,10 @@ class ProcessEngine:
     def inspect(self, container: str) -> Container | None:
         try:
             record = self.records.read(container)
-        except EngineError:
-            return None
+        except EngineError as error:
+            if error.kind == "gone":
+                return None
+            return Container(container, container[:12], service="", state="dead", error=error.why)
         labels = record["labels"]
         if labels.get(LABEL_OWNER) != self.owner:
             return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -18,6 +17,7 @@ from rorg.errors import EngineError
 from rorg.host.commands import Exceeded, Output, end, listen
 from rorg.model.units import stamp
 from rorg.store.files import open_private
+from rorg.store.state_dir import read_json
 
 SUPERVISE = (
     'trap : INT TERM HUP QUIT; "$@"; code=$?; umask 077; '
@@ -46,7 +46,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
     _check_program(record, command, environment)
-    with open(open_private(records.log(container), os.O_WRONLY | os.O_APPEND), "ab") as log:
+    with open(_log_of(records, record), "ab") as log:
         log_from = log.tell()
         child = subprocess.Popen(
             ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
@@ -69,6 +69,14 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
         "boot": boot_id(),
         "started_at": stamp(time.time()),
     }
+
+
+def _log_of(records: Records, record: Record) -> int:
+    """A descriptor of its log. Raises EngineError."""
+    try:
+        return open_private(records.log(record["id"]), os.O_WRONLY | os.O_APPEND)
+    except OSError as error:
+        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "to move it") from error
 
 
 def run_beside(
@@ -111,11 +119,8 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
 
 
 def _image_path(records: Records, image: str) -> list[str]:
-    try:
-        noted = json.loads((records.directory.parent / "process-images.json").read_text()).get(image, [])
-        return [str(folder) for folder in noted]
-    except (OSError, ValueError):
-        return []
+    noted = (read_json(records.directory.parent / "process-images.json") or {}).get(image)
+    return [str(folder) for folder in noted] if isinstance(noted, list) else []
 
 
 def _check_program(record: Record, command: Sequence[str], environment: dict[str, str]) -> None:

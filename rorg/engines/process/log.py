@@ -80,7 +80,7 @@ def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
 
 
 def _open(path: Path) -> int:
-    return os.open(path if path.exists() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+    return os.open(path if path.is_file() else os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
 
 def _tail(descriptor: int, end: int, lines: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,11 +11,15 @@ from typing import Any
 
 from rorg.engines.process.table import is_same, stat
 from rorg.errors import EngineError
-from rorg.store.files import make_directory, write_atomic
+from rorg.store.files import make_directory, read_state, write_atomic
 from rorg.store.state_dir import read_json
 
 Record = Mapping[str, Any]
 """id, name, spec, labels, live and created_at; once it was started pid, ticks, boot, log_from and started_at."""
+FORMS = {"name": str, "spec": dict, "labels": dict, "live": dict}
+STARTED = {"pid": int, "ticks": int, "boot": str, "log_from": int, "started_at": str}
+MOST_PID = 1 << 22
+"""Of Linux."""
 
 
 class Records:
@@ -27,7 +32,7 @@ class Records:
         make_directory(directory)
 
     def ids(self) -> list[str]:
-        return sorted(p.name for p in self.directory.iterdir() if (p / "record.json").exists())
+        return sorted(p.name for p in self.directory.iterdir() if os.path.lexists(p / "record.json"))
 
     def folder(self, container: str) -> Path:
         return self.directory / container
@@ -36,10 +41,15 @@ class Records:
         return self.folder(container) / "log"
 
     def read(self, container: str) -> dict[str, Any]:
-        """Raises EngineError (gone) where there is none that is whole."""
-        record = read_json(self.folder(container) / "record.json") or {}
-        if not {"id", "name", "spec", "labels", "live"} <= set(record):
+        """Raises EngineError: gone where there is none, other where it cannot be read."""
+        path = self.folder(container) / "record.json"
+        if not os.path.lexists(path):
             raise EngineError(f"find {container}", "no such container", kind="gone")
+        record = read_json(path) or {}
+        if record.get("id") != container or not _whole(record):
+            raise EngineError(
+                f"find {container}", f"{path} cannot be read", "to end its processes, and remove its folder"
+            )
         return record
 
     def write(self, record: Record) -> None:
@@ -56,6 +66,26 @@ class Records:
             facts = stat(record["pid"])
             return ("paused" if facts and facts[0] == "T" else "running"), None
         try:
-            return "exited", int((self.folder(record["id"]) / "exit").read_text())
+            return "exited", int(read_state(self.folder(record["id"]) / "exit"))
         except (OSError, ValueError):
             return "exited", 137
+
+
+def _whole(record: Record) -> bool:
+    """Whether what was read is what write() has written."""
+    sound = all(isinstance(record.get(key), form) for key, form in FORMS.items())
+    sound = sound and all(isinstance(text, str) for text in record["labels"].values()) and _startable(record["spec"])
+    if not sound or "pid" not in record:
+        return sound
+    return all(type(record.get(key)) is form for key, form in STARTED.items()) and 0 < record["pid"] <= MOST_PID
+
+
+def _startable(spec: Mapping[str, Any]) -> bool:
+    """Whether what a start needs of a spec is of the right form."""
+    environment, words = spec.get("environment", {}), (spec.get(key, []) for key in ("entrypoint", "command"))
+    return (
+        isinstance(spec.get("image"), str)
+        and isinstance(environment, dict)
+        and all(isinstance(text, str) for text in environment.values())
+        and all(isinstance(listed, list) and all(isinstance(word, str) for word in listed) for listed in words)
+    )

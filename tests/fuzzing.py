@@ -1,0 +1,126 @@
+"""Many cases from one seed. `make test` tries a few of each kind; `make fuzz` all of them (FUZZ=1; FUZZ=0.1 a tenth).
+A case depends on its kind, its seed and its number alone: FUZZ_CASE=N tries that one again, FUZZ_SEED=N other ones."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+FULL = {
+    "manifests": 20_000,
+    "requests": 5_000,
+    "bodies": 3_000,
+    "streams": 2_000,
+    "state": 500,
+    "labels": 1_000,
+    "answers": 100_000,
+}
+"""Cases of each kind in a whole run."""
+SHARE = float(os.environ.get("FUZZ") or 0)
+SEED = os.environ.get("FUZZ_SEED") or "1"
+ONLY = os.environ.get("FUZZ_CASE")
+SLOWEST = 1.0
+"""Seconds for one case, of the processor's time; on the clock so many times more as programs wait for a processor."""
+HUNG = 60
+"""Seconds after which a case is ended, however busy the machine is."""
+TRIES = 3
+"""A case that is slow so often is slow by itself; a busy machine makes others slow."""
+MOST = 10
+"""Findings after which a run is over."""
+KEPT = Path(tempfile.gettempdir(), "rorg-fuzz")
+"""Where cases that found something are kept."""
+
+
+@dataclass
+class Case:
+    """One try. Whoever makes it says what is tried in `text`, which is kept where it finds something."""
+
+    kind: str
+    number: int
+    chance: random.Random
+    text: str | bytes = ""
+
+    @classmethod
+    def of(cls, kind: str, number: int) -> Case:
+        return cls(kind, number, random.Random(f"{kind} {SEED} {number}"))
+
+    def keep(self, why: str) -> str:
+        """What was found, and how it is found again."""
+        KEPT.mkdir(exist_ok=True)
+        path = KEPT / f"{self.kind}-{SEED}-{self.number}"
+        path.write_bytes(self.text if isinstance(self.text, bytes) else self.text.encode(errors="surrogatepass"))
+        return f"{self.kind}: FUZZ_SEED={SEED} FUZZ_CASE={self.number}: {why} (kept as {path})"
+
+
+@dataclass
+class Figures:
+    """What came of a run."""
+
+    cases: int = 0
+    slowest: float = 0.0
+    findings: list[str] = field(default_factory=list)
+
+
+def count(kind: str, few: int) -> int:
+    """Cases to try: few of them unless all are asked for."""
+    return max(1, round(FULL[kind] * SHARE)) if SHARE else few
+
+
+def fuzz(kind: str, few: int, attempt: Callable[[Case], None]) -> None:
+    """Tries the cases of a kind; `attempt` raises for what it finds. Fails with all that was found."""
+    figures, began = Figures(), time.monotonic()
+    for number in [int(ONLY)] if ONLY else range(count(kind, few)):
+        _try(kind, number, attempt, figures)
+        if len(figures.findings) >= MOST:
+            break
+    report(kind, figures, time.monotonic() - began)
+
+
+def report(kind: str, figures: Figures, seconds: float) -> None:
+    """Says the figures, and fails with the findings."""
+    print(
+        f"\nfuzz {kind}: {figures.cases} cases, {len(figures.findings)} findings, "
+        f"the slowest case {figures.slowest * 1000:.0f} ms, {seconds:.0f} s"
+    )
+    assert not figures.findings, "\n".join(figures.findings)
+
+
+def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figures) -> None:
+    quickest = float("inf")
+    for _ in range(TRIES):
+        case = Case.of(kind, number)
+        began = time.monotonic()
+        try:
+            with _ended_after(HUNG):
+                attempt(case)
+        except Exception as bug:
+            figures.findings.append(case.keep(f"{type(bug).__name__}: {str(bug)[:500]}"))
+            break
+        quickest = min(quickest, (time.monotonic() - began) / max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)))
+        if quickest < SLOWEST:
+            break
+    else:
+        figures.findings.append(case.keep(f"it takes {quickest:.1f} s"))
+    figures.cases += 1
+    figures.slowest = max(figures.slowest, 0.0 if quickest == float("inf") else quickest)
+
+
+@contextlib.contextmanager
+def _ended_after(seconds: int) -> Iterator[None]:
+    def end(*_: object) -> None:
+        raise TimeoutError(f"it hangs for more than {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
