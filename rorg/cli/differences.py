@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from rorg_client import Error as ClientError
 
 from rorg.cli.context import Context
+from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
 
@@ -70,7 +71,8 @@ def _told(context: Context) -> dict[str, Any] | None:
 
 def _line(error: dict[str, Any]) -> str:
     tail = f"; try {error['remedy']}" if error["remedy"] else ""
-    return f"{error['file']}:{error['line']}:{error['column']}: {error['severity']}: {error['message']}{tail}"
+    place = f"{error['file']}:{error['line']}:{error['column']}"
+    return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
 
 
 def _computed(context: Context) -> Differences:

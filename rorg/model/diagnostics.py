@@ -29,8 +29,9 @@ class Diagnostic:
     severity: str = "error"
 
     def __str__(self) -> str:
+        """One line, whatever of a file is cited in it."""
         tail = f"; try {self.remedy}" if self.remedy else ""
-        return f"{self.where}: {self.severity}: {self.message}{tail}"
+        return f"{self.where}: {self.severity}: {self.message}{tail}".replace("\n", "\\n")
 
     def as_json(self) -> dict[str, str | int]:
         return {

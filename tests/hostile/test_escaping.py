@@ -16,7 +16,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import RealRobot
+from robots import RealRobot, write_tree
 
 from rorg.cli.output import rich_table, table
 from rorg.cli.terminal import PLAIN, LogText, entry, lines, printable
@@ -76,6 +76,15 @@ def test_tables_and_plans_have_a_line_for_each_row():
     assert not OBEYED.search(OWN.sub("", screen.getvalue()))
     plan = Plan((), (Waiting("a", "one\n-   remove  b  two"),))
     assert len(plan.text().splitlines()) == 2
+
+
+def test_an_error_of_a_manifest_is_one_line(tmp_path):
+    tree = write_tree(tmp_path, {"camera": {}})
+    (tree / "services/evil.yaml").write_text(f"apiVersion: rorg/v1\nkind: Service\n{json.dumps(NASTY[:40])}: 1\n")
+    done = subprocess.run([sys.executable, "-m", "rorg", "validate", tree], capture_output=True, text=True)
+    assert "all is well" in done.stderr
+    assert not OBEYED.search(done.stderr)
+    assert not [line for line in done.stderr.splitlines() if line.startswith("00:00:00")]
 
 
 # -- a robot whose programs try ---------------------------------------------------------------------------------
