@@ -5,27 +5,48 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable, Mapping
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from rorg.api.callers import Who, needs, still
 from rorg.api.operations import Operations
 from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
 from rorg.api.status_models import EventView
+from rorg.api.waiting import gone
 from rorg.errors import Busy, Forbidden
 
 SLICE = 100
 """Lines that are written at once: no more are kept for who reads slowly."""
 
+Reading = Callable[[asyncio.Future[None]], AsyncGenerator[bytes, None]]
+"""What is written until a future says that nobody listens any more."""
+
 
 class Lines(StreamingResponse):
-    """Lines of JSON, as long as there are any."""
+    """Lines of JSON, as long as there are any and somebody listens. They are written by the task of the call itself,
+    so that what they cost is charged to the caller."""
 
     media_type = "application/x-ndjson"
+
+    def __init__(self, lines: Reading, status_code: int = 200, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__((), status_code, headers)
+        self.lines = lines
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002 - ASGI's
+        hangup = asyncio.ensure_future(gone(receive))
+        try:
+            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+            async with contextlib.aclosing(self.lines(hangup)) as lines:
+                async for piece in lines:
+                    await send({"type": "http.response.body", "body": piece, "more_body": True})
+            await send({"type": "http.response.body", "body": b""})
+        finally:
+            hangup.cancel()
 
 
 def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
@@ -56,7 +77,13 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         if mine or requester or caller.kind == "service":
             whose = requester or caller.requester
             allow_request(caller, whose, (), operations.catalog)
-        lines = _lines(operations, place, follow, whose, changed, lambda: still(request, "events"))
+
+        def allowed() -> object:
+            return still(request, "events")
+
+        def lines(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
+            return _lines(operations, place, follow, whose, changed, allowed, hangup)
+
         return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
@@ -67,13 +94,14 @@ async def _lines(
     whose: str,
     changed: Callable[[], asyncio.Event],
     allowed: Callable[[], object],
-) -> AsyncIterator[bytes]:
+    hangup: asyncio.Future[None],
+) -> AsyncGenerator[bytes, None]:
     """`whose`: the requester whose lines alone are told; empty for all lines. `allowed` raises Forbidden once the
     caller may not hear more, and Busy where that is not known."""
     journal, written = operations.loop.recorder.journal, asyncio.Event()
     end = journal.follow(_from_any_thread(written)) if follow else lambda: None
     try:
-        while True:
+        while not hangup.done():
             # Both are looked at before the journal is read: what is written from here on wakes the wait below.
             written.clear()
             turn = changed()
@@ -85,10 +113,11 @@ async def _lines(
                 told = _own(operations, found, whose) if whose else found
                 if told:
                     yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
+                await asyncio.sleep(0)  # others have their turn, and it is heard that nobody listens any more
             elif not follow or operations.ending:
                 return
             else:
-                await _either(written, turn)
+                await _either(written, turn, hangup)
     except Forbidden:
         return  # asked again, it is told why
     finally:
@@ -105,10 +134,10 @@ def _from_any_thread(event: asyncio.Event) -> Callable[[], None]:
     return tell
 
 
-async def _either(*events: asyncio.Event) -> None:
-    waits = [asyncio.ensure_future(event.wait()) for event in events]
+async def _either(one: asyncio.Event, other: asyncio.Event, hangup: asyncio.Future[None]) -> None:
+    waits: list[asyncio.Future[Any]] = [asyncio.ensure_future(event.wait()) for event in (one, other)]
     try:
-        await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([*waits, hangup], return_when=asyncio.FIRST_COMPLETED)
     finally:
         for wait in waits:
             wait.cancel()

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import JSONResponse, Response
+from starlette.types import Receive
 
 from rorg.api.callers import needs, still
 from rorg.api.models import (
@@ -18,9 +19,9 @@ from rorg.api.readiness import Question
 from rorg.errors import NotReady
 
 
-async def gone(request: Request) -> None:
+async def gone(receive: Receive) -> None:
     """Returns when the caller has closed the connection."""
-    while (await request.receive())["type"] != "http.disconnect":
+    while (await receive())["type"] != "http.disconnect":
         pass
 
 
@@ -70,7 +71,7 @@ def add_waiting(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         counts. With the reason when they do not get so."""
         names = tuple(dict.fromkeys(m for s in services for m in operations.members(s)))
         with operations.question(names) as question:
-            hangup = asyncio.ensure_future(gone(request))
+            hangup = asyncio.ensure_future(gone(request.receive))
             try:
                 return await _ready(operations, question, timeout, changed, hangup, lambda: still(request, "read"))
             finally:

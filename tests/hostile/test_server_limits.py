@@ -362,6 +362,19 @@ def test_who_does_not_read_is_hung_up_on(near, monkeypatch):
     assert near.server.accounts._one("uid 0", limits.UNLIMITED).unread == 0
 
 
+def test_streams_that_nobody_listens_to_any_more_end_and_are_charged(near):
+    journal, account = near.loop.recorder.journal, near.server.accounts.of_service("alpha")
+    for _ in range(5000):
+        journal.append("now", "told", "x" * 300, service="alpha")
+    with many(30, lambda: connect(near.socket("alpha"))) as deaf:
+        for connection in deaf:
+            connection.sendall(asking("GET", "/v1/events?cursor=0&follow=true"))
+        wait_for(lambda: len(journal._followers) == len(deaf))
+        wait_for(lambda: account.unread > 0)
+    wait_for(lambda: not near.server.uvicorn.server_state.tasks, 10)
+    assert account._left < limits.BURST - 30 * limits.CALL - 30 * limits.GREETING - 0.01
+
+
 # -- what is counted, and whose turn it is -------------------------------------------------------------------------
 
 
