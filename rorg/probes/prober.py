@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,6 +20,8 @@ SLOW = 1.5
 """Seconds after which an attempt is not counted among these: however many hang, the others are asked."""
 MOST = 64
 """Attempts at once, with those that hang."""
+SHARE = 0.05
+"""Of a core, that one probe takes at the most: who makes it read much is asked the less often."""
 
 Key = tuple[str, str]
 Ask = Callable[[Key, Target], Answer]
@@ -105,7 +108,7 @@ class Prober:
         return max(0, min(WORKERS - sum(now < at + SLOW for at in self._busy.values()), MOST - len(self._busy)))
 
     def _probe(self, key: Key, target: Target) -> None:
-        began = self.clock()
+        began, used = self.clock(), time.thread_time()
         try:
             answer = self.ask(key, target)
         except Exception as bug:  # a probe that breaks must neither end the probing nor the service
@@ -113,18 +116,20 @@ class Prober:
         with self._condition:
             del self._busy[key]
             now = self._targets.get(key)
-            told = now is not None and now == target and self._learn(key, now, answer, began)
+            rested = began + (time.thread_time() - used) / SHARE
+            told = now is not None and now == target and self._learn(key, now, answer, began, rested)
             self._condition.notify_all()
         if told:
             self.wake()
 
-    def _learn(self, key: Key, target: Target, answer: Answer, began: float) -> bool:
-        """Notes a finding; whether it is news. What could not be asked is no failure of the service."""
+    def _learn(self, key: Key, target: Target, answer: Answer, began: float, rested: float) -> bool:
+        """Notes a finding; whether it is news. What could not be asked is no failure of the service. The next attempt
+        begins when the probe has `rested`."""
         old = self._results.get(key)
         failures = 0 if answer.ok else (old.failures if old else 0) + answer.asked
         self._results[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
         since = target.asked or 0.0
-        self._due[key] = began + target.every if began >= since else self.clock()
+        self._due[key] = max(rested, began + target.every if began >= since else self.clock())
         if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import time
 from pathlib import Path
@@ -16,7 +17,7 @@ from rorg.client import Client
 from rorg.core.schedule import Target
 from rorg.model.catalog import Probe
 from rorg.probes.answer import YES, no
-from rorg.probes.prober import MOST, WORKERS, Prober
+from rorg.probes.prober import MOST, SHARE, WORKERS, Prober
 
 MEMORY = 150 << 20
 """Bytes that rorg has at the most."""
@@ -52,7 +53,7 @@ def hostile(hosts, number: int) -> dict[str, dict]:
     """Services by name. `number` is how long the commands of the probes sleep, by which they are known."""
     ready = {
         **{f"sleep{n}": {"exec": python(SLEEP.format(number)), "interval": "50ms"} for n in range(HANGING)},
-        "flood": {"exec": python(FLOOD), "interval": "50ms"},
+        "flood": {"exec": python(FLOOD)},
         **{name: {"http": host.url} for name, host in hosts.items() if name != "values"},
         "talker": {"log": "^serving$"},
     }
@@ -99,8 +100,10 @@ def test_what_hangs_holds_up_nobody_else(daemon, hosts):
     assert not sleeping(number), "what the probes began is ended with them"
     write_tree(robot.tree, {name: {**spec, "ready": {"exec": python("pass")}} for name, spec in wanted.items()})
     daemon.start()
-    wait_for(daemon.settled, 120)
-    assert {s["health"] for n, s in daemon.status()["services"].items() if n in wanted} == {"Healthy"}
+    healthy = {name: "Healthy" for name in wanted}
+    wait_for(
+        lambda: {n: s["health"] for n, s in daemon.status().get("services", {}).items() if n in wanted} == healthy, 120
+    )
 
 
 def test_only_as_many_hang_as_there_may_be(monkeypatch):
@@ -132,6 +135,24 @@ def test_only_as_many_hang_as_there_may_be(monkeypatch):
     assert time.monotonic() - began < 3
     assert prober.hung == 0
     assert len(hung) == MOST
+
+
+def test_who_makes_a_probe_work_is_asked_the_less_often():
+    begun = []
+
+    def ask(key, target):
+        begun.append(time.monotonic())
+        until = time.thread_time() + 0.01
+        while time.thread_time() < until:
+            pass
+        return YES
+
+    prober = Prober(time.monotonic, lambda: None, ask)
+    prober.start()
+    prober.watch({("busy", "ready"): Target(Probe("tcp", "x"), "run", 0.01)})
+    wait_for(lambda: len(begun) > 3)
+    prober.stop()
+    assert all(after - before >= 0.01 / SHARE for before, after in itertools.pairwise(begun))
 
 
 def test_an_engine_that_hangs_keeps_nobody_from_ending(docker_robot, dockerd):
