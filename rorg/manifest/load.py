@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -109,13 +109,12 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 
 def _fingerprint(catalog: Catalog) -> str:
-    def without_places(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {k: without_places(v) for k, v in value.items() if k not in ("where", "fingerprint", "origins")}
-        return [without_places(v) for v in value] if isinstance(value, list | tuple) else value
+    def content(value: Any) -> dict[str, Any]:
+        return {
+            f.name: getattr(value, f.name) for f in fields(value) if f.name not in ("where", "origins", "fingerprint")
+        }
 
-    text = json.dumps(without_places(asdict(catalog)), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:

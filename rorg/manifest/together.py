@@ -154,8 +154,7 @@ _LOG_VALUES = {
 def _logging(options: Options) -> Iterator[Clash]:
     logging = options.get("logging", {})
     driver, values = logging.get("driver", "json-file"), logging.get("options", {})
-    near = difflib.get_close_matches(driver, _DRIVERS, 1, 0.75)
-    if driver not in _DRIVERS and near:
+    if driver not in _DRIVERS and (near := difflib.get_close_matches(driver, _DRIVERS, 1, 0.75)):
         yield Clash(("logging", "driver"), f"'{driver}' is no driver of logs", f"'{near[0]}'")
     known = _DRIVERS.get(driver)
     if known is None:
