@@ -115,6 +115,19 @@ def test_what_is_accepted_has_a_normal_form_that_tells_it_apart(tmp_path):
     assert {frozenset(s.text for s in group) for group in groups} == ONE_MEANING
 
 
+def test_the_fingerprint_of_a_tree_is_of_all_that_it_declares_and_of_nothing_else(tmp_path):
+    def found(place: str) -> str:
+        write_tree(tmp_path, {"arm": {"container": {"environment": {"where": place, "origins": "here"}}}})
+        return load_or_raise(tmp_path).fingerprint
+
+    first, other = found("left"), found("right")
+    assert first != other
+    assert found("left") == first
+    path = tmp_path / "services/arm.yaml"
+    path.write_text("# a line more\n" + path.read_text())
+    assert load_or_raise(tmp_path).fingerprint == first
+
+
 def test_the_digest_of_a_declaration_is_what_it_was(tmp_path):
     """A new version of rorg recreates nothing by itself. These digests were made by the first version."""
     spec = {
