@@ -25,7 +25,7 @@ Percent = Annotated[float, Field(strict=False, gt=0, le=100)]
 class Escalate(Strict):
     """A second, harder step for a service that stays unwanted."""
 
-    after: Duration = unchanging(description="How long after it was paused (or stopped).")
+    after: Duration = unchanging(..., description="How long after it was paused (or stopped).")
     action: Literal["stop", "remove"] = unchanging("stop")
 
 
