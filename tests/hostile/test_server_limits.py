@@ -117,7 +117,7 @@ def many(count: int, opening):
 
 def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):
     client = robot.client(patience=20)
-    with many(FILES - 100, lambda: socket.create_connection(("127.0.0.1", robot.port))):
+    with many(FILES + 100, lambda: socket.create_connection(("127.0.0.1", robot.port))):
         before = client.service("gamma")
         robot.kill_service(before["pid"])
         wait_for(lambda: client.service("gamma")["incarnation"] not in ("", before["incarnation"]), 30)
