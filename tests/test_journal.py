@@ -61,7 +61,7 @@ def test_a_follower_sees_a_line_that_no_pass_comes_after(tmp_path):
         threading.Thread(
             target=lambda: [seen.append(e["message"]) for e in follower.events(follow=True)], daemon=True
         ).start()
-        wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) == 1)
+        wait_for(lambda: robot.loop.recorder.journal._followers)
         passes = robot.loop.passes
         for number in range(50):
             robot.loop.recorder.journal.append("now", "told", f"line {number}")
