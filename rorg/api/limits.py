@@ -43,14 +43,14 @@ MOST_HELD = 4 << 20
 SHARE = 0.2
 """CPU seconds a second that a service's calls may cost; with none left, 429 and Retry-After. People have no such limit:
 who may stop rorg need not flood it."""
-BURST = 1.0
-"""CPU seconds that a service may save up: 45 changes at once, then 9 a second; 2500 looks at a service, then 500 a
-second."""
+BURST = 4.0
+"""CPU seconds that a service may save up: 600 changes at once, then 30 a second; 10,000 looks at a service, then 500 a
+second. A behaviour that requests and releases hundreds of times in a row never waits."""
 MOST_OWED = 0.4
 """CPU seconds that it may owe: it never waits longer than 2.25 s."""
 CALL = 0.0003
 """CPU seconds that any call costs beside its work: in the kernel, and because the loop waits meanwhile."""
-CHANGE = 0.02
+CHANGE = 0.004
 """CPU seconds that a change costs beside those of its call: it is written to the disk, and the loop looks at all."""
 WAIT = 0.005
 """CPU seconds that a wait costs: the loop looks at once, and probes are asked anew."""
