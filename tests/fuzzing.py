@@ -27,7 +27,7 @@ SHARE = float(os.environ.get("FUZZ") or 0)
 SEED = os.environ.get("FUZZ_SEED") or "1"
 ONLY = os.environ.get("FUZZ_CASE")
 SLOWEST = 1.0
-"""Seconds for one case, of the processor's time; on the clock so many times more as programs wait for a processor."""
+"""Seconds for one case on the clock; so many times more as programs wait for a processor."""
 HUNG = 60
 """Seconds after which a case is ended, however busy the machine is."""
 TRIES = 3
