@@ -26,8 +26,9 @@ FULL = {
 SHARE = float(os.environ.get("FUZZ") or 0)
 SEED = os.environ.get("FUZZ_SEED") or "1"
 ONLY = os.environ.get("FUZZ_CASE")
-SLOWEST = 1.0
-"""Seconds for one case on the clock; so many times more as programs wait for a processor."""
+SLOWEST = 1.0 if SHARE else 5.0
+"""Seconds for one case on the clock, so many times more as programs wait for a processor; with fewer cases, which run
+beside other tests and on any machine, only what hangs is found."""
 HUNG = 60
 """Seconds after which a case is ended, however busy the machine is."""
 TRIES = 3

@@ -24,8 +24,9 @@ def read_state(path: Path) -> str:
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
     with open(regular(path, os.O_RDONLY), "rb") as file:
-        content = file.read(MOST + 1)
-    if len(content) > MOST:
+        size = os.fstat(file.fileno()).st_size
+        content = b"" if size > MOST else file.read()
+    if max(size, len(content)) > MOST:
         raise OSError(errno.EFBIG, f"it has more than {MOST >> 20} MiB", str(path))
     return content.decode("utf-8", errors="replace")
 
