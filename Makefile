@@ -19,7 +19,9 @@ $(VENV)/test-installed: $(BIN)/rorg
 demo: $(BIN)/rorg
 	@$(BIN)/rorg demo $(ARGS)
 
+# The tests begin hundreds of processes, in some of which the environment forbids to keep what was compiled.
 test: lint types
+	@$(BIN)/python -m compileall -q rorg clients/python
 	$(BIN)/pytest $(ARGS)
 
 # All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.

@@ -74,7 +74,7 @@ def test_links_without_end_and_depths_are_errors(root):
     for path in ("/itself", "/a", "/longer", "/d" * (MOST_DEPTH + 5), "/run/ready/x", "/" + "n" * 300, "/missing"):
         with pytest.raises(OSError, match="Errno"):
             modified(str(root), path)
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert len(os.listdir("/proc/self/fd")) <= before
 
 
 def test_pipes_and_devices_are_looked_at_without_opening_them(root):

@@ -476,7 +476,7 @@ def test_a_line_of_a_long_journal_is_found_at_once(tmp_path):
 
 def test_a_person_is_never_told_to_wait(near):
     client = Client(near.socket(), patience=0.0)
-    for _ in range(100):
+    for _ in range(50):
         with client.request("camera", id="tour", ttl=None):
             pass
     assert not [line for line in near.lines if "share" in line]
