@@ -261,7 +261,8 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
     if path and exitstatus == pytest.ExitCode.TESTS_FAILED:
         reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
         causes = {r.nodeid: _cause(r) for r in reports}
-        Path(path).write_text("".join(f"{cause}\t{test}\n" for test, cause in sorted(causes.items())))
+        with Path(path).open("a") as file:
+            file.writelines(f"{cause}\t{test}\n" for test, cause in sorted(causes.items()))
     counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
     if not _ran["docker"]:
