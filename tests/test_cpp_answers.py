@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from cpp_program import program
 from fuzzing import Case, Figures, count, report
+from http_message import read_message
 
 ROUNDS, OF_ONE = "1800", 2000
 """Rounds of one program, and how many answers it takes at the least."""
@@ -50,17 +51,12 @@ def server(folder: Path, answer):
 
 def asked(connection: socket.socket) -> tuple[str, str, dict[str, str], str] | None:
     """Method, path, headers and body of the next call; None when there is none."""
-    text = b""
-    while b"\r\n\r\n" not in text:
-        more = connection.recv(65536)
-        if not more:
-            return None
-        text += more
-    head, _, body = text.partition(b"\r\n\r\n")
+    found = read_message(connection)
+    if found is None:
+        return None
+    head, body = found
     first, *lines = head.decode().split("\r\n")
     headers = dict(line.lower().split(": ", 1) for line in lines)
-    while len(body) < int(headers.get("content-length", 0)):
-        body += connection.recv(65536)
     method, path, _ = first.split(" ")
     return method, path, headers, body.decode()
 

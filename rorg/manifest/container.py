@@ -11,28 +11,21 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.option_parts import (
-    BlkioConfig,
+from rorg.manifest.option_forms import (
     Bytes,
     Cores,
     Device,
-    Gpus,
-    Healthcheck,
-    Hosts,
     Labels,
     Limit,
     Limitless,
-    Logging,
     Many,
-    Networks,
     Pairs,
     Signal,
     Strict,
     Text,
-    Ulimits,
-    Volume,
     Words,
 )
+from rorg.manifest.option_parts import BlkioConfig, Gpus, Healthcheck, Hosts, Logging, Networks, Ulimits, Volume
 from rorg.manifest.scalars import Duration
 
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.files import read_text
 from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
-from rorg.manifest.option_parts import Strict
+from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions, recreate, unchanging
-from rorg.manifest.option_parts import Device, Pairs, Strict, Text, Words
+from rorg.manifest.option_forms import Device, Pairs, Strict, Text, Words
 from rorg.manifest.policy import Idle, PolicySpec, Units
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name

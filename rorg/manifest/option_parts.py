@@ -1,91 +1,16 @@
-"""What the container section is made of: the forms that values are written in, and options that are mappings."""
+"""Options of the container section that are mappings, each with its own fields."""
 
 from __future__ import annotations
 
 import ipaddress
-import shlex
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.scalars import Duration, Memory
+from rorg.manifest.option_forms import MOST, Bytes, Pairs, Strict
+from rorg.manifest.scalars import Duration
 from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
-
-MIB = 1 << 20
-LEAST_MEMORY = 6 * MIB
-"""The engine refuses a smaller limit."""
-MOST = float(1 << 62)
-
-
-class Strict(BaseModel):
-    """Unknown keys are errors, and no scalar is turned into another type."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-def _words(value: object) -> object:
-    try:
-        return shlex.split(value) if isinstance(value, str) else value
-    except ValueError as error:
-        raise ValueError(f"not a command line: {error}") from error
-
-
-def _one_or_many(value: object) -> object:
-    return [value] if isinstance(value, str) else value
-
-
-def _pairs(value: object) -> object:
-    """`[K=V]` or `{K: V}` as {K: "V"}; numbers become text, as in Compose."""
-    if isinstance(value, list):
-        if not all(isinstance(item, str) and "=" in item for item in value):
-            raise ValueError("each item must read KEY=VALUE")
-        return dict(item.split("=", 1) for item in value)
-    return value
-
-
-def _text(value: object) -> object:
-    if value is None:
-        raise ValueError("a value is missing; write it, or '' for an empty one")
-    if isinstance(value, bool):
-        raise ValueError("true and false must be quoted here, as in Compose")
-    return str(value) if isinstance(value, int | float) else value
-
-
-def _cores(value: object) -> object:
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        raise ValueError(f"'{value}' is not a number of cores; write 0.5") from None
-
-
-def _not_ours(value: dict[str, str]) -> dict[str, str]:
-    if any(name.startswith("rorg.io/") for name in value):
-        raise ValueError("labels that begin with rorg.io/ are rorg's own")
-    return value
-
-
-Words = Annotated[list[str], BeforeValidator(_words)]
-Text = Annotated[str, BeforeValidator(_text)]
-Texts = list[Text]
-Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs)]
-Labels = Annotated[Pairs, AfterValidator(_not_ours), check.KEYS]
-Signal = Annotated[str, BeforeValidator(check.read_signal)]
-Cores = Annotated[
-    float,
-    BeforeValidator(_cores),
-    Field(allow_inf_nan=False),
-    check.between((0.01, 1 << 20), what="write at least 0.01"),
-]
-Device = Annotated[str, check.DEVICE]
-Limit = Annotated[Memory, check.between((0, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
-Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
-Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memory")]
-
-
-T = TypeVar("T")
-Many = Annotated[list[T], BeforeValidator(_one_or_many)]
-"""A list; one alone needs no list."""
 
 
 class Ulimit(Strict):

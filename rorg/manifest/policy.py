@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.container import unchanging
-from rorg.manifest.option_parts import Strict
+from rorg.manifest.option_forms import Strict
 from rorg.manifest.probes import Interlock
 from rorg.manifest.scalars import Duration, Interval, Memory, Name
 

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.container import unchanging
-from rorg.manifest.option_parts import Strict, Words
+from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.patterns import compiled
 from rorg.manifest.scalars import Duration, Interval
 

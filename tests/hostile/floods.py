@@ -12,6 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from http_message import read_message
 
 
 def asking(method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
@@ -42,18 +45,9 @@ def connect(path: str, timeout: float = 10.0) -> socket.socket:
 
 
 def answer(connection: socket.socket) -> bytes:
-    """One answer with a length, or what there was until the end."""
-    text = b""
-    while b"\r\n\r\n" not in text:
-        more = connection.recv(65536)
-        if not more:
-            return text
-        text += more
-    head, _, body = text.partition(b"\r\n\r\n")
-    length = next((int(line[15:]) for line in head.lower().split(b"\r\n") if line.startswith(b"content-length:")), 0)
-    while len(body) < length and (more := connection.recv(65536)):
-        body += more
-    return head + b"\r\n\r\n" + body
+    """One answer with a length; empty where it is hung up on."""
+    found = read_message(connection)
+    return b"\r\n\r\n".join(found) if found else b""
 
 
 @contextlib.contextmanager
@@ -89,7 +83,8 @@ def flooding(path: str, kind: str) -> Iterator[None]:
     """Beside the block, in a process that leaves the processors to others: what it costs is what rorg does for it."""
     command = [sys.executable, __file__, path, kind]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, preexec_fn=lambda: os.nice(19), **pipes) as process:
+    more = {"env": {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}}
+    with subprocess.Popen(command, preexec_fn=lambda: os.nice(19), **pipes, **more) as process:
         try:
             assert process.stdout.readline() == b"begun\n"
             yield

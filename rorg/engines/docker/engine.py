@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -50,9 +51,12 @@ class DockerEngine:
         """docker-py's client of this engine, for what has to do with images. Not to be shared between threads
         (docker-py#3229)."""
         import docker
+        from docker.utils import kwargs_from_env
 
         with docker_errors("reach the engine"):
-            return docker.APIClient(self.client.host, version=self.client.version, timeout=int(API_TIMEOUT))
+            # With TLS by the same variables as ours.
+            options = kwargs_from_env({**os.environ, "DOCKER_HOST": self.client.host})
+            return docker.APIClient(**options, version=self.client.version, timeout=int(API_TIMEOUT))
 
     def ping(self) -> str:
         with docker_errors("reach the engine"):
