@@ -22,7 +22,7 @@ demo: $(BIN)/rorg
 # The tests begin hundreds of processes, in some of which the environment forbids to keep what was compiled.
 test: lint types
 	@$(BIN)/python -m compileall -q rorg clients/python
-	$(if $(ARGS),$(BIN)/pytest $(ARGS),tests/all.sh $(BIN)/pytest $(VENV)/hostile.log)
+	$(if $(ARGS),$(BIN)/pytest $(ARGS),tests/all.sh $(BIN)/pytest $(VENV)/tests)
 
 # All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.
 fuzz: $(VENV)/test-installed
