@@ -6,14 +6,14 @@ BIN := $(VENV)/bin
 .PHONY: demo test fuzz lint types bench schemas docs constraints clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
-$(BIN)/rorg: pyproject.toml clients/python/pyproject.toml
+$(BIN)/rorg: pyproject.toml
 	@echo "setting up $(VENV)"
 	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || sh .ci/venv $(PYTHON) $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable clients/python --editable .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
 $(VENV)/test-installed: $(BIN)/rorg
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable clients/python --editable '.[test]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
 demo: $(BIN)/rorg

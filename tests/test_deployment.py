@@ -48,9 +48,12 @@ def rorg_image(dockerd, ros_image, tmp_path) -> str:
     context.mkdir()
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, context)
-    for name in ("rorg", "images/rorg", "clients/python"):
+    for name in ("rorg", "manifests", "images", "clients/python"):
         shutil.copytree(
-            ROOT / name, context / name, ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info")
+            ROOT / name,
+            context / name,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"),
         )
     arguments = {"BASE": ros_image}
     if os.environ.get("PIP_CERT"):

@@ -138,7 +138,7 @@ def test_what_the_core_takes_for_live_is_what_the_fields_are_marked_as():
 def test_every_file_is_in_a_room():
     for path in (TOP / "rorg").rglob("*"):
         inner = path.relative_to(TOP / "rorg")
-        if "__pycache__" in inner.parts or path.is_dir():
+        if "__pycache__" in inner.parts or path.is_dir() or path.is_symlink():
             continue
         if len(inner.parts) == 1:
             assert inner.name in ("__init__.py", "__main__.py", "errors.py", "client.py", "py.typed"), inner

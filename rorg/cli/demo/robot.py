@@ -16,7 +16,6 @@ from typing import Any
 
 import psutil
 
-import rorg
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
@@ -27,7 +26,8 @@ from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 
-CHECKOUT = Path(rorg.__file__).parent.parent
+TRITONBOT = Path(__file__).parent / "tritonbot"
+"""Its manifests and images, also where rorg is installed."""
 
 
 def choose_engine(asked: str | None) -> tuple[str, str]:
@@ -46,8 +46,6 @@ class DemoRobot:
     """A robot with the tour-guide's tree in a folder of its own, and a loop of its own."""
 
     def __init__(self, engine: str, show: Any) -> None:
-        if not (CHECKOUT / "manifests" / "services").is_dir():
-            raise Invalid("show the demo", "the tour-guide manifests are not installed", "it in a checkout of rorg")
         self.show = show
         self.folder = Path(tempfile.mkdtemp(prefix="rorg-demo-"))
         self.tree = self.folder / "robot" / "manifests"
@@ -70,7 +68,7 @@ class DemoRobot:
     def set_up(self) -> Catalog:
         """The tree in git, with names of its own so that no other robot's containers are in the way."""
         for part in ("manifests", "images"):
-            shutil.copytree(CHECKOUT / part, self.folder / "robot" / part)
+            shutil.copytree(TRITONBOT / part, self.folder / "robot" / part)
         profile = self.tree / "profiles" / "standin.yaml"
         profile.write_text(profile.read_text() + f'      STANDIN_SCALE: "{self.scale}"\n')
         profile.write_text(
