@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 COMMANDS = (
+    "init",
     "validate",
     "diff",
     "apply",
@@ -25,6 +26,7 @@ COMMANDS = (
     "graph",
     "build",
     "demo",
+    "schema",
     "completion",
 )
 """In the order of the help."""

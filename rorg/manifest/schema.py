@@ -87,7 +87,7 @@ def _loosen(value: Any) -> Any:
 def write(folder: Path, check: bool) -> list[str]:
     """Writes all schemas; with `check`, only says which files differ."""
     stale = []
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for kind in SPECS:
         path = folder / f"{kind.lower()}.json"
         text = json.dumps(schema(kind), indent=1, sort_keys=True) + "\n"

@@ -1,0 +1,66 @@
+"""rorg init"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rorg.cli.options import Argument
+
+TEMPLATE = Path(__file__).parent / "first_robot"
+NEXT = """{name} is a robot of three services{git}. Next:
+{cd}  rorg validate                     # every mistake, with file:line:column
+  rorg build                        # on Docker, once: fetch the images
+  rorg run                          # the loop; without Docker: rorg run --engine process
+  rorg request navigation --wait    # in another terminal: it starts, with all that it needs
+  rorg down                         # stop and remove everything; the files stay"""
+
+
+def command(
+    directory: Annotated[Path, Argument(help="Where; it is made if it is not there.", show_default=False)] = Path("."),
+) -> None:
+    """Write a first robot, ready to run: three services with comments, schemas for editors, in git."""
+    from rorg.cli.output import note
+    from rorg.errors import Invalid, Refused
+    from rorg.manifest.schema import write
+
+    files = {_place(path): path for path in sorted(TEMPLATE.rglob("*")) if path.is_file() and path.suffix != ".pyc"}
+    there = [str(place) for place in (*files, Path("schemas")) if (directory / place).exists()]
+    if there:
+        raise Refused(f"write a robot into {directory}", f"{', '.join(there)} is there already", "another directory")
+    try:
+        for place, path in files.items():
+            (directory / place).parent.mkdir(parents=True, exist_ok=True)
+            (directory / place).write_bytes(path.read_bytes())
+        write(directory / "schemas", check=False)
+    except OSError as error:
+        raise Invalid(
+            f"write a robot into {directory}", f"{error.filename}: {error.strerror}", "another one"
+        ) from error
+    change = "" if directory == Path(".") else f"  cd {directory}\n"
+    note(NEXT.format(name=directory.resolve().name, git=_committed(directory), cd=change))
+
+
+def _place(path: Path) -> Path:
+    """Where a file of the template goes. Its own .gitignore would be one of this repository's."""
+    place = path.relative_to(TEMPLATE)
+    return place.with_name(".gitignore") if place.name == "gitignore" else place
+
+
+def _committed(directory: Path) -> str:
+    """Puts it into git, as whoever git knows; what became of that."""
+    import subprocess
+
+    def git(*words: str) -> bool:
+        return subprocess.run(["git", "-C", directory, *words], capture_output=True).returncode == 0
+
+    try:
+        if not git("rev-parse", "--git-dir") and not git("init", "--quiet"):
+            return ""
+        git("add", "--", "services", "schemas", "README.md", ".gitignore")
+        done = git(
+            "commit", "--quiet", "--message", "A first robot", "--", "services", "schemas", "README.md", ".gitignore"
+        )
+        return ", in git" if done else "; commit it: `git commit -am 'A first robot'`"
+    except OSError:  # there is no git here; rorg goes without
+        return ""

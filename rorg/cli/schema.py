@@ -1,0 +1,25 @@
+"""rorg schema"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rorg.cli.options import Argument
+
+
+def command(
+    directory: Annotated[Path, Argument(help="Where; it is made if it is not there.")] = Path("schemas"),
+) -> None:
+    """Write the JSON schemas of manifests: an editor completes and checks by them."""
+    from rorg.cli.output import note
+    from rorg.errors import Invalid
+    from rorg.manifest.schema import write
+
+    try:
+        written = write(directory, check=False)
+    except OSError as error:
+        raise Invalid(
+            f"write schemas into {directory}", f"{error.filename}: {error.strerror}", "another one"
+        ) from error
+    note(f"{directory}: {', '.join(written)} written" if written else f"{directory} is as it should be")

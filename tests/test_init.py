@@ -1,0 +1,127 @@
+"""`rorg init` writes a robot that runs as it is, on both engines; `rorg schema` what editors check it by."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import docker
+import jsonschema
+import pytest
+import yaml
+from conftest import BASE_IMAGE, wait_for
+
+IDENTITY = {
+    "GIT_AUTHOR_NAME": "somebody",
+    "GIT_AUTHOR_EMAIL": "somebody@localhost",
+    "GIT_COMMITTER_NAME": "somebody",
+    "GIT_COMMITTER_EMAIL": "somebody@localhost",
+}
+
+
+def rorg(folder, *words: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *words],
+        cwd=folder,
+        env={**os.environ, **IDENTITY, "RORG_STATE_DIR": str(folder / "state"), **environment},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=90,
+    )
+    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done
+
+
+def test_it_is_valid_and_in_git(tmp_path):
+    rorg(tmp_path, "init", "robot")
+    robot = tmp_path / "robot"
+    assert "3 services" in rorg(tmp_path, "validate", "robot").stderr
+    status = subprocess.check_output(["git", "-C", robot, "status", "--porcelain"], text=True)
+    tracked = subprocess.check_output(["git", "-C", robot, "ls-files"], text=True).split()
+    assert not status
+    assert {".gitignore", "README.md", "schemas/service.json", "services/navigation.yaml"} <= set(tracked)
+
+
+def test_its_manifests_agree_with_the_schemas_that_they_name(tmp_path):
+    rorg(tmp_path, "init", "robot")
+    for path in sorted((tmp_path / "robot/services").glob("*.yaml")):
+        head = path.read_text().splitlines()[0]
+        schema = path.parent / head.partition("$schema=")[2]
+        jsonschema.validate(yaml.safe_load(path.read_text()), json.loads(schema.read_text()))
+
+
+def test_it_goes_where_it_stands(tmp_path):
+    """Into the repository that is there; without git, or somebody who commits, it goes too."""
+    subprocess.run(["git", "init", "--quiet", tmp_path], check=True)
+    rorg(tmp_path, "init", "robots/one")
+    assert not (tmp_path / "robots/one/.git").exists()
+    done = rorg(tmp_path, "init", "two", PATH="/nowhere")
+    assert "git" not in done.stderr
+    assert (tmp_path / "two/services/base.yaml").exists()
+
+
+@pytest.mark.parametrize("there", ["README.md", "services/base.yaml", "schemas"])
+def test_it_overwrites_nothing(tmp_path, there):
+    mine = tmp_path / "robot" / there
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    assert there in rorg(tmp_path, "init", "robot", code=5).stderr
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [mine]
+    assert mine.read_text() == "mine"
+
+
+def test_schemas_are_written_anew(tmp_path):
+    rorg(tmp_path, "init", "robot")
+    stale = tmp_path / "robot/schemas/service.json"
+    stale.write_text("{}")
+    assert "service.json" in rorg(tmp_path / "robot", "schema").stderr
+    assert len(stale.read_text()) > 1000
+    (tmp_path / "file").touch()
+    assert "file" in rorg(tmp_path, "schema", "file/schemas", code=2).stderr
+
+
+def build_busybox(host: str, context: Path) -> None:
+    """An image that has what the robot's commands call; no registry is asked."""
+    context.mkdir()
+    for name, does in (("sleep", "time.sleep(float(sys.argv[1]))"), ("date", "print(int(time.time()))")):
+        (context / name).write_text(f"#!/usr/bin/env -S python3 -S\nimport sys, time\n{does}\n")
+        (context / name).chmod(0o755)
+    (context / "Dockerfile").write_text(f"FROM {BASE_IMAGE}\nCOPY sleep date /usr/bin/\n")
+    api = docker.APIClient(host, version="auto")
+    lines = list(api.build(path=str(context), tag="busybox:stable", decode=True, rm=True))
+    assert api.images("busybox:stable"), lines[-5:]
+    shutil.rmtree(context)
+
+
+@pytest.mark.parametrize("engine", ["process", pytest.param("docker", marks=pytest.mark.docker)])
+def test_it_runs_as_it_is(tmp_path, request, engine):
+    environment = {"RORG_ENGINE": engine}
+    if engine == "docker":
+        environment["DOCKER_HOST"] = request.getfixturevalue("dockerd").host
+        build_busybox(environment["DOCKER_HOST"], tmp_path / "image")
+    rorg(tmp_path, "init", "robot", **environment)
+    run = subprocess.Popen(
+        [sys.executable, "-m", "rorg", "run", "robot", "--state-dir", "state"],
+        cwd=tmp_path,
+        env={**os.environ, **environment},
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        wait_for(lambda: (tmp_path / "state/run/rorg.sock").exists())
+        rorg(tmp_path, "request", "navigation", "--wait", **environment)
+        assert "map loaded" in rorg(tmp_path, "logs", "localization", **environment).stdout
+        states = json.loads(rorg(tmp_path, "get", "-o", "json", **environment).stdout)
+        assert {s["service"]: s["health"] for s in states if s["state"] != "meta"} == dict.fromkeys(
+            ("base", "localization", "navigation"), "Healthy"
+        )
+        rorg(tmp_path, "down", "--yes", **environment)
+        assert run.wait(30) == 0
+        assert {p.name for p in tmp_path.iterdir()} == {"robot"}
+    finally:
+        run.kill()
+        run.wait()
