@@ -50,6 +50,12 @@ class ConfirmBody(Body):
     )
 
 
+class DownBody(Body):
+    """How a robot is taken down."""
+
+    keep_requests: bool = Field(False, description="Keep what was requested for the next time that rorg runs.")
+
+
 class RequestView(BaseModel):
     """A request that counts."""
 
@@ -96,6 +102,7 @@ class ServiceView(BaseModel):
     lowered: bool
     ros_nodes: list[str]
     withheld: str = Field(description="Why it is still there though no manifest declares it any more.")
+    driver: bool = Field(description="It moves hardware.")
     conditions: list[ConditionView]
 
 

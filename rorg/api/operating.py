@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from rorg.api.bodies import accepted
 from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import seconds_of
-from rorg.api.models import ConfirmBody, Held, HoldBody, HoldsBody
+from rorg.api.models import ConfirmBody, DownBody, Held, HoldBody, HoldsBody
 from rorg.api.operations import Operations
 
 
@@ -34,6 +34,11 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
         """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
         return accepted(await asyncio.wrap_future(operations.confirm(caller, tuple(body.services))))
+
+    @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
+    async def down(body: DownBody, caller: Who) -> Response:
+        """Cease and remove everything, in order, whoever requests it; then rorg ends, and forgets this robot."""
+        return accepted(await asyncio.wrap_future(operations.down(caller, body.keep_requests)))
 
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:

@@ -213,6 +213,10 @@ class Operations:
         """Lets go of what is withheld: exactly these, and for as long as they are not declared again."""
         return self._change(caller, changes.confirm(self.current, names))
 
+    def down(self, caller: Caller, keep_requests: bool) -> Future[int]:
+        """Takes the robot down; then rorg ends."""
+        return self._change(caller, changes.down(keep_requests, self.decision.situation.suspended))
+
     def withheld(self, kind: str, name: str) -> bool:
         """Whether the removal of this Service or Group waits for a person's word."""
         decision = self.decision

@@ -20,6 +20,7 @@ OPERATIONS = {
     "suspend": ("developer",),
     "manifests": ("developer", "service"),
     "removals": ("developer",),
+    "down": ("developer",),
     "plan": ("developer",),
     "events": ("developer", "service"),
 }
@@ -36,6 +37,7 @@ WORDS = {
     "suspend": "suspend rorg",
     "manifests": "see or change manifests",
     "removals": "confirm removals",
+    "down": "take the robot down",
     "plan": "see status and plan",
     "events": "see events",
 }

@@ -19,6 +19,7 @@ COMMANDS = (
     "restart",
     "hold",
     "suspend",
+    "down",
     "wait",
     "events",
     "top",

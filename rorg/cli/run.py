@@ -48,6 +48,7 @@ def command(
     from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid
+    from rorg.store.clearing import clear
 
     context = Context(state_dir, engine, directory, local=True)
     if not context.root.is_dir():
@@ -67,6 +68,9 @@ def command(
         server.start()
     note(f"API on {server.directory / 'rorg.sock'}")
     _run_until_told(loop, server)
+    if loop.is_down:
+        clear(context.state)
+        note("the robot is down: nothing of it is left but its manifests")
     context.state.release()
     if loop.hung:
         import os

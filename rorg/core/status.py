@@ -58,6 +58,8 @@ class Status:
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
     withheld: str = ""
     """Why it is still there though no manifest declares it any more."""
+    driver: bool = False
+    """It moves hardware."""
     chain: tuple[Link, ...] = ()
     """Why it is wanted: from it to a root. Empty when it is not."""
 
@@ -89,6 +91,7 @@ class Status:
             "lowered": self.lowered,
             "ros_nodes": list(self.ros_nodes),
             "withheld": self.withheld,
+            "driver": self.driver,
             "conditions": [
                 {"type": c.type, "status": c.status, "reason": c.reason, "message": c.message} for c in self.conditions
             ],
@@ -184,6 +187,7 @@ def _status(
         held,
         name in situation.lowered,
         ros_nodes(service),
+        driver=service.driver,
         chain=links,
     )
 

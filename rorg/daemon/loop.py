@@ -8,7 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
+from rorg.core.down import taken_down
 from rorg.core.former import Kept
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
@@ -54,6 +56,8 @@ class Loop:
         """Of the last pass."""
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
+        self._down: tuple[Desired, Desired] | None = None
+        """What is desired of a robot that is taken down, beside what its tree asks for."""
         self._stopping = False
 
     def wake(self) -> None:
@@ -72,7 +76,7 @@ class Loop:
             while not self._stopping:
                 try:
                     decision = self.one_pass()
-                    if until and until(decision):
+                    if self.is_down or (until and until(decision)):
                         return
                     self._sleep(decision)
                 except Exception as bug:
@@ -135,7 +139,8 @@ class Loop:
         self._read_files(upto)
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
-        decision = decide(self._inputs(document, renewals))
+        inputs = self._inputs(document, renewals)
+        decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
         self._keep(decision.memory.kept)
         self.memory, self.decision = decision.memory, decision
@@ -175,6 +180,20 @@ class Loop:
             confirmed=document.removals,
             cache=self.decision.cache if self.decision else None,
         )
+
+    def _without_all(self, inputs: Inputs) -> Inputs:
+        """Of a robot that is taken down: nothing is asked for, and everything may go."""
+        if self._down is None or self._down[0] is not inputs.desired:
+            self._down = inputs.desired, taken_down(inputs.desired, self.memory.kept.catalog)
+        return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True)
+
+    @property
+    def is_down(self) -> bool:
+        """Whether the robot was taken down, and nothing of it is left."""
+        if self.decision is None or not self.leases.document().down:
+            return False
+        observed = self.decision.situation.observed
+        return observed.complete and not (observed.containers or self.decision.memory.in_flight)
 
     def _keep(self, kept: Kept) -> None:
         """Writes down what is declared, and what was, before anything is done on the word of another tree."""

@@ -20,6 +20,8 @@ class RequestsDocument:
     suspended: Hold | None = None
     removals: tuple[str, ...] = ()
     """What is not declared any more, and confirmed to be removed."""
+    down: bool = False
+    """The robot is being taken down: everything is ceased and removed, and then rorg ends."""
 
     def put(self, request: Request) -> RequestsDocument:
         """With this request, in place of the one with the same requester and id."""

@@ -19,7 +19,8 @@ HEADER = """\
 # requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
 # service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
-# removals: what a person has confirmed to be removed, though a request, a need or a group named it.
+# removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: everything is
+# ceased and removed, whatever else is said here, and then rorg ends.
 """
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
 """Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
@@ -37,7 +38,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "holds", "suspended", "removals")
+_KEYS = ("requests", "restarts", "holds", "suspended", "removals", "down")
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
@@ -91,7 +92,13 @@ class _Reader:
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,
             self.removals(value.get("removals") or []),
+            self.down(value.get("down", False)),
         )
+
+    def down(self, value: Any) -> bool:
+        if not isinstance(value, bool):
+            self.error(("down",), "must be true or false")
+        return value is True
 
     def removals(self, value: Any) -> tuple[str, ...]:
         if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
@@ -174,7 +181,11 @@ def render(document: RequestsDocument) -> str:
     if document.removals:
         content["removals"] = list(document.removals)
     requests = "".join(_entry(request) for request in document.requests)
-    return HEADER + (f"requests:\n{requests}" if requests else "requests: []\n") + (_yaml(content) if content else "")
+    return (
+        HEADER
+        + (f"requests:\n{requests}" if requests else "requests: []\n")
+        + "".join([_yaml(content) if content else "", "down: true\n" if document.down else ""])
+    )
 
 
 @lru_cache(maxsize=1024)

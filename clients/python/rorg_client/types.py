@@ -44,6 +44,7 @@ class ServiceView(TypedDict):
     lowered: bool
     ros_nodes: list[str]
     withheld: str
+    driver: bool
     conditions: list[Condition]
 
 

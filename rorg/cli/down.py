@@ -1,0 +1,128 @@
+"""rorg down"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import EngineName, Option, StateDirectory, Timeout, Yes
+from rorg.cli.output import confirm, note, table
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+    from rorg.core.decide import Decision
+
+
+def command(
+    yes: Yes = False,
+    keep_requests: Annotated[
+        bool, Option(names=("--keep-requests",), help="Keep what was requested for the next `rorg run`.")
+    ] = False,
+    timeout: Timeout = 300.0,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Stop and remove everything of this robot, in order, and forget it; of its files the manifests stay."""
+    from rorg.cli.context import Context
+    from rorg.errors import Unreachable
+
+    context = Context(state_dir, engine)
+    client = context.client()
+    if client is None and context.state.owner() is not None:
+        raise Unreachable("take the robot down", "the rorg that owns it does not answer", "again in a moment")
+    if client is None:
+        _alone(context, yes, keep_requests, timeout)
+    else:
+        view = client.status()
+        _consent(_rows(view["services"]), len(view["requests"]), keep_requests, yes)
+        client.call("PUT", "/v1/down", {"keep_requests": keep_requests})
+        _until_gone(context, timeout)
+    note("the robot is down")
+
+
+def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
+    """Those that have a container."""
+    return [
+        {"name": name, "state": s["state"], "remark": "driver: moves hardware" if s["driver"] else ""}
+        for name, s in sorted(services.items())
+        if s["state"] not in ("meta", "none")
+    ]
+
+
+def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes: bool) -> None:
+    """Shows what goes, and asks. Raises Refused."""
+    from rorg.errors import Refused
+
+    if rows:
+        note(table(rows, ("name", "state", "remark")))
+    kept = "kept" if keep_requests else "forgotten"
+    note(
+        f"{len(rows)} services are stopped and removed, {requests} requests are {kept}; then rorg ends. "
+        "The manifests stay as they are."
+    )
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise Refused("take the robot down", "it needs confirmation, and there is no terminal", "--yes")
+    if not confirm("Take this robot down?"):
+        raise Refused("take the robot down", "you said no")
+
+
+def _until_gone(context: Context, timeout: float) -> None:
+    """Until the running rorg has ended. Raises NotReady."""
+    import time
+
+    from rorg_client import Error
+
+    from rorg.errors import NotReady
+
+    client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg goes on"
+    while time.monotonic() - began < timeout:
+        try:
+            left = ", ".join(row["name"] for row in _rows(client.status()["services"])) or left
+        except Error as error:
+            if error.code == "unreachable" and (context.remote or context.state.owner() is None):
+                return
+        time.sleep(0.05)
+    raise NotReady("take the robot down", f"not done after {timeout:g} s: {left}", "`rorg describe` for details")
+
+
+def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> None:
+    """Where no rorg runs: the loop runs here until nothing is left."""
+    import threading
+
+    from rorg.api.changes import down
+    from rorg.cli.terminal import entry
+    from rorg.daemon.wiring import make_loop
+    from rorg.errors import Invalid, NotReady
+    from rorg.store.clearing import clear
+    from rorg.store.last_good import read_kept
+
+    if not context.state.path.is_dir():
+        raise Invalid(f"take the robot of {context.state.path} down", "there is none", "another one with --state-dir")
+    context.state.acquire("rorg down")
+    found, last = context.engine().list(), read_kept(context.state.path).catalog
+    known = last.services if last else {}
+    there = {c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in found}
+    _consent(_rows(there), len(context.document().requests), keep_requests, yes)
+    context.change(down(keep_requests, "").edit)
+    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)))
+    timer = threading.Timer(timeout, loop.stop)
+    timer.daemon = True
+    timer.start()
+    loop.run()
+    timer.cancel()
+    if not loop.is_down:
+        context.state.release()
+        raise NotReady("take the robot down", f"not done after {timeout:g} s{_left(loop.decision)}", "`rorg describe`")
+    clear(context.state)
+    context.state.release()
+
+
+def _left(decision: Decision | None) -> str:
+    """What is still there, with the reason where one is known."""
+    if decision is None:
+        return ""
+    waits = {w.service: w.reason for w in decision.plan.waitings}
+    names = sorted({c.service for c in decision.situation.observed.containers})
+    return ": " + "; ".join(f"{n}: {waits[n]}" if n in waits else n for n in names)

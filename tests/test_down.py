@@ -1,0 +1,129 @@
+"""`rorg down`: nothing of a robot is left but its manifests, with a running rorg and without, whatever is killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import psutil
+import pytest
+from conftest import wait_for
+from rorg_client import Client, Forbidden
+from rorg_process import RorgProcess
+
+SERVICES = {
+    "base": {"always_on": True, "driver": {}},
+    "map": {"needs": ["base"]},
+    "navigation": {"needs": ["map"], "idle": {"action": "pause"}},
+    "behavior": {"always_on": True, "may_request": ["map"]},
+}
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """With one service paused, and a request."""
+    found = RorgProcess(tmp_path, SERVICES).start()
+    client = found.client(patience=10.0)
+    wait_for(lambda: (found.state / "run/rorg.sock").exists())
+    client.request("navigation", id="go", wait=30)
+    client.release("go")
+    wait_for(lambda: client.service("navigation")["state"] == "paused")
+    client.request("map", id="look", wait=30)
+    yield found
+    if found.state.exists():
+        found.close()
+
+
+def rorg(robot: RorgProcess, *words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+    """From a directory that is no robot's: of this one no more is named than its state."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+        cwd=robot.folder,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state), "RORG_ENGINE": "process"},
+    )
+    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done
+
+
+def pids(robot: RorgProcess) -> set[int]:
+    """Of the robot's programs."""
+    return {s["pid"] for s in robot.client().services() if s["pid"]}
+
+
+def nothing_is_left(robot: RorgProcess, programs: set[int]) -> bool:
+    return not robot.state.exists() and not any(map(runs, programs))
+
+
+def runs(pid: int) -> bool:
+    """What has ended may be there until whoever took it over asks for its end."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+@pytest.mark.parametrize("end", ["serving", "stopped", "killed"])
+def test_nothing_is_left_but_the_manifests(robot, end):
+    programs = pids(robot)
+    assert len(programs) == 4, "the paused one too"
+    if end != "serving":
+        robot.stop(kill=end == "killed")
+    manifests = {p: p.read_bytes() for p in robot.tree.rglob("*.yaml")}
+    done = rorg(robot, "down", "--yes")
+    assert "base" in done.stderr
+    assert "driver" in done.stderr
+    assert robot.process.wait(30) == (-9 if end == "killed" else 0)
+    assert nothing_is_left(robot, programs)
+    assert {p: p.read_bytes() for p in robot.tree.rglob("*.yaml")} == manifests
+
+
+def test_it_is_known_to_the_state_alone(robot):
+    programs = pids(robot)
+    robot.stop()
+    for path in robot.tree.rglob("*.yaml"):
+        path.unlink()
+    rorg(robot, "down", "--yes")
+    assert nothing_is_left(robot, programs)
+
+
+def test_without_a_terminal_nothing_is_done_unless_it_was_said(robot):
+    done = rorg(robot, "down", code=5)
+    assert "--yes" in done.stderr
+    assert robot.client().service("base")["state"] == "running"
+    robot.client().call("PUT", "/v1/suspension", {"duration": "1m"})
+    done = rorg(robot, "down", "--yes", code=5)
+    assert "suspend" in done.stderr
+    assert robot.client().service("base")["state"] == "running"
+
+
+def test_requests_can_be_kept(robot):
+    programs = pids(robot)
+    rorg(robot, "down", "--yes", "--keep-requests")
+    assert not any(map(runs, programs))
+    assert [p.name for p in robot.state.iterdir()] == ["requests.yaml"]
+    robot.start()
+    wait_for(lambda: (robot.state / "run/rorg.sock").exists())
+    robot.client(patience=10.0).wait("map", timeout=30)
+
+
+def test_what_is_begun_is_ended_by_the_next_rorg(robot):
+    """Killed once it is accepted, with all but one container still there at the most."""
+    programs = pids(robot)
+    robot.client().call("PUT", "/v1/down", {})
+    robot.stop(kill=True)
+    assert robot.state.exists()
+    robot.start()
+    assert robot.process.wait(30) == 0
+    assert nothing_is_left(robot, programs)
+
+
+def test_a_service_may_not(robot):
+    service = Client(robot.socket("behavior"))
+    with pytest.raises(Forbidden):
+        service.call("PUT", "/v1/down", {})
+    assert robot.client().service("base")["state"] == "running"
