@@ -54,7 +54,7 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     )
     app.state.operations = operations
     _errors(app)
-    add_reading(app, operations)
+    add_reading(app, operations, changed)
     add_requesting(app, operations, changed)
     add_operating(app, operations)
     add_waiting(app, operations, changed)

@@ -87,6 +87,16 @@ class Operations:
         return texts[name]
 
     @property
+    def at_rest(self) -> bool:
+        """Whether nothing is to be done, nothing under way, and no service still to be seen to come up."""
+        decision = self.decision
+        if decision.plan.actions or decision.memory.in_flight:
+            return False
+        return not any(
+            s.health == "Progressing" or s.condition("Updated").reason == "OnTrial" for s in self.statuses().values()
+        )
+
+    @property
     def current(self) -> Current:
         return Current(self.decision, self.statuses(), self.loop.clock())
 

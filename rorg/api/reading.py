@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Path, Query
@@ -14,6 +17,12 @@ from rorg.api.models import GroupView, ImageView, ProcessView, RequestView, Serv
 from rorg.api.operations import Operations
 from rorg.api.status_models import PlanView, StatusView
 
+Seconds = Annotated[
+    float,
+    Query(
+        ge=0, le=60, description="Answer when nothing is under way and no service is on its way; so late at the most."
+    ),
+]
 Port = Annotated[int, Path(ge=1, le=65535)]
 
 
@@ -22,7 +31,7 @@ def text(value: Any) -> Response:
     return Response(json.dumps(value), media_type="application/json")
 
 
-def add_reading(app: FastAPI, operations: Operations) -> None:
+def add_reading(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The routes."""
     _add_services(app, operations)
     read = [needs("read")]
@@ -43,14 +52,27 @@ def add_reading(app: FastAPI, operations: Operations) -> None:
         return text(operations.requests())
 
     @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
-    async def status() -> Response:
+    async def status(settled: Seconds = 0.0) -> Response:
         """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
+        await _settled(operations, settled, changed)
         return text(operations.snapshot())
 
     @app.get("/v1/plan", dependencies=[needs("plan")], response_model=PlanView)
     async def plan() -> Response:
         """What is to be done, and what waits for what."""
         return text(operations.decision.plan.as_json())
+
+
+async def _settled(operations: Operations, seconds: float, changed: Callable[[], asyncio.Event]) -> None:
+    """Returns when everything is at rest, or after so many seconds."""
+    clock = asyncio.get_running_loop().time
+    end = clock() + seconds
+    while clock() < end:
+        event = changed()
+        if operations.at_rest or operations.ending:
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(event.wait(), end - clock())
 
 
 def _add_services(app: FastAPI, operations: Operations) -> None:

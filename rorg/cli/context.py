@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
 
 
+ANSWER = 2.0
+"""Seconds that the running rorg may hold an answer back until there is nothing to wait for."""
 SETTLED = 0.5
 """Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
 `rorg apply` says so: what crashes at its start does so within them."""
@@ -58,14 +59,17 @@ class Context:
         """What a rorg published last, be it running or not."""
         return read_json(self.state.status)
 
-    def live(self) -> dict[str, Any] | None:
-        """What the running rorg says. Who may not talk to it can still read what it publishes."""
+    def live(self, settled: float = 0.0) -> dict[str, Any] | None:
+        """What the running rorg says, once all is at rest, or after so many seconds. Who may not talk to it can still
+        read what it publishes."""
         client = self.client()
-        if client and self.remote:
-            return client.status()
         if client:
-            with contextlib.suppress(ClientError):
-                return client.status()
+            try:
+                found: dict[str, Any] = client.call("GET", f"/v1/status?settled={settled:g}")
+                return found
+            except ClientError:
+                if self.remote:
+                    raise
         return self.published()
 
     def published(self) -> dict[str, Any] | None:
@@ -217,7 +221,7 @@ class Context:
         begun = time.monotonic()
         why = "it has not said anything yet"
         while (waited := time.monotonic() - begun) < timeout:
-            view = self.live()
+            view = self.live(min(ANSWER, timeout - waited))
             if view is None and self.state.owner() is None:
                 raise Unreachable(f"wait for {what}", "no rorg runs on this state directory", "`rorg run`")
             if view is not None:
