@@ -12,7 +12,7 @@ def command(
     engine: EngineName = None,
     speed: Annotated[float, Option(names=("--speed",), help="2 is twice as fast.", least=0.1, most=20)] = 1.0,
     keep: Annotated[bool, Option(names=("--keep",), help="Leave everything as it is at the end.")] = False,
-    svg: Annotated[str | None, Option(names=("--svg",), help="Save the table of the tour as a picture.")] = None,
+    svg: Annotated[str | None, Option(names=("--svg",), help="Save standby and tour as a picture.")] = None,
 ) -> None:
     """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind."""
     import signal

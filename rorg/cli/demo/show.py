@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import re
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from rorg.cli.demo.picture import Bar, Moment, picture
 from rorg.cli.output import rich_table
 from rorg.model.units import format_memory
 
@@ -27,6 +27,7 @@ class Show:
         self._usage: tuple[float, dict[str, Any]] = (0.0, {})
         self._rates: dict[str, float] = {}
         self._drawn = 0.0
+        self._moments: list[Moment] = []
 
     def title(self, text: str) -> None:
         self.console.print(Text(text, style="bold"))
@@ -103,16 +104,15 @@ class Show:
                 idle += 1
         return rows, idle
 
-    def save(self, robot: Any) -> None:
-        """The table as it is now, as a picture."""
+    def remember(self, title: str, robot: Any) -> None:
+        """How the services are at this moment, for the picture."""
+        states = {n: s["state"] for n, s in robot.view()["services"].items() if s["state"] != "meta"}
+        self._moments.append(Moment(title, states))
+
+    def save(self, bars: Sequence[Bar]) -> None:
+        """The picture, where one is asked for."""
         if self.svg:
-            self.rows(robot)
-            time.sleep(1.0)  # CPU is a rate: it takes two looks
-            console = Console(record=True, width=104, force_terminal=True, file=io.StringIO())
-            console.print(self.render(robot))
-            picture = console.export_svg(title="rorg: a tour-guide robot")
-            # The viewer's own fixed-width font: a picture must not fetch one from elsewhere.
-            Path(self.svg).write_text(re.sub(r"@font-face \{.*?\}", "", picture, flags=re.S), encoding="utf-8")
+            Path(self.svg).write_text(picture(self._moments, bars), encoding="utf-8")
 
     def close(self) -> None:
         if self.live:

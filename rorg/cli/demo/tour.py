@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from rorg.cli.demo.picture import Bar
 from rorg.cli.demo.robot import DemoRobot
 from rorg.cli.demo.show import Show
 from rorg.model.units import format_memory
@@ -19,6 +20,8 @@ CYCLE: list[tuple[str, list[str]]] = [
     ("5 return: drive back", ["navigation_route"]),
 ]
 """Actions 2 to 5 of the paper's figure 4, as `behavioral` asks for them: what is needed comes by itself."""
+PICTURED = {CYCLE[0][0]: "Standby: looking for visitors", CYCLE[3][0]: "Tour: driving, talking, looking back"}
+"""The two moments of the picture."""
 DWELL = 3.0
 """Seconds that each step is looked at and measured."""
 
@@ -54,8 +57,8 @@ def _cycle(robot: DemoRobot, show: Show) -> list[tuple[float, float]]:
         _changes(show, view, before, robot.active(), time.monotonic() - began)
         before = robot.active()
         figures.append(_measure(robot, show))
-        if name.startswith("4"):
-            show.save(robot)
+        if name in PICTURED:
+            show.remember(PICTURED[name], robot)
     show.step("Back to action 2: the tour is over")
     robot.request("action", "behavioral", CYCLE[0][1])
     view = robot.settle("standby")
@@ -149,6 +152,8 @@ def _compare(robot: DemoRobot, show: Show, figures: list[tuple[float, float]]) -
     ):
         show.line(f"  {what:<7} everything on {form(one):>10}  {'█' * 40}")
         show.line(f"  {'':<7} on demand     {form(other):>10}  {'█' * round(40 * other / one)} {other / one - 1:+.0%}")
+    mib = 1 << 20
+    show.save([Bar("CPU", all_cpu, cpu, "{:.2f} cores"), Bar("memory", all_memory / mib, memory / mib, "{:.0f} MiB")])
     show.line(
         f"  idle    {paused} paused (what starts slowly: back in milliseconds, but keeps its memory), "
         f"{stopped} stopped (everything else)"
