@@ -144,7 +144,7 @@ def test_a_request_while_41_services_are_replaced(dockerd, tmp_path):
 
 def test_a_crash_is_answered(dockerd, tmp_path):
     """From the engine's own time of the `die` event to the call that starts it again."""
-    import rorg.daemon.loop as module
+    import rorg.daemon.workers as module
 
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     begun: list[float] = []

@@ -60,8 +60,10 @@ class ProcessEngine:
         hear_signals()
         self.owner = owner
         self.records = Records(directory)
-        self.changes = Changes(self.list, self._trim_logs)
+        self.changes = Changes(self.list, self.inspect, self._trim_logs)
         self._naming = threading.Lock()
+        self._names: dict[str, str] | None = None
+        """Container -> name, read once: only the rorg that owns the robot makes and renames."""
 
     def ping(self) -> str:
         return "built in"
@@ -71,6 +73,8 @@ class ProcessEngine:
 
     def _write(self, record: Record) -> None:
         self.records.write(record)
+        if self._names is not None:
+            self._names[record["id"]] = record["name"]
         self.changes.tell(record["id"])
 
     def _trim_logs(self) -> None:
@@ -130,7 +134,9 @@ class ProcessEngine:
         defaults: Collection[str] = (),
     ) -> str:
         with self._naming:
-            if any(c.name == name for c in self.list()):
+            if self._names is None:
+                self._names = {c.id: c.name for c in self.list()}
+            if name in self._names.values():
                 raise EngineError(f"create {name}", "the name is taken", "another container_name", "name_taken")
             container = os.urandom(32).hex()
             self.records.folder(container).mkdir(mode=0o700)
@@ -179,6 +185,8 @@ class ProcessEngine:
             raise EngineError(f"remove {record['name']}", "it runs", "to stop it first", "conflict")
         self.records.children.pop(container, None)
         shutil.rmtree(self.records.folder(container), ignore_errors=True)
+        if self._names is not None:
+            self._names.pop(container, None)
         self.changes.tell(container)
 
     def rename(self, container: str, name: str) -> None:

@@ -18,11 +18,16 @@ TURN = 0.5
 
 
 class Changes:
-    """Who makes a change tells; one at a time follows. `now_and_then` is called while somebody does, every NOW_AND_THEN
-    seconds."""
+    """Who makes a change tells; one at a time follows. `containers` gives all that there are, `container` one of them;
+    `now_and_then` is called while somebody follows, every NOW_AND_THEN seconds."""
 
-    def __init__(self, containers: Callable[[], Iterable[Container]], now_and_then: Callable[[], None]) -> None:
-        self.containers, self.now_and_then = containers, now_and_then
+    def __init__(
+        self,
+        containers: Callable[[], Iterable[Container]],
+        container: Callable[[str], Container | None],
+        now_and_then: Callable[[], None],
+    ) -> None:
+        self.containers, self.container, self.now_and_then = containers, container, now_and_then
         self._lock = threading.Lock()
         self._changed: list[str] = []
         self._wake_read, self._wake_write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
@@ -34,31 +39,26 @@ class Changes:
             os.write(self._wake_write, b".")
 
     def follow(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        watched: dict[int, tuple[str, int]] = {}
-        poller, due = select.poll(), time.monotonic() + NOW_AND_THEN
-        poller.register(self._wake_read, select.POLLIN)
-        self._watch_all(poller, watched)
+        exits, due = _Exits(), time.monotonic() + NOW_AND_THEN
+        exits.poller.register(self._wake_read, select.POLLIN)
+        self._watch(exits, self.containers())
         yield "", ""
         try:
             while not stop.is_set():
-                for descriptor, _ in poller.poll(TURN * 1000):
+                for descriptor, _ in exits.poller.poll(TURN * 1000):
                     if stop.is_set():
                         return  # what there is to read is for the next one who looks
                     if descriptor == self._wake_read:
                         changed = self._take()
-                        self._watch_all(poller, watched)
+                        self._watch(exits, (c for name in changed if (c := self.container(name)) is not None))
                         yield from ((container, "") for container in changed)
                     else:
-                        container, _ = watched.pop(descriptor)
-                        poller.unregister(descriptor)
-                        os.close(descriptor)
-                        yield container, ""
+                        yield exits.ended(descriptor), ""
                 if time.monotonic() >= due:
                     due = time.monotonic() + NOW_AND_THEN
                     self.now_and_then()
         finally:
-            for descriptor in watched:
-                os.close(descriptor)
+            exits.close()
 
     def _take(self) -> list[str]:
         with contextlib.suppress(BlockingIOError):
@@ -67,15 +67,43 @@ class Changes:
             changed, self._changed = list(dict.fromkeys(self._changed)), []
         return changed
 
-    def _watch_all(self, poller: select.poll, watched: dict[int, tuple[str, int]]) -> None:
-        """`watched` holds (container, pid) by descriptor: a run that began before the end of the one before it was told
-        has a pid of its own."""
-        for container in self.containers():
-            if container.pid and (container.id, container.pid) not in watched.values():
-                try:
-                    descriptor = os.pidfd_open(container.pid)
-                except OSError:
-                    self.tell(container.id)
-                    continue
-                watched[descriptor] = container.id, container.pid
-                poller.register(descriptor, select.POLLIN)
+    def _watch(self, exits: _Exits, containers: Iterable[Container]) -> None:
+        for container in containers:
+            if container.pid and not exits.watch(container.id, container.pid):
+                self.tell(container.id)
+
+
+class _Exits:
+    """Runs whose end is waited for, by (container, pid): one that began before the end of the one before it was told
+    has a pid of its own."""
+
+    def __init__(self) -> None:
+        self.poller = select.poll()
+        self._runs: dict[int, tuple[str, int]] = {}
+        """By descriptor."""
+        self._known: set[tuple[str, int]] = set()
+
+    def watch(self, container: str, pid: int) -> bool:
+        """False where it has ended already."""
+        if (container, pid) in self._known:
+            return True
+        try:
+            descriptor = os.pidfd_open(pid)
+        except OSError:
+            return False
+        self._runs[descriptor] = container, pid
+        self._known.add((container, pid))
+        self.poller.register(descriptor, select.POLLIN)
+        return True
+
+    def ended(self, descriptor: int) -> str:
+        """The container of a run that has."""
+        run = self._runs.pop(descriptor)
+        self._known.discard(run)
+        self.poller.unregister(descriptor)
+        os.close(descriptor)
+        return run[0]
+
+    def close(self) -> None:
+        for descriptor in self._runs:
+            os.close(descriptor)
