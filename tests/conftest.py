@@ -135,6 +135,41 @@ def ros_image(dockerd) -> str:
     return name
 
 
+@pytest.fixture(scope="session")
+def rorg_image(dockerd, ros_image, tmp_path_factory) -> str:
+    """The image of images/rorg/Dockerfile, on a Debian that is there already."""
+    import docker
+
+    context = tmp_path_factory.mktemp("context")
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, context)
+    for name in ("rorg", "manifests", "images", "clients/python"):
+        shutil.copytree(
+            ROOT / name,
+            context / name,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"),
+        )
+    arguments = {"BASE": ros_image}
+    if os.environ.get("PIP_CERT"):
+        shutil.copy(os.environ["PIP_CERT"], context / "authority.pem")
+        arguments["PIP_CERT"] = "authority.pem"
+    api = docker.APIClient(dockerd.host, version="auto", timeout=600)
+    lines = list(
+        api.build(
+            path=str(context),
+            dockerfile="images/rorg/Dockerfile",
+            tag="rorg",
+            buildargs=arguments,
+            network_mode="host",
+            decode=True,
+            rm=True,
+        )
+    )
+    assert api.images("rorg"), lines[-5:]
+    return "rorg"
+
+
 ROS_PACKAGE = ROOT / "clients/ros1/rorg_ros"
 BUILD = """set -e
 mkdir -p /ws/src; cp -r /package /ws/src/rorg_ros; cd /ws

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import os
-import shutil
 import socket
 import ssl
 import subprocess
@@ -12,7 +11,7 @@ import sys
 
 import docker
 import pytest
-from conftest import ROOT, free_port, wait_for
+from conftest import free_port, wait_for
 from robots import RealRobot, write_tree
 
 from rorg.client import Client
@@ -39,40 +38,6 @@ def test_systemd_hears_that_it_is_ready_alive_and_stopping(tmp_path):
         assert process.wait(60) == 0
     finally:
         process.kill()
-
-
-@pytest.fixture
-def rorg_image(dockerd, ros_image, tmp_path) -> str:
-    """The image of images/rorg/Dockerfile, on a Debian that is there already."""
-    context = tmp_path / "context"
-    context.mkdir()
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(ROOT / name, context)
-    for name in ("rorg", "manifests", "images", "clients/python"):
-        shutil.copytree(
-            ROOT / name,
-            context / name,
-            symlinks=True,
-            ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"),
-        )
-    arguments = {"BASE": ros_image}
-    if os.environ.get("PIP_CERT"):
-        shutil.copy(os.environ["PIP_CERT"], context / "authority.pem")
-        arguments["PIP_CERT"] = "authority.pem"
-    api = docker.APIClient(dockerd.host, version="auto", timeout=600)
-    lines = list(
-        api.build(
-            path=str(context),
-            dockerfile="images/rorg/Dockerfile",
-            tag="rorg",
-            buildargs=arguments,
-            network_mode="host",
-            decode=True,
-            rm=True,
-        )
-    )
-    assert api.images("rorg"), lines[-5:]
-    return "rorg"
 
 
 def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, rorg_image, tmp_path):

@@ -25,8 +25,11 @@ def command(directory: Directory = None, output: Output = "table") -> None:
     if loaded.catalog is None:
         note(f"{len(loaded.errors)} error(s): nothing would be changed by these manifests")
         sys.exit(int(Exit.USAGE))
-    count = sum(not s.meta for s in loaded.catalog.services.values())
-    note(
-        f"fine: {count} services, {len(loaded.catalog.groups)} groups, {len(loaded.catalog.images)} images, "
-        f"{len(loaded.catalog.requests)} standing requests"
-    )
+    found = loaded.catalog
+    counts = {
+        "service": sum(not s.meta for s in found.services.values()),
+        "group": len(found.groups),
+        "image": len(found.images),
+        "standing request": len(found.requests),
+    }
+    note("ok: " + ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items() if n or what == "service"))
