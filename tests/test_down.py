@@ -9,6 +9,7 @@ import sys
 import psutil
 import pytest
 from conftest import wait_for
+from robots import WORK
 from rorg_client import Client, Forbidden
 from rorg_process import RorgProcess
 
@@ -111,15 +112,24 @@ def test_requests_can_be_kept(robot):
     robot.client(patience=10.0).wait("map", timeout=30)
 
 
-def test_what_is_begun_is_ended_by_the_next_rorg(robot):
-    """Killed once it is accepted, with all but one container still there at the most."""
-    programs = pids(robot)
-    robot.client().call("PUT", "/v1/down", {})
-    robot.stop(kill=True)
-    assert robot.state.exists()
-    robot.start()
-    assert robot.process.wait(30) == 0
-    assert nothing_is_left(robot, programs)
+def test_what_is_begun_is_ended_by_the_next_rorg(tmp_path):
+    """Killed once it is accepted, while a program takes its time to end."""
+    slow = {"command": [*WORK[:3], f"{WORK[3]}\nimport time\ntime.sleep(3)"], "always_on": True}
+    robot = RorgProcess(tmp_path, {"base": slow, "map": {"always_on": True}}).start()
+    try:
+        client = robot.client(patience=10.0)
+        wait_for(lambda: (robot.state / "run/rorg.sock").exists())
+        client.wait("base", "map", timeout=30)
+        programs = pids(robot)
+        client.call("PUT", "/v1/down", {})
+        robot.stop(kill=True)
+        assert (robot.state / "requests.yaml").exists()
+        robot.start()
+        assert robot.process.wait(30) == 0
+        assert nothing_is_left(robot, programs)
+    finally:
+        if robot.state.exists():
+            robot.close()
 
 
 def test_a_service_may_not(robot):
