@@ -104,6 +104,20 @@ SPECS: dict[str, type[Strict]] = {
     "Policy": PolicySpec,
     "Request": RequestSpec,
 }
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "Service": {
+        "image": "fetch-navigation",
+        "command": "roslaunch /root/navigation/fetch_nav.launch --wait",
+        "needs": ["localization"],
+        "idle": {"action": "pause", "linger": "20s"},
+    },
+    "Group": {"services": ["navigation", "camera"]},
+    "Image": {"context": "../../images/navigation"},
+    "Profile": {"extends": ["ros1"], "idle": {"action": "pause", "linger": "20s"}},
+    "Policy": {"budget": {"cpu": 3.2, "memory": "6Gi"}, "pressure": {"high": 1.0, "low": 0.85}},
+    "Request": {"services": ["navigation"], "reason": "the robot guides visitors"},
+}
+"""A short spec of each kind."""
 FOLDERS = {
     "services": "Service",
     "groups": "Group",
