@@ -8,8 +8,8 @@ from pathlib import Path
 from rorg.api.permissions import Caller, permitted
 from rorg.errors import Forbidden
 from rorg.manifest.documents import read_source
-from rorg.manifest.models import ServiceSpec
 from rorg.manifest.profiles import built_in_profiles
+from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Catalog, Service
 
 FIELDS = frozenset(

@@ -14,6 +14,7 @@ COMMANDS = (
     "get",
     "describe",
     "why",
+    "explain",
     "request",
     "release",
     "restart",

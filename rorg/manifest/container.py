@@ -6,11 +6,12 @@ Each field says what a change of it costs a running container, in `x-rorg-change
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from rorg.manifest import option_checks as check
+from rorg.manifest.fields import Written, live, recreate
 from rorg.manifest.option_forms import (
     Bytes,
     Cores,
@@ -28,22 +29,6 @@ from rorg.manifest.option_forms import (
 from rorg.manifest.option_parts import BlkioConfig, Gpus, Healthcheck, Hosts, Logging, Networks, Ulimits, Volume
 from rorg.manifest.scalars import Duration
 
-
-def recreate(**extra: Any) -> Any:
-    """A field whose change costs a new container."""
-    return Field(default=None, json_schema_extra={"x-rorg-change": "recreate"}, **extra)
-
-
-def live(**extra: Any) -> Any:
-    """A field that the engine changes in place."""
-    return Field(default=None, json_schema_extra={"x-rorg-change": "live"}, **extra)
-
-
-def unchanging(default: Any = None, **extra: Any) -> Any:
-    """A field whose change costs a running container nothing."""
-    return Field(default=default, json_schema_extra={"x-rorg-change": "none"}, **extra)
-
-
 CONTAINER_NAME = r"^(\$\{service\}|[a-zA-Z0-9]([a-zA-Z0-9_.-]|\$\{service\}))([a-zA-Z0-9_.-]|\$\{service\})*$"
 PERIOD = "write 1000 to 1000000, in microseconds"
 
@@ -52,86 +37,187 @@ class ContainerOptions(Strict):
     """Options of the container, named as in Compose. What rorg itself decides (image, command, restart of
     services) stands outside of this section."""
 
-    annotations: Pairs | None = recreate()
-    blkio_config: BlkioConfig | None = recreate()
-    cap_add: list[Annotated[str, check.CAPABILITY]] | None = recreate()
-    cap_drop: list[Annotated[str, check.CAPABILITY]] | None = recreate()
-    cgroup: Literal["host", "private"] | None = recreate()
-    cgroup_parent: Annotated[str, check.PARENT] | None = recreate()
+    annotations: Pairs | None = recreate("Annotations for the container runtime.", {"org.example.team": "arms"})
+    blkio_config: BlkioConfig | None = recreate("Limits and shares of block devices.", {"weight": 300})
+    cap_add: list[Annotated[str, check.CAPABILITY]] | None = recreate("Linux capabilities to add.", ["NET_ADMIN"])
+    cap_drop: list[Annotated[str, check.CAPABILITY]] | None = recreate("Linux capabilities to take away.", ["ALL"])
+    cgroup: Literal["host", "private"] | None = recreate(
+        "The cgroup namespace: the host's, or one of its own.", "private", unset="what the engine is set to"
+    )
+    cgroup_parent: Annotated[str, check.PARENT] | None = recreate(
+        "The control group that the container is put into.", "robot.slice"
+    )
     container_name: Annotated[str, Field(pattern=CONTAINER_NAME), check.CONTAINER] | None = live(
-        description="Name of the container; the service's name by default."
+        "Name of the container.", "fetch-navigation", unset="the service's name"
     )
-    cpu_period: Annotated[int, check.between((0, 0), (1000, 1_000_000), what=PERIOD)] | None = live()
-    cpu_quota: Annotated[int, check.between((-1, 0), (1000, 1 << 40), what="write 1000 or more")] | None = live()
-    cpu_rt_period: Annotated[int, Field(ge=0, le=1 << 40)] | None = live()
-    cpu_rt_runtime: Annotated[int, Field(ge=0, le=1 << 40)] | None = live()
-    cpu_shares: Annotated[int, check.between((0, 0), (2, 262144), what="write 2 to 262144")] | None = live()
-    cpus: Cores | None = live(description="Limit of CPU, in cores.")
-    cpuset: Annotated[Text, check.CPUS] | None = live()
-    cpuset_mems: Annotated[Text, check.CPUS] | None = live()
-    device_cgroup_rules: list[Annotated[str, check.DEVICE_RULE]] | None = recreate()
-    devices: list[Device] | None = recreate()
-    dns: Many[Annotated[str, check.IP]] | None = recreate()
-    dns_opt: Many[Annotated[str, check.WORD]] | None = recreate()
-    dns_search: Many[Annotated[str, check.DOMAIN]] | None = recreate()
-    domainname: Annotated[str, check.DOMAIN] | None = recreate()
-    entrypoint: Words | None = recreate()
+    cpu_period: Annotated[int, check.between((0, 0), (1000, 1_000_000), what=PERIOD)] | None = live(
+        "Period of the CPU limit in microseconds, for cpu_quota. `cpus` is simpler.", 100000
+    )
+    cpu_quota: Annotated[int, check.between((-1, 0), (1000, 1 << 40), what="write 1000 or more")] | None = live(
+        "CPU time in microseconds that the container may use in each cpu_period; -1 is no limit.", 50000
+    )
+    cpu_rt_period: Annotated[int, Field(ge=0, le=1 << 40)] | None = live(
+        "Period of the CPU limit for real-time tasks, in microseconds.", 1000000
+    )
+    cpu_rt_runtime: Annotated[int, Field(ge=0, le=1 << 40)] | None = live(
+        "CPU time of real-time tasks in each cpu_rt_period, in microseconds.", 950000
+    )
+    cpu_shares: Annotated[int, check.between((0, 0), (2, 262144), what="write 2 to 262144")] | None = live(
+        "Weight of the container when the CPU is contended; 1024 is usual.", 512
+    )
+    cpus: Cores | None = live("Most CPU that the container may use, in cores.", 0.5, unset="no limit")
+    cpuset: Annotated[Text, check.CPUS] | None = live("CPUs that the container may run on.", "0-2,4", unset="all")
+    cpuset_mems: Annotated[Text, check.CPUS] | None = live("NUMA nodes whose memory it may use.", "0", unset="all")
+    device_cgroup_rules: list[Annotated[str, check.DEVICE_RULE]] | None = recreate(
+        "Classes of devices that the container may use, beside `devices`.", ["c 188:* rw"]
+    )
+    devices: list[Device] | None = recreate(
+        "Devices of the host: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm. For hardware, write `driver`.",
+        ["/dev/video0:/dev/camera"],
+    )
+    dns: Many[Annotated[str, check.IP]] | None = recreate("Name servers.", ["192.168.1.1"], unset="the host's")
+    dns_opt: Many[Annotated[str, check.WORD]] | None = recreate("Options of the resolver.", ["timeout:1"])
+    dns_search: Many[Annotated[str, check.DOMAIN]] | None = recreate(
+        "Domains in which short names are looked up.", ["robot.local"], unset="the host's"
+    )
+    domainname: Annotated[str, check.DOMAIN] | None = recreate("Domain of the container's host name.", "robot.local")
+    entrypoint: Words | None = recreate(
+        "Replaces the entry point of the image; the command follows it.", "/ros_entrypoint.sh", unset="the image's"
+    )
     env_file: Many[Annotated[str, check.WORD]] | None = recreate(
-        description="Files of KEY=VALUE lines; `environment` wins over them."
+        "Files of KEY=VALUE lines, relative to the manifest; `environment` wins over them.", ["./robot.env"]
     )
-    environment: Annotated[Pairs, check.VARIABLES] | None = recreate()
-    expose: list[Annotated[Text, check.EXPOSE]] | None = recreate()
-    extra_hosts: Hosts | None = recreate()
-    gpus: Gpus | None = recreate()
-    group_add: list[Annotated[Text, check.GROUP]] | None = recreate()
-    healthcheck: Healthcheck | None = recreate()
-    hostname: Annotated[str, check.HOST_NAME] | None = recreate()
-    init: bool | None = recreate()
-    ipc: Annotated[str, check.IPC] | None = recreate()
-    isolation: Literal["default"] | None = recreate()
-    labels: Labels | None = recreate()
-    links: list[Annotated[str, check.LINK]] | None = recreate()
-    logging: Logging | None = recreate()
-    mac_address: Annotated[str, check.MAC] | None = recreate()
-    masked_paths: list[Annotated[str, check.PATH]] | None = recreate()
-    mem_limit: Limit | None = live()
-    mem_reservation: Limitless | None = live()
-    mem_swappiness: Annotated[int, Field(ge=0, le=100)] | None = recreate()
-    memswap_limit: Limitless | None = live()
-    network_disabled: bool | None = recreate()
-    network_mode: Annotated[str, check.NETWORK_MODE] | None = recreate()
-    networks: Networks | None = recreate()
-    oom_kill_disable: bool | None = recreate()
-    oom_score_adj: Annotated[int, Field(ge=-1000, le=1000)] | None = recreate()
-    pid: Annotated[str, check.PID] | None = recreate()
-    pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live()
-    platform: Annotated[str, check.PLATFORM] | None = recreate()
-    ports: list[Annotated[Text, check.PORTS]] | None = recreate()
-    privileged: bool | None = recreate()
-    publish_all_ports: bool | None = recreate()
-    read_only: bool | None = recreate()
-    readonly_paths: list[Annotated[str, check.PATH]] | None = recreate()
-    restart: Annotated[str, Field(pattern=r"^(no|always|unless-stopped|on-failure(:[0-9]+)?)$")] | None = live(
-        description="Restart policy of the engine. Leave it out: rorg restarts services, see spec.restart."
+    environment: Annotated[Pairs, check.VARIABLES] | None = recreate(
+        "Environment variables.", {"ROS_MASTER_URI": "http://localhost:11311"}
     )
-    runtime: Annotated[str, check.RUNTIME] | None = recreate()
-    security_opt: list[Annotated[str, check.SECURITY]] | None = recreate()
-    shm_size: Bytes | None = recreate()
-    stdin_open: bool | None = recreate()
-    stop_grace_period: Duration | None = recreate()
-    stop_signal: Signal | None = recreate()
-    storage_opt: Pairs | None = recreate()
-    sysctls: Annotated[Pairs, check.SYSCTLS] | None = recreate()
-    tmpfs: Many[Annotated[str, check.TMPFS]] | None = recreate()
-    tty: bool | None = recreate()
-    ulimits: Ulimits | None = recreate()
-    user: Annotated[Text, check.USER] | None = recreate()
-    userns_mode: Annotated[str, check.HOST_ONLY] | None = recreate()
-    uts: Annotated[str, check.HOST_ONLY] | None = recreate()
-    volume_driver: Annotated[str, check.VOLUME_DRIVER] | None = recreate()
-    volumes: list[Volume] | None = recreate()
-    volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate()
-    working_dir: Annotated[str, check.WORKING_DIR] | None = recreate()
+    expose: list[Annotated[Text, check.EXPOSE]] | None = recreate(
+        "Ports that other containers on the same network may reach.", ["9090"]
+    )
+    extra_hosts: Hosts | None = recreate("Lines of /etc/hosts in the container.", ["base:192.168.1.10"])
+    gpus: Gpus | None = recreate("GPUs of the host: all, or a list of what is needed.", "all")
+    group_add: list[Annotated[Text, check.GROUP]] | None = recreate(
+        "Groups of the container's user, by name or number.", ["dialout", "video"]
+    )
+    healthcheck: Healthcheck | None = recreate(
+        "The engine's own check of the container. `ready` and `live` of the service do not need it.",
+        {"test": "curl -f http://localhost:8080/health", "interval": "10s"},
+        unset="the image's",
+    )
+    hostname: Annotated[str, check.HOST_NAME] | None = recreate("Host name inside the container.", "robot")
+    init: bool | None = recreate("Runs a small init that passes signals on and reaps what has ended.", True)
+    ipc: Annotated[str, check.IPC] | None = recreate(
+        "Shared memory: none, private, shareable, host or container:NAME. ROS 2 shares memory by `host`.", "host"
+    )
+    isolation: Literal["default"] | None = recreate("Isolation technology; Linux has one.", "default")
+    labels: Labels | None = recreate("Labels of the container, for other tools.", {"team": "arms"})
+    links: list[Annotated[str, check.LINK]] | None = recreate(
+        "Other containers that are reached by name: NAME or NAME:ALIAS. A network of your own does more.",
+        ["db:database"],
+    )
+    logging: Logging | None = recreate(
+        "Where the output goes, and how much of it is kept.",
+        {"driver": "json-file", "options": {"max-size": "10m", "max-file": "3"}},
+    )
+    mac_address: Annotated[str, check.MAC] | None = recreate("MAC address in the network.", "02:42:ac:11:00:02")
+    masked_paths: list[Annotated[str, check.PATH]] | None = recreate(
+        "Paths that are hidden inside the container.", ["/proc/kcore"], unset="the engine's list"
+    )
+    mem_limit: Limit | None = live(
+        "Most memory that the container may use; the kernel ends what takes more.", "512Mi", unset="no limit"
+    )
+    mem_reservation: Limitless | None = live(
+        "Memory that it is cut back to when the machine runs short.", "256Mi", unset="none"
+    )
+    mem_swappiness: Annotated[int, Field(ge=0, le=100)] | None = recreate(
+        "How readily its memory is swapped out, 0 to 100 (cgroup v1).", 10
+    )
+    memswap_limit: Limitless | None = live(
+        "Most memory and swap together; -1 is any amount of swap. Needs mem_limit.", "1Gi", unset="twice mem_limit"
+    )
+    network_disabled: bool | None = recreate("The container has no network at all.", True, unset="false")
+    network_mode: Annotated[str, check.NETWORK_MODE] | None = recreate(
+        "The network: host, bridge, none, the name of a network, or container:NAME.", "bridge"
+    )
+    networks: Networks | None = recreate("Networks to join, in place of network_mode.", ["robot"])
+    oom_kill_disable: bool | None = recreate(
+        "The kernel does not end its processes when memory is short (cgroup v1).", True, unset="false"
+    )
+    oom_score_adj: Annotated[int, Field(ge=-1000, le=1000)] | None = recreate(
+        "How soon the kernel ends it when memory is short: -1000 never, 1000 first.", -500, unset="0"
+    )
+    pid: Annotated[str, check.PID] | None = recreate("Processes that it sees: host, or container:NAME.", "host")
+    pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live(
+        "Most processes and threads; -1 is no limit.", 8192
+    )
+    platform: Annotated[str, check.PLATFORM] | None = recreate(
+        "Platform of the image, where it has several.", "linux/arm64", unset="the machine's"
+    )
+    ports: list[Annotated[Text, check.PORTS]] | None = recreate(
+        "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP. Not under network_mode: "
+        "host.",
+        ["8080:80"],
+    )
+    privileged: bool | None = recreate(
+        "All devices and all capabilities, which is as much as root on the host. `driver` gives what is needed.",
+        True,
+        unset="false",
+    )
+    publish_all_ports: bool | None = recreate("Publishes all ports that the image exposes.", True, unset="false")
+    read_only: bool | None = recreate("The container's file system is read only.", True, unset="false")
+    readonly_paths: list[Annotated[str, check.PATH]] | None = recreate(
+        "Paths that are read only inside the container.", ["/proc/sys"], unset="the engine's list"
+    )
+    restart: (
+        Annotated[
+            str,
+            Field(pattern=r"^(no|always|unless-stopped|on-failure(:[0-9]+)?)$"),
+            Written("no | always | unless-stopped | on-failure[:TIMES]"),
+        ]
+        | None
+    ) = live("Restart policy of the engine. Leave it out: rorg restarts services, see spec.restart.", "no", unset="no")
+    runtime: Annotated[str, check.RUNTIME] | None = recreate(
+        "The container runtime, by its name.", "nvidia", unset="the engine's"
+    )
+    security_opt: list[Annotated[str, check.SECURITY]] | None = recreate(
+        "Security options: no-new-privileges, seccomp=FILE, apparmor=PROFILE, label=...", ["apparmor=unconfined"]
+    )
+    shm_size: Bytes | None = recreate("Size of /dev/shm.", "256Mi", unset="64Mi")
+    stdin_open: bool | None = recreate("Keeps standard input open.", True, unset="false")
+    stop_grace_period: Duration | None = recreate(
+        "Time to end after the stop signal, before it is killed.", "10s", unset="10s"
+    )
+    stop_signal: Signal | None = recreate("The signal that stops it.", "SIGINT", unset="the image's, else SIGTERM")
+    storage_opt: Pairs | None = recreate("Options of the engine's storage driver.", {"size": "20G"})
+    sysctls: Annotated[Pairs, check.SYSCTLS] | None = recreate(
+        "Kernel parameters of the container's own namespaces.", {"net.ipv4.ip_local_port_range": "40000 50000"}
+    )
+    tmpfs: Many[Annotated[str, check.TMPFS]] | None = recreate(
+        "Directories in memory: PATH, or PATH:OPTIONS.", ["/tmp:size=64m"]
+    )
+    tty: bool | None = recreate("Gives it a terminal.", True, unset="false")
+    ulimits: Ulimits | None = recreate(
+        "Limits of the kernel, each as one number or as {soft, hard}.",
+        {"nofile": 65536, "core": {"soft": 0, "hard": 0}},
+    )
+    user: Annotated[Text, check.USER] | None = recreate(
+        "Who runs it inside: NAME, UID or UID:GID.", "1000:1000", unset="the image's"
+    )
+    userns_mode: Annotated[str, check.HOST_ONLY] | None = recreate("The user namespace: host.", "host")
+    uts: Annotated[str, check.HOST_ONLY] | None = recreate("The host name's namespace: host.", "host")
+    volume_driver: Annotated[str, check.VOLUME_DRIVER] | None = recreate(
+        "Driver of volumes that are made for it.", "local", unset="local"
+    )
+    volumes: list[Volume] | None = recreate(
+        "Files, directories and volumes inside the container: SOURCE:TARGET, SOURCE:TARGET:ro, or a mapping. Sources "
+        "that begin with ./ are relative to the manifest.",
+        ["./navigation:/root/navigation:ro", "maps:/root/maps"],
+    )
+    volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate(
+        "Containers whose volumes it has too.", ["recorder:ro"]
+    )
+    working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
+        "Directory that the command runs in.", "/root/navigation", unset="the image's"
+    )
 
 
 ELSEWHERE = {

@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from rorg.manifest import option_checks as check
+from rorg.manifest.fields import Written
 from rorg.manifest.scalars import Memory
 
 MIB = 1 << 20
@@ -63,17 +64,18 @@ def _not_ours(value: dict[str, str]) -> dict[str, str]:
     return value
 
 
-Words = Annotated[list[str], BeforeValidator(_words)]
-Text = Annotated[str, BeforeValidator(_text)]
+Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text")]
+Text = Annotated[str, BeforeValidator(_text), Written("text")]
 Texts = list[Text]
-Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs)]
+Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs), Written("mapping of text | list of KEY=VALUE")]
 Labels = Annotated[Pairs, AfterValidator(_not_ours), check.KEYS]
-Signal = Annotated[str, BeforeValidator(check.read_signal)]
+Signal = Annotated[str, BeforeValidator(check.read_signal), Written("signal")]
 Cores = Annotated[
     float,
     BeforeValidator(_cores),
     Field(allow_inf_nan=False),
     check.between((0.01, 1 << 20), what="write at least 0.01"),
+    Written("number of cores"),
 ]
 Device = Annotated[str, check.DEVICE]
 Limit = Annotated[Memory, check.between((0, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
@@ -82,5 +84,5 @@ Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memo
 
 
 T = TypeVar("T")
-Many = Annotated[list[T], BeforeValidator(_one_or_many)]
+Many = Annotated[list[T], BeforeValidator(_one_or_many), Written("text | list of text")]
 """A list; one alone needs no list."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from rorg.manifest import option_checks as check
+from rorg.manifest.fields import Written, field
 from rorg.manifest.option_forms import MOST, Bytes, Pairs, Strict
 from rorg.manifest.scalars import Duration
 from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
@@ -16,8 +17,8 @@ from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
 class Ulimit(Strict):
     """A limit of the kernel; -1 is none."""
 
-    soft: Annotated[int, Field(ge=-1)]
-    hard: Annotated[int, Field(ge=-1)]
+    soft: Annotated[int, Field(ge=-1)] = field("The limit that holds; programs may raise it up to `hard`.", 1024, ...)
+    hard: Annotated[int, Field(ge=-1)] = field("The most that `soft` may be raised to.", 65536, ...)
 
     @model_validator(mode="after")
     def _order(self) -> Ulimit:
@@ -29,8 +30,8 @@ class Ulimit(Strict):
 class Logging(Strict):
     """Where the output goes."""
 
-    driver: str = "json-file"
-    options: Pairs = Field(default_factory=dict)
+    driver: str = field("The engine's driver of logs.", "local", "json-file")
+    options: Pairs = field("Options of the driver.", {"max-size": "10m", "max-file": "3"}, dict)
 
 
 def _test(value: list[str]) -> list[str]:
@@ -47,49 +48,68 @@ class Healthcheck(Strict):
 
     test: (
         Annotated[
-            list[str], BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v), AfterValidator(_test)
+            list[str],
+            BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v),
+            AfterValidator(_test),
+            Written("text | list of text"),
         ]
         | None
-    ) = None
-    interval: Pause | None = None
-    timeout: Pause | None = None
-    retries: Annotated[int, Field(ge=0)] | None = None
-    start_period: Pause | None = None
-    disable: bool = False
+    ) = field(
+        "The command: a line for the shell, or a list that begins with CMD, CMD-SHELL or NONE.",
+        ["CMD", "curl", "-f", "http://localhost:8080/health"],
+        unset="the image's",
+    )
+    interval: Pause | None = field("Time between two checks.", "10s", unset="30s")
+    timeout: Pause | None = field("After this, a check counts as failed.", "3s", unset="30s")
+    retries: Annotated[int, Field(ge=0)] | None = field("Failures in a row that make it unhealthy.", 5, unset="3")
+    start_period: Pause | None = field("For so long after the start, failures do not count.", "20s", unset="0s")
+    disable: bool = field("Takes back the check that the image has.", True, False)
 
 
 class BindOptions(Strict):
     """Of a mount from the host."""
 
-    propagation: Literal[PROPAGATION] | None = None  # type: ignore[valid-type]
-    create_host_path: bool | None = None
-    selinux: Literal["z", "Z"] | None = None
+    propagation: Literal[PROPAGATION] | None = field(  # type: ignore[valid-type]
+        "Whether what is mounted below it later is seen on the other side.", "rslave", unset="rprivate"
+    )
+    create_host_path: bool | None = field("Creates the directory on the host where it is missing.", True, unset="false")
+    selinux: Literal["z", "Z"] | None = field("SELinux label: z is shared with other containers, Z is not.", "z")
 
 
 class VolumeOptions(Strict):
     """Of a mount of a volume."""
 
-    nocopy: bool | None = None
+    nocopy: bool | None = field(
+        "An empty volume does not begin with what the image has at its place.", True, unset="false"
+    )
 
 
 class TmpfsOptions(Strict):
     """Of a mount of memory."""
 
-    size: Bytes | None = None
-    mode: Annotated[int, Field(ge=0, le=0o7777)] | None = None
+    size: Bytes | None = field("Most that it can hold.", "64Mi", unset="half of the machine's memory")
+    mode: Annotated[int, Field(ge=0, le=0o7777)] | None = field(
+        "Permissions of the directory, as a number; 0o1777 lets everybody write.", 0o1777, unset="0o1777"
+    )
 
 
 class Mount(Strict):
     """Compose's long form of a volume."""
 
-    type: Literal["bind", "volume", "tmpfs"]
-    source: str | None = None
-    target: str
-    read_only: bool = False
-    consistency: Literal["consistent", "cached", "delegated"] | None = None
-    bind: BindOptions | None = None
-    volume: VolumeOptions | None = None
-    tmpfs: TmpfsOptions | None = None
+    type: Literal["bind", "volume", "tmpfs"] = field(
+        "A path of the host, a volume of the engine, or memory.", "bind", ...
+    )
+    source: str | None = field(
+        "The path on the host, or the name of the volume.", "./navigation", unset="a volume without a name"
+    )
+    target: str = field("The path in the container.", "/root/navigation", ...)
+    read_only: bool = field("The container may only read it.", True, False)
+    consistency: Literal["consistent", "cached", "delegated"] | None = field(
+        "Means nothing on Linux; it is taken for Compose's sake.", "cached"
+    )
+    bind: BindOptions | None = field("Options for type: bind.", {"propagation": "rslave"})
+    volume: VolumeOptions | None = field("Options for type: volume.", {"nocopy": True})
+    tmpfs: TmpfsOptions | None = field("Options for type: tmpfs.", {"size": "64Mi"})
 
     @model_validator(mode="after")
     def _of_one_kind(self) -> Mount:
@@ -116,8 +136,8 @@ DevicePath = Annotated[str, check.PATH]
 class Rate(Strict):
     """Most of one device, a second."""
 
-    path: DevicePath
-    rate: Bytes
+    path: DevicePath = field("The device.", "/dev/sda", ...)
+    rate: Bytes = field("Bytes a second, or operations a second for *_iops.", "10Mi", ...)
 
 
 Share = Annotated[int, check.between((0, 0), (10, 1000), what="write 10 to 1000")]
@@ -126,29 +146,39 @@ Share = Annotated[int, check.between((0, 0), (10, 1000), what="write 10 to 1000"
 class Weight(Strict):
     """Share of one device."""
 
-    path: DevicePath
-    weight: Share
+    path: DevicePath = field("The device.", "/dev/sda", ...)
+    weight: Share = field("Its share, 10 to 1000.", 300, ...)
 
 
 class BlkioConfig(Strict):
     """Limits and shares of block devices."""
 
-    weight: Share | None = None
-    weight_device: list[Weight] | None = None
-    device_read_bps: list[Rate] | None = None
-    device_write_bps: list[Rate] | None = None
-    device_read_iops: list[Rate] | None = None
-    device_write_iops: list[Rate] | None = None
+    weight: Share | None = field("Share of all block devices, 10 to 1000.", 300, unset="500")
+    weight_device: list[Weight] | None = field("Shares of single devices.", [{"path": "/dev/sda", "weight": 300}])
+    device_read_bps: list[Rate] | None = field(
+        "Most bytes a second that are read.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
+    )
+    device_write_bps: list[Rate] | None = field(
+        "Most bytes a second that are written.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
+    )
+    device_read_iops: list[Rate] | None = field(
+        "Most reads a second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
+    )
+    device_write_iops: list[Rate] | None = field(
+        "Most writes a second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
+    )
 
 
 class Gpu(Strict):
     """One request for GPUs."""
 
-    driver: str | None = None
-    count: Annotated[int, Field(ge=-1)] | Literal["all"] | None = None
-    device_ids: list[str] | None = None
-    capabilities: list[str] = Field(default_factory=lambda: ["gpu"])
-    options: Pairs | None = None
+    driver: str | None = field("The driver of the GPUs.", "nvidia", unset="what the engine finds")
+    count: Annotated[int, Field(ge=-1)] | Literal["all"] | None = field(
+        "How many; -1 or all for every one.", 1, unset="all"
+    )
+    device_ids: list[str] | None = field("Certain ones, in place of a count.", ["0"])
+    capabilities: list[str] = field("What they must be able to do.", ["gpu", "compute"], lambda: ["gpu"])
+    options: Pairs | None = field("Options of the driver.", {"virtualization": "false"})
 
     @model_validator(mode="after")
     def _one(self) -> Gpu:
@@ -172,12 +202,20 @@ def _of_version(version: int) -> AfterValidator:
 class Network(Strict):
     """How the container is joined to one network."""
 
-    aliases: list[Annotated[str, check.WORD]] | None = None
-    ipv4_address: Annotated[str, _of_version(4)] | None = None
-    ipv6_address: Annotated[str, _of_version(6)] | None = None
-    link_local_ips: list[Annotated[str, check.IP]] | None = None
-    mac_address: Annotated[str, check.MAC] | None = None
-    driver_opts: Pairs | None = None
+    aliases: list[Annotated[str, check.WORD]] | None = field("More names of the container in it.", ["base"])
+    ipv4_address: Annotated[str, _of_version(4)] | None = field(
+        "Its IPv4 address.", "172.20.0.10", unset="what the engine gives"
+    )
+    ipv6_address: Annotated[str, _of_version(6)] | None = field(
+        "Its IPv6 address.", "2001:db8::10", unset="what the engine gives"
+    )
+    link_local_ips: list[Annotated[str, check.IP]] | None = field("Link-local addresses.", ["169.254.8.8"])
+    mac_address: Annotated[str, check.MAC] | None = field(
+        "Its MAC address.", "02:42:ac:11:00:02", unset="what the engine gives"
+    )
+    driver_opts: Pairs | None = field(
+        "Options of the network's driver.", {"com.docker.network.endpoint.ifname": "lan0"}
+    )
 
 
 def read_networks(value: object) -> object:
@@ -220,7 +258,18 @@ Volume = Annotated[
     Annotated[str, check.VOLUME, Tag("line")] | Annotated[Mount, Tag("mapping")],
     Discriminator(lambda value: "line" if isinstance(value, str) else "mapping"),
 ]
-Networks = Annotated[dict[str, Network], BeforeValidator(read_networks), AfterValidator(_network_names)]
-Ulimits = Annotated[dict[str, Ulimit], BeforeValidator(read_ulimits), check.LIMITS]
-Hosts = Annotated[list[Annotated[str, check.EXTRA_HOST]], BeforeValidator(read_hosts)]
-Gpus = Annotated[list[Gpu], BeforeValidator(read_gpus)]
+Networks = Annotated[
+    dict[str, Network],
+    BeforeValidator(read_networks),
+    AfterValidator(_network_names),
+    Written("list of names | mapping of Network"),
+]
+Ulimits = Annotated[
+    dict[str, Ulimit], BeforeValidator(read_ulimits), check.LIMITS, Written("mapping of number | Ulimit")
+]
+Hosts = Annotated[
+    list[Annotated[str, check.EXTRA_HOST]],
+    BeforeValidator(read_hosts),
+    Written("list of NAME:ADDRESS | mapping of addresses"),
+]
+Gpus = Annotated[list[Gpu], BeforeValidator(read_gpus), Written("all | list of Gpu")]

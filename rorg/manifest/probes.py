@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
-from rorg.manifest.container import unchanging
+from rorg.manifest.fields import Written, unchanging
 from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.patterns import compiled
 from rorg.manifest.scalars import Duration, Interval
@@ -44,20 +44,26 @@ def _pattern(value: str) -> str:
     return value
 
 
-Port = Annotated[str, BeforeValidator(_port), WithJsonSchema({"type": ["integer", "string"]})]
-Url = Annotated[str, AfterValidator(_url)]
-Absolute = Annotated[str, AfterValidator(_absolute)]
-Pattern = Annotated[str, AfterValidator(_pattern)]
+Port = Annotated[
+    str, BeforeValidator(_port), WithJsonSchema({"type": ["integer", "string"]}), Written("PORT | HOST:PORT")
+]
+Url = Annotated[str, AfterValidator(_url), Written("URL")]
+Absolute = Annotated[str, AfterValidator(_absolute), Written("text that begins with /")]
+Pattern = Annotated[str, AfterValidator(_pattern), Written("regular expression")]
 Failures = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Probe(Strict):
     """Exactly one of the forms, and how often it is tried."""
 
-    tcp: Port | None = unchanging(description="PORT, or HOST:PORT, accepts a connection.")
-    http: Url | None = unchanging(description="A GET of this http:// URL answers 2xx or 3xx. No redirect is followed.")
-    file: Absolute | None = unchanging(description="This file was written since the service started.")
-    interval: Interval | None = unchanging(description="Time between two probes, 50ms at the least.")
+    tcp: Port | None = unchanging("PORT, or HOST:PORT, accepts a connection.", 9090)
+    http: Url | None = unchanging(
+        "A GET of this http:// URL answers 2xx or 3xx. No redirect is followed.", "http://localhost:8080/health"
+    )
+    file: Absolute | None = unchanging("This file was written since the service started.", "/tmp/camera-ready")
+    interval: Interval | None = unchanging(
+        "Time between two probes, 50ms at the least.", "2s", unset="250ms, exec 1s; live 10s"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Probe:
@@ -71,24 +77,28 @@ class ServiceProbe(Probe):
     """Forms that look into a service's container or at its place in the ROS graph."""
 
     exec: Words | None = unchanging(
-        description="This command, run inside the container, exits 0. Costs about 50 ms "
-        "each time; the others cost 1 or 2."
+        "This command, run inside the container, exits 0. Costs about 50 ms each time; the others cost 1 or 2.",
+        "rosnode ping -c 1 /move_base",
     )
-    log: Pattern | None = unchanging(description="A line of the output matches this regular expression.")
-    engine: Literal["healthy"] | None = unchanging(description="The engine's own health check says healthy.")
-    ros_node: Absolute | None = unchanging(description="This ROS 1 node is registered, and answers.")
-    ros_topic: Absolute | None = unchanging(description="This ROS 1 topic has a publisher.")
-    ros_service: Absolute | None = unchanging(description="This ROS 1 service is there, and accepts a connection.")
+    log: Pattern | None = unchanging("A line of the output matches this regular expression.", "odom received")
+    engine: Literal["healthy"] | None = unchanging("The engine's own health check says healthy.", "healthy")
+    ros_node: Absolute | None = unchanging("This ROS 1 node is registered, and answers.", "/move_base")
+    ros_topic: Absolute | None = unchanging("This ROS 1 topic has a publisher.", "/scan")
+    ros_service: Absolute | None = unchanging(
+        "This ROS 1 service is there, and accepts a connection.", "/move_base/make_plan"
+    )
 
 
 class Ready(ServiceProbe):
     """When a running service counts as ready. Without it, running is ready."""
 
-    delay: Duration | None = unchanging(description="Ready this long after it began to run.")
-    timeout: Duration = unchanging(30.0, description="After this, the service counts as late. Default: 30s.")
+    delay: Duration | None = unchanging("Ready this long after it began to run.", "3s")
+    timeout: Duration = unchanging("After this, the service counts as late.", "60s", 30.0)
     failures: Failures | None = unchanging(
-        description="Go on probing a ready service, once a second at the most; so many failures in a row, and it is "
-        "not ready any more. Default: it stays ready until it is resumed or restarted."
+        "Go on probing a ready service, once a second at the most; so many failures in a row, and it is not ready any "
+        "more.",
+        3,
+        unset="it stays ready until it is resumed or restarted",
     )
 
 
@@ -96,7 +106,7 @@ class Live(ServiceProbe):
     """Restarts a service that runs, was ready, and does not answer any more. `file`: it must be touched at least
     every `interval`."""
 
-    failures: Failures = unchanging(3, description="Failures in a row before the restart. Default: 3.")
+    failures: Failures = unchanging("Failures in a row before the restart.", 5, 3)
 
 
 class Interlock(Probe):

@@ -112,13 +112,13 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
 
 def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> tuple[dict[str, Any], Origins]:
     spec: Any = source.spec
-    options = _substitute(dict(profile.container), _values(source))
+    options = substitute(dict(profile.container), values_of(source))
     origins = profile.origins
-    for over, part in _parts(source, profile, diagnostics):
+    for over, part in parts(source, profile, diagnostics):
         options = merge_options(options, over)
         origins = trace(origins, options, over, Origin(part, profile=False))
     if "volumes" in options:
-        options["volumes"] = [_absolute(v, source.directory) for v in options["volumes"]]
+        options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
     if "env_file" in options:
         options["environment"] = {**_env_files(source, options, diagnostics), **options.get("environment", {})}
         del options["env_file"]
@@ -131,7 +131,7 @@ def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -
     return options, origins
 
 
-def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
+def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
     """What the manifest itself puts on its profile, with the part of it that says so."""
     spec: Any = source.spec
     if spec.driver:
@@ -148,7 +148,8 @@ def _parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> It
         yield {"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"
 
 
-def _values(source: Source) -> dict[str, str]:
+def values_of(source: Source) -> dict[str, str]:
+    """What a profile may leave open, for one service."""
     resources = source.spec.resources
     return {
         "${service}": source.name,
@@ -157,12 +158,13 @@ def _values(source: Source) -> dict[str, str]:
     }
 
 
-def _substitute(value: Any, values: Mapping[str, str]) -> Any:
+def substitute(value: Any, values: Mapping[str, str]) -> Any:
+    """The same with what a profile left open filled in."""
     if isinstance(value, str):
         return re.sub(r"\$\{[a-z.]+\}", lambda m: values.get(m[0], m[0]), value)
     if isinstance(value, dict):
-        return {k: _substitute(v, values) for k, v in value.items()}
-    return [_substitute(v, values) for v in value] if isinstance(value, list) else value
+        return {k: substitute(v, values) for k, v in value.items()}
+    return [substitute(v, values) for v in value] if isinstance(value, list) else value
 
 
 def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
@@ -194,7 +196,7 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
     return volumes
 
 
-def _absolute(volume: Any, directory: Path) -> Any:
+def absolute(volume: Any, directory: Path) -> Any:
     """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
     if isinstance(volume, dict):
         if volume["type"] == "bind" and not volume["source"].startswith("/"):

@@ -6,14 +6,21 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema
 
+from rorg.manifest.fields import Written
 from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
-Duration = Annotated[float, BeforeValidator(parse_duration), WithJsonSchema({"type": "string", "pattern": DURATION})]
+Duration = Annotated[
+    float,
+    BeforeValidator(parse_duration),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"type": "string", "pattern": DURATION}]}),
+    Written("duration"),
+]
 Interval = Annotated[Duration, Field(ge=0.05)]
 """Of what is done again and again."""
 Memory = Annotated[
     int,
     BeforeValidator(parse_memory),
     WithJsonSchema({"anyOf": [{"type": "integer", "minimum": -1}, {"type": "string", "pattern": MEMORY}]}),
+    Written("size"),
 ]
-Name = Annotated[str, StringConstraints(pattern=NAME, strict=True)]
+Name = Annotated[str, StringConstraints(pattern=NAME, strict=True), Written("name")]

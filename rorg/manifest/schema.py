@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from rorg.manifest.field_texts import UNSET, FieldText, fields_of
 from rorg.manifest.models import API_VERSION, SPECS, Manifest
 
 
@@ -18,8 +22,11 @@ def schema(kind: str) -> dict[str, Any]:
     spec = SPECS[kind].model_json_schema(by_alias=True)
     envelope = Manifest.model_json_schema()
     definitions = {**envelope.pop("$defs", {}), **spec.pop("$defs", {})}
-    envelope["properties"]["apiVersion"] = {"const": API_VERSION}
-    envelope["properties"]["kind"] = {"const": kind}
+    models = {model.__name__: model for top in (Manifest, SPECS[kind]) for model in below(top)}
+    for name, found in ((Manifest.__name__, envelope), (SPECS[kind].__name__, spec), *definitions.items()):
+        _tell(found, fields_of(models[name]))
+    envelope["properties"]["apiVersion"] |= {"const": API_VERSION}
+    envelope["properties"]["kind"] |= {"const": kind, "examples": [kind]}
     envelope["properties"]["spec"] = _loosen(spec)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -29,11 +36,33 @@ def schema(kind: str) -> dict[str, Any]:
     }
 
 
+def below(model: type[BaseModel]) -> list[type[BaseModel]]:
+    """A mapping with all that are somewhere in it, each once."""
+    found = [model]
+    for one in found:  # it grows meanwhile
+        found += [f.model for f in fields_of(one).values() if f.model and f.model not in found]
+    return list(dict.fromkeys(found))
+
+
+def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
+    """Puts what is told of each field into its property, as an editor shows it."""
+    for name, told in texts.items():
+        found = definition["properties"][name]
+        default = "" if told.required or told.default == UNSET else f" Default: {told.default}."
+        found["description"] = f"{told.about}{default}\n\nType: {told.form}"
+        found.pop("x-rorg-default", None)
+        if isinstance(found.get("default"), int | float) and not isinstance(found["default"], bool):
+            found["default"] = told.default if told.form in ("duration", "size") else found["default"]
+        elif found.get("default", "") is None:
+            del found["default"]  # null is what holds inside, and nothing to write
+
+
 # What a validator turns into the model's type before it is checked: (type of the field, what may be written).
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
 _WRITTEN: dict[str, list[Any]] = {
     "command": _WORDS,
+    "exec": _WORDS,
     "import": _WORDS,
     "entrypoint": _WORDS,
     "dns": _WORDS,
@@ -72,6 +101,8 @@ def _loosen(value: Any) -> Any:
     fields = found.get("properties")
     properties: dict[str, Any] = fields if isinstance(fields, dict) else {}
     for name, field in properties.items():
+        if any("$ref" in form for form in field.get("anyOf", ())):
+            continue  # a mapping of its own, such as tmpfs of a mount
         written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [
@@ -79,7 +110,9 @@ def _loosen(value: Any) -> Any:
                 {"type": "array", "items": {"type": "string", "pattern": "="}},
             ]
         if written:
-            kept = {k: v for k, v in field.items() if k in ("description", "default", "title", "x-rorg-change")}
+            kept = {
+                k: v for k, v in field.items() if k in ("description", "default", "examples", "title", "x-rorg-change")
+            }
             properties[name] = {"anyOf": [*written, {"type": "null"}], **kept}
     return found
 

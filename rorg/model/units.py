@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime
 from decimal import Decimal
 
-DURATION = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+$"
+DURATION = r"^(([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+|[0-9]+(\.[0-9]+)?)$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
 NAME = r"^[a-z0-9][a-z0-9_.-]{0,61}[a-z0-9]$"
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
@@ -24,12 +24,14 @@ SHORTEST_LEASE = 0.1
 
 
 def parse_duration(value: object) -> float:
-    """Seconds of "20s", "1m30s" or "250ms". A bare number has no unit and is refused, except 0."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
-        return 0.0
-    if not isinstance(value, str) or not re.match(DURATION, value):
-        raise ValueError(f"{value!r} is not a duration; write a number with a unit, such as 20s, 1m30s or 250ms")
-    found = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h|d)", value))
+    """Seconds of "20s", "1m30s" or "250ms"; a number without a unit is of seconds, as a text too."""
+    if isinstance(value, str) and re.match(DURATION, value):
+        parts = re.findall(r"([0-9.]+)(ms|s|m|h|d)", value) or [(value, "s")]
+        found = sum(float(number) * _SECONDS[unit] for number, unit in parts)
+    elif isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
+        found = float(min(value, 2 * LONGEST))  # an int may be more than a float can be
+    else:
+        raise ValueError(f"{value!r} is not a duration; write 20s, 1m30s or 250ms, or seconds as a number")
     if found > LONGEST:
         raise ValueError(f"{value!r} is more than ten years")
     return found

@@ -1,0 +1,145 @@
+"""rorg explain"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import Argument, Directory, Output, StateDirectory
+from rorg.cli.output import echo
+
+if TYPE_CHECKING:
+    from rorg.errors import Invalid
+    from rorg.manifest.field_paths import Place
+    from rorg.manifest.field_texts import FieldText
+
+CHANGES = {
+    "live": "is made in place, without a new container",
+    "recreate": "costs a new container",
+    "none": "costs a running container nothing",
+}
+
+
+def command(
+    what: Annotated[
+        str,
+        Argument(help="A field, such as service.idle.linger, or a service; services/NAME for sure.", service=True),
+    ],
+    directory: Directory = None,
+    state_dir: StateDirectory = None,
+    output: Output = "table",
+) -> None:
+    """Explain a field of manifests: meaning, type, default, example. Or a service: every value that holds for it, with
+    the manifest, profile, policy or default that it comes from."""
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form, dump, table
+    from rorg.manifest.field_paths import find
+
+    check_form(output, ("table", "json", "yaml"))
+    kind, slash, name = what.rpartition("/")
+    place = None if slash else find(what)
+    if place:
+        dump(_as_json(place), output) if output != "table" else echo(_page(place))
+        return
+    found = _service(Context(state_dir, None, directory, local=True), what, kind, name)
+    if output != "table":
+        dump({"service": name, "values": [value.as_json() for value in found]}, output)
+        return
+    echo(table([{"field": v.field, "value": v.text, "source": v.source} for v in found], ("field", "value", "source")))
+
+
+def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
+    """All that holds for a service. Raises Invalid for what is none, with what is near."""
+    from rorg.cli.output import missing
+    from rorg.errors import Invalid
+    from rorg.manifest.documents import manifest_files
+    from rorg.manifest.effective import effective
+
+    if kind not in ("", "services", "service"):
+        raise Invalid(f"explain '{what}'", "only a service has values that come together", "services/NAME")
+    try:
+        catalog = context.catalog()
+    except Invalid:
+        if kind or context.directory or ("." not in what and manifest_files(context.root)):
+            raise  # it may well be a service; its manifests are broken
+        raise _unknown(what, ()) from None
+    if name in catalog.services:
+        return effective(context.root, name)
+    if name in catalog.groups:
+        raise Invalid(f"explain '{name}'", "it is a group", f"one of {', '.join(catalog.groups[name].services)}")
+    raise missing("service", name, catalog.services) if kind else _unknown(what, catalog.services)
+
+
+def _unknown(what: str, services: Any) -> Invalid:
+    import difflib
+
+    from rorg.errors import Invalid
+    from rorg.manifest.field_paths import nearest_path
+
+    near = [nearest_path(what), *difflib.get_close_matches(what, services, 1)]
+    likely = next(filter(None, near if "." in what else reversed(near)), "service, for all fields")
+    return Invalid(f"explain '{what}'", "there is no field and no service of that name", likely)
+
+
+def _page(place: Place) -> str:
+    """A field, or a kind, for people."""
+    import textwrap
+
+    found, width = _as_json(place), 100
+    rows = [("FIELD" if place.field else "KIND", place.path)]
+    if place.field:
+        default = "none, it is required" if place.field.required else found["default"]
+        rows += [("TYPE", found["type"]), ("DEFAULT", default)]
+        rows += [("CHANGE", CHANGES[place.field.change])] if place.field.change else []
+    lines = [f"{head:<8} {text}" for head, text in rows]
+    lines += ["", *textwrap.wrap(found["description"], width), "", "EXAMPLE", textwrap.indent(_example(place), "  ")]
+    if "fields" in found:
+        lines += ["", "FIELDS"]
+        for name, field in found["fields"].items():
+            default = {"not set": "", "required": ", required"}.get(field["default"], f"; default: {field['default']}")
+            lines.append(f"  {name}  ({field['type']}{default})")
+            lines += textwrap.wrap(field["description"], width, initial_indent="      ", subsequent_indent="      ")
+    return "\n".join(lines)
+
+
+def _example(place: Place) -> str:
+    import yaml
+
+    name = place.path.rpartition(".")[2]
+    value = {name: place.field.example} if place.field else _manifest(place)
+    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=10_000)
+    return text.rstrip()
+
+
+def _manifest(place: Place) -> dict[str, Any]:
+    """A whole manifest of a kind."""
+    from rorg.manifest.models import API_VERSION, EXAMPLES
+
+    kind = place.path.partition(".")[0].capitalize()
+    name = {"Group": "driving", "Profile": "robot", "Policy": "policy", "Request": "tour"}.get(kind, "navigation")
+    return {"apiVersion": API_VERSION, "kind": kind, "metadata": {"name": name}, "spec": EXAMPLES[kind]}
+
+
+def _as_json(place: Place) -> dict[str, Any]:
+    import inspect
+
+    from rorg.manifest.field_texts import fields_of
+
+    found: dict[str, Any] = {"field": place.path}
+    if place.field:
+        found |= _told(place.field)
+    else:
+        found |= {"description": " ".join((inspect.getdoc(place.model) or "").split()), "example": _manifest(place)}
+    if place.model:
+        found["fields"] = {name: _told(field) for name, field in fields_of(place.model).items()}
+    return found
+
+
+def _told(field: FieldText) -> dict[str, Any]:
+    return {
+        "description": field.about,
+        "type": field.form,
+        "default": field.default,
+        "required": field.required,
+        "change": field.change,
+        "example": field.example,
+    }

@@ -1,0 +1,285 @@
+"""What holds for one service, value by value, with where each comes from: its manifest, a profile, the Policy, a file
+of variables, or a default."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.field_texts import FieldText, fields_of, inline, written
+from rorg.manifest.files import read_plain
+from rorg.manifest.load import load_or_raise
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
+from rorg.manifest.render import absolute, parts, substitute, values_of
+from rorg.manifest.service import ServiceSpec
+from rorg.model.catalog import Service
+from rorg.model.diagnostics import Where
+
+AT = ("spec", "container")
+SECCOMP = "seccomp="
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value. `value` is plain JSON (seconds, bytes, cores), `text` as people write it."""
+
+    field: str
+    value: Any
+    text: str
+    kind: str
+    """manifest, profile, policy, env_file or default."""
+    name: str = ""
+    """Of the profile."""
+    where: Where | None = None
+
+    @property
+    def source(self) -> str:
+        """Where it comes from, for people."""
+        head = f"{self.kind} {self.name}".strip()
+        return f"{head}, {self.where.file}:{self.where.line}" if self.where else head
+
+    def as_json(self) -> dict[str, Any]:
+        """With the source in parts; a value that is not shown is null."""
+        place = {"file": self.where.file, "line": self.where.line} if self.where else {}
+        name = {"name": self.name} if self.name else {}
+        return {"field": self.field, "value": self.value, "source": {"kind": self.kind, **name, **place}}
+
+
+@dataclass(frozen=True)
+class Level:
+    """One manifest that says something of the service: the service's own, one of its profiles, or the Policy."""
+
+    kind: str
+    source: Source
+
+    @property
+    def name(self) -> str:
+        return self.source.name if self.kind == "profile" else ""
+
+    def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
+        """A value that stands at `path` in this manifest."""
+        plain = value.model_dump(mode="json", exclude_unset=True) if isinstance(value, BaseModel) else value
+        text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
+        return Value(field, plain, text, self.kind, self.name, self.source.where(*path))
+
+
+def effective(root: Path, name: str) -> list[Value]:
+    """All that holds for a service of a tree; empty where the tree has none of that name. Raises Invalid."""
+    service = load_or_raise(root).services.get(name)
+    sources = read_tree(root)[0]
+    own = next((s for s in sources if s.kind == "Service" and s.name == name), None)
+    if service is None or own is None:
+        return []
+    profiles = built_in_profiles() | {s.name: s for s in sources if s.kind == "Profile"}
+    merged = merge_profiles(profiles)[0]
+    used = [] if service.meta else [Level("profile", profiles[n]) for n in _chain(own.spec.profile or COMMON, profiles)]
+    policy = [Level("policy", s) for s in sources if s.kind == "Policy"]
+    found = list(_spec([Level("manifest", own), *used], policy, service))
+    if not service.meta:
+        found += _container(service, own, merged[own.spec.profile or COMMON], used)
+    return found
+
+
+def _chain(name: str, profiles: Mapping[str, Source]) -> list[str]:
+    """A profile and all that it stands on, by whose word counts first. One that two others stand on may come twice."""
+    below = _under(COMMON, profiles)
+
+    def chain(name: str) -> list[str]:
+        parents = [p for parent in reversed(profiles[name].spec.extends) for p in chain(parent)]
+        alone = any(not profiles[n].spec.common for n in _under(name, profiles))
+        return [name, *parents, *([] if name in below or alone else chain(COMMON))]
+
+    return chain(name)
+
+
+def _under(name: str, profiles: Mapping[str, Source]) -> set[str]:
+    return {name}.union(*(_under(parent, profiles) for parent in profiles[name].spec.extends))
+
+
+# -- what is beside the container ------------------------------------------------------------------------------
+
+
+def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterator[Value]:
+    own = levels[0]
+    for name, told in fields_of(ServiceSpec).items():
+        if name in ("ready", "live", "interlock"):
+            guarded = [own, *(policy if service.protected or service.driver else [])]
+            yield from _probe(guarded if name == "interlock" else levels, name, service)
+        elif name in ("idle", "resources"):
+            for key, part in fields_of(told.model or BaseModel).items():
+                yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
+        elif name == "needs":
+            yield from _needs(levels, told)
+        elif name != "container":
+            yield from _first(levels if name == "restart" else [own], (name,), told, service)
+
+
+def _first(levels: list[Level], path: tuple[str, ...], told: FieldText, service: Service) -> Iterator[Value]:
+    """The value of whoever says it first, else the default, where there is one."""
+    for level in levels:
+        value, at = level.source.spec, ("spec", *path)
+        for key in path:
+            value = getattr(value, key, None)
+        if value is not None and at in level.source.document.values:
+            yield level.value(".".join(path), told, value, *at)
+            return
+    value = _rendered(service, path)
+    if value not in (None, (), {}) and (path[-1], value) != ("failures", 0):
+        yield Value(".".join(path), value, written(value, told.form), "default")
+
+
+def _rendered(service: Service, path: tuple[str, ...]) -> Any:
+    """What the service has for a field that nobody wrote."""
+    if path == ("type",):
+        return "meta" if service.meta else "container"
+    if path == ("profile",):
+        return None if service.meta else COMMON
+    if path in (("driver",), ("mounts",)):
+        return None
+    value: Any = service
+    for key in path[path[0] == "resources" :]:
+        value = getattr(value, key, None)
+    return value
+
+
+def _probe(levels: list[Level], name: str, service: Service) -> Iterator[Value]:
+    """A probe is one thing: it comes whole from whoever says it first."""
+    for level in levels:
+        probe: BaseModel | None = getattr(level.source.spec, name, None)
+        if probe is not None:
+            for key, part in fields_of(type(probe)).items():
+                yield from _first([level], (name, key), part, service)
+            return
+
+
+def _needs(levels: list[Level], told: FieldText) -> Iterator[Value]:
+    count = 0
+    for level in (levels[0], *reversed(levels[1:])):
+        for index, need in enumerate(getattr(level.source.spec, "needs", ())):
+            plain = need.service if not need.restart else {"service": need.service, "restart": True}
+            if need.service != levels[0].source.name or level is levels[0]:
+                yield level.value(f"needs[{count}]", told, plain, "spec", "needs", index)
+                count += 1
+
+
+# -- the container ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Options of the container that one level declares, as they are rendered; `at` is where they stand in its manifest,
+    for those of them that are written there one by one."""
+
+    level: Level
+    options: Mapping[str, Any]
+    at: tuple[str | int, ...]
+
+    def where(self, *path: str | int) -> tuple[str | int, ...]:
+        return (*self.at, *path) if self.at == AT else self.at
+
+    def says(self, path: tuple[str, ...]) -> bool:
+        value: Any = self.options
+        for key in path:
+            if not isinstance(value, Mapping) or key not in value:
+                return False
+            value = value[key]
+        return True
+
+
+def _container(service: Service, own: Source, profile: Merged, used: list[Level]) -> Iterator[Value]:
+    layers = _layers(own, profile, used)
+    for option, value in sorted((service.spec or {}).items()):
+        if option in ("image", "command"):
+            continue
+        if option == "environment":
+            yield from _environment(value, layers, own)
+        elif isinstance(value, list) and option != "entrypoint":
+            for index, item in enumerate(value):
+                yield _item(layers, option, index, item)
+        else:
+            yield from _leaves(layers, (option,), value)
+
+
+def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
+    """Whose word counts first stands first."""
+    manifest, found = Level("manifest", own), []
+    for options, part in parts(own, profile, []):
+        if part == "this manifest":
+            spec: Any = own.spec
+            count = len(declared(spec.container).get("volumes", ()))
+            mounts = options.get("volumes", [])[count:]
+            for index, mount in enumerate(mounts):
+                found.append(Layer(manifest, {"volumes": [mount]}, ("spec", "mounts", index)))
+            found.append(Layer(manifest, declared(spec.container), AT))
+        else:
+            asked = next((n for n in ("may_request", "may_manage", "may_act_for") if getattr(own.spec, n)), part)
+            found.append(Layer(manifest, options, ("spec", part if part == "driver" else asked)))
+    values = values_of(own)
+    return [*reversed(found), *(Layer(p, substitute(declared(p.source.spec.container), values), AT) for p in used)]
+
+
+def _told(option: str) -> FieldText:
+    container = fields_of(ServiceSpec)["container"].model
+    return fields_of(container or BaseModel)[option]
+
+
+def _leaves(layers: list[Layer], path: tuple[str, ...], value: Any) -> Iterator[Value]:
+    """Mappings are merged key by key, so each key has a source of its own. A healthcheck is replaced as a whole."""
+    if isinstance(value, dict) and value and path != ("healthcheck",):
+        for key in value:
+            yield from _leaves(layers, (*path, key), value[key])
+        return
+    field = ".".join(("container", *path))
+    layer = next((x for x in layers if x.says(path)), None)
+    if layer:
+        yield layer.level.value(field, _told(path[0]), value, *layer.where(*path))
+    else:
+        yield Value(field, value, inline(value), "default")
+
+
+def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
+    field = f"container.{option}[{index}]"
+    for layer in layers:
+        directory = layers[0].level.source.directory
+        for at, said in enumerate(layer.options.get(option, ())):
+            same = (absolute(said, directory) if option == "volumes" else said) == item
+            # A file of seccomp is sent whole: its name says more to people.
+            if same or (str(said).startswith(SECCOMP) and str(item).startswith(f"{SECCOMP}{{")):
+                return layer.level.value(field, _told(option), item if same else said, *layer.where(option, at))
+    return Value(field, item, inline(item), "default")
+
+
+def _environment(names: Mapping[str, Any], layers: list[Layer], own: Source) -> Iterator[Value]:
+    """Values are those that manifests say. Of what a file says the names alone are told: it may be a secret."""
+    for name in sorted(names):
+        field = f"container.environment.{name}"
+        layer = next((x for x in layers if name in x.options.get("environment", {})), None)
+        if layer:
+            value = layer.options["environment"][name]
+            yield layer.level.value(field, _told("environment"), value, *layer.where("environment", name))
+        else:
+            yield _of_a_file(field, name, layers, own)
+
+
+def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value:
+    """Files that are named later win, and those of profiles come first."""
+    for layer in layers:
+        files = list(enumerate(layer.options.get("env_file", ())))
+        for index, file in reversed(files):
+            if name in _names(own, file):
+                where = layer.level.source.where(*layer.where("env_file", index))
+                return Value(field, None, "(not shown)", "env_file", file, where)
+    return Value(field, None, "(not shown)", "env_file")
+
+
+def _names(own: Source, file: str) -> set[str]:
+    try:
+        lines = read_plain(own.directory / file, own.root).splitlines()
+    except OSError:
+        return set()
+    return {line.split("=", 1)[0] for line in lines if "=" in line and not line.lstrip().startswith("#")}

@@ -1,0 +1,104 @@
+"""Fields by their paths, as people name them: `service.spec.idle.linger`, `spec.ready`, `container.devices`."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pydantic import BaseModel
+
+from rorg.manifest.container import ContainerOptions
+from rorg.manifest.field_texts import FieldText, fields_of
+from rorg.manifest.models import FOLDERS, SPECS, Manifest, Metadata
+
+CONTAINER = "service.spec.container"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A field, or a kind of manifest."""
+
+    path: str
+    field: FieldText | None
+    """None for a kind."""
+    model: type[BaseModel] | None
+    """The mapping that is there, if it is one."""
+
+    def deeper(self, word: str) -> Place | None:
+        """The field of that name in this mapping. A key that people choose, as in ulimits, stays where it is."""
+        found = fields_of(self.model).get(word) if self.model else None
+        if found:
+            return Place(f"{self.path}.{word}" if self.path else word, found, found.model)
+        chosen = self.field and self.model and "mapping of" in self.field.form and not self.path.endswith("NAME")
+        return Place(f"{self.path}.NAME", self.field, self.model) if chosen else None
+
+
+def find(path: str) -> Place | None:
+    """What a path leads to; None where there is nothing. `spec` may be left out, and so may be the kind."""
+    words = [re.sub(r"\[\w*\]$", "", word) for word in path.split(".")]
+    for place, rest in _starts(words):
+        found: Place | None = place
+        for word in rest:
+            found = found.deeper(word) if found else None
+        if found:
+            return found
+    return None
+
+
+def _starts(words: list[str]) -> Iterator[tuple[Place, list[str]]]:
+    """Where a path may begin, with what is left of it: the likeliest first."""
+    first, rest = words[0].lower(), words[1:]
+    kinds = {kind.lower(): kind for kind in SPECS} | FOLDERS
+    if first in kinds:
+        kind = kinds[first]
+        place = Place(kind.lower(), None, SPECS[kind])
+        if not rest:
+            yield place, []
+        elif rest[0] == "spec":
+            yield _spec(kind), rest[1:]
+        else:
+            yield _spec(kind), rest
+            yield Place(kind.lower(), None, Manifest), rest
+        return
+    if first == "container":
+        yield Place(CONTAINER, fields_of(SPECS["Service"])["container"], ContainerOptions), rest
+    if first == "metadata":
+        yield Place("service.metadata", fields_of(Manifest)["metadata"], Metadata), rest
+    for kind in SPECS:
+        yield _spec(kind), rest if first == "spec" else words
+    if words == ["apiVersion"] or words == ["kind"]:
+        yield Place("service", None, Manifest), words
+
+
+def _spec(kind: str) -> Place:
+    return Place(f"{kind.lower()}.spec", None, SPECS[kind])
+
+
+def all_paths() -> list[str]:
+    """Every field of every kind."""
+    found = [kind.lower() for kind in SPECS]
+    found += [f"service.metadata.{name}" for name in fields_of(Metadata)]
+    pending = [_spec(kind) for kind in SPECS]
+    for place in pending:  # it grows meanwhile
+        for name, field in fields_of(place.model).items() if place.model else ():
+            found.append(f"{place.path}.{name}")
+            if field.model:
+                pending.append(Place(found[-1], field, field.model))
+    return found
+
+
+def nearest_path(path: str) -> str:
+    """The known path that somebody most likely meant; empty where none is close."""
+    words = path.split(".")
+    for end in range(len(words) - 1, 0, -1):
+        place = find(".".join(words[:end]))
+        if place and place.model:
+            near = difflib.get_close_matches(words[end], fields_of(place.model), 1)
+            if near:
+                return f"{place.path}.{near[0]}"
+    paths = all_paths()
+    by_last = {known.rpartition(".")[2]: known for known in reversed(paths)}
+    near = difflib.get_close_matches(words[-1], by_last, 1, 0.7)
+    return by_last[near[0]] if near else ""

@@ -1,0 +1,137 @@
+"""What is told of a field, in the words of who writes a manifest: its type, its default, an example. The schemas, the
+reference and `rorg explain` tell the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from rorg.manifest.container import ContainerOptions
+from rorg.manifest.fields import Written
+from rorg.manifest.profiles import SHIPPED, built_in_profiles, declared
+from rorg.model.units import format_duration
+
+NAMES = {str: "text", int: "number", float: "number", bool: "true | false"}
+UNSET = "not set"
+
+
+@dataclass(frozen=True)
+class FieldText:
+    """One field. `example` is a value as it is written in YAML."""
+
+    name: str
+    about: str
+    form: str
+    """Its type in words, such as duration, or list of name."""
+    default: str
+    example: Any
+    required: bool
+    change: str
+    """What a change of it costs: live, recreate or none; empty where the question makes no sense."""
+    model: type[BaseModel] | None
+    """The mapping that its value is, or holds."""
+
+
+@cache
+def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
+    """All fields of a mapping by the names that are written."""
+    found = {}
+    for attribute, field in model.model_fields.items():
+        marks: Any = field.json_schema_extra or {}
+        name = field.alias or attribute
+        found[name] = FieldText(
+            name,
+            field.description or "",
+            _type(field),
+            _common(name) if model is ContainerOptions and _common(name) else _default(field, marks),
+            (field.examples or [None])[0],
+            field.is_required(),
+            marks.get("x-rorg-change", ""),
+            next((t for t in _parts(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None),
+        )
+    return found
+
+
+def title(model: type[BaseModel]) -> str:
+    """What a mapping is called in texts."""
+    return "container" if model is ContainerOptions else model.__name__.removesuffix("Spec")
+
+
+def inline(value: Any) -> str:
+    """A value on one line, as YAML takes it."""
+    import yaml
+
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return text.removesuffix("...\n").strip()
+
+
+def written(value: Any, kind: str) -> str:
+    """A value as people write it; `kind` is the type of its field, in words."""
+    if kind == "duration":
+        return format_duration(value)
+    if kind == "size" and value > 0:
+        return next(f"{value // size}{unit}" for size, unit in _UNITS if value % size == 0)
+    if isinstance(value, float):
+        return f"{value:g}"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+_UNITS = ((1 << 30, "Gi"), (1 << 20, "Mi"), (1 << 10, "Ki"), (1, ""))
+
+
+def _type(field: FieldInfo) -> str:
+    own = [m.text for m in field.metadata if isinstance(m, Written)]
+    return own[-1] if own else type_of(field.annotation)
+
+
+def type_of(annotation: Any) -> str:
+    """A type in words of the manifest."""
+    args, origin = get_args(annotation), get_origin(annotation)
+    if origin is Annotated:
+        own = [m.text for m in args[1:] if isinstance(m, Written)]
+        return own[-1] if own else type_of(args[0])
+    if origin is Literal:
+        return " | ".join(map(str, args))
+    if origin in (list, dict):
+        return f"{'list' if origin is list else 'mapping'} of {type_of(args[-1])}"
+    if args:
+        return " | ".join(dict.fromkeys(type_of(a) for a in args if a is not type(None)))
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return title(annotation)
+    return NAMES.get(annotation, "anything")
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    args = get_args(annotation)
+    if not args:
+        yield annotation
+    for part in args:
+        yield from _parts(part)
+
+
+def _default(field: FieldInfo, marks: Any) -> str:
+    if field.is_required():
+        return "required"
+    if "x-rorg-default" in marks:
+        return str(marks["x-rorg-default"])
+    value = field.get_default(call_default_factory=True)
+    if value is None or value == {} or value == [] or isinstance(value, BaseModel):
+        return UNSET
+    return written(value, _type(field))
+
+
+@cache
+def _common(option: str) -> str:
+    """What the profile `common` that is built in gives to every container; empty for what it does not."""
+    value = declared(built_in_profiles()[SHIPPED.name].spec.container).get(option)
+    if value is None:
+        return ""
+    kind = type_of(ContainerOptions.model_fields[option].annotation)
+    text = inline(value) if isinstance(value, dict | list) else written(value, kind)
+    return f"{text} (profile {SHIPPED.name})"

@@ -1,0 +1,193 @@
+"""The kind Service as pydantic models. A change of a `none` field costs a running container nothing."""
+
+from __future__ import annotations
+
+from signal import Signals
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from rorg.manifest import option_checks as check
+from rorg.manifest.container import ContainerOptions
+from rorg.manifest.fields import Written, recreate, unchanging
+from rorg.manifest.option_forms import Device, Strict, Text, Words
+from rorg.manifest.policy import Idle, Units
+from rorg.manifest.probes import Interlock, Live, Ready
+from rorg.manifest.scalars import Memory, Name
+
+Priority = Annotated[int, Field(ge=0, le=100)]
+
+
+class Resources(Strict):
+    """Expected use, for budgets and simulation. Limits are container options (cpus, mem_limit)."""
+
+    cpu: Annotated[float, Field(strict=False, ge=0), Written("number of cores")] = unchanging(
+        "Expected CPU, in cores.", 0.6, 0.0
+    )
+    memory: Memory = unchanging("Expected memory.", "180Mi", 0)
+
+
+class Driver(Strict):
+    """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
+
+    devices: list[Device] = recreate(
+        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm.",
+        ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
+        list,
+    )
+    groups: list[Annotated[Text, check.GROUP]] | None = recreate(
+        "Extra groups inside the container, such as dialout or video.", ["dialout"]
+    )
+    realtime: bool = recreate("SYS_NICE, rtprio 99 and unlimited memlock.", True, False)
+
+
+class Need(Strict):
+    """A service that must be active, and ready, before this one."""
+
+    service: Name = unchanging("A service, or a group.", "roscore", ...)
+    restart: bool = unchanging("Restart this service too, whenever that one was restarted or replaced.", True, False)
+
+
+def _need(value: object) -> object:
+    return {"service": value} if isinstance(value, str) else value
+
+
+def _on_change(value: object) -> object:
+    if value in ("restart", "none"):
+        return value
+    word, _, name = value.partition(" ") if isinstance(value, str) else ("", "", "")
+    known = {s.name for s in Signals}
+    name = name.strip().upper()
+    name = name if name.startswith("SIG") else f"SIG{name}"
+    if word != "signal" or name not in known:
+        raise ValueError("must be restart, none, or signal NAME, such as signal SIGHUP")
+    return name
+
+
+OnChange = Annotated[
+    str,
+    BeforeValidator(_on_change),
+    WithJsonSchema({"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"}),
+    Written("restart | none | signal NAME"),
+]
+Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
+Restart = Literal["always", "on-failure", "never"]
+
+
+def _container_only(spec: ServiceSpec) -> list[str]:
+    names = (
+        "image",
+        "command",
+        "profile",
+        "idle",
+        "ready",
+        "live",
+        "interlock",
+        "driver",
+        "mounts",
+        "container",
+        "restart",
+    )
+    return [n for n in names if getattr(spec, n) is not None]
+
+
+class ServiceSpec(Strict):
+    """A service: what runs, what it needs, and when it may end."""
+
+    type: Literal["container", "meta"] = unchanging("meta: no container, always active.", "meta", "container")
+    image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
+        "An Image of this tree, or any reference that the engine knows. Every service but a meta one has one.",
+        "fetch-navigation",
+    )
+    command: Words | None = recreate(
+        "What runs in the container; a text is split into words as a shell does, without being run by one.",
+        "roslaunch /root/navigation/fetch_nav.launch --wait",
+        unset="the image's",
+    )
+    profile: Name | None = unchanging(
+        "A Profile: built in (plain, ros1, ros2) or of this tree. plain: nothing but what is declared here.",
+        "ros1",
+        unset="common",
+    )
+    needs: Needs = unchanging(
+        "Services that must be active, and ready, before this one: NAME, or {service: NAME, restart: true}.",
+        ["localization", {"service": "roscore", "restart": True}],
+        list,
+    )
+    always_on: bool = unchanging("Active as long as rorg runs, though nobody requests it.", True, False)
+    conflicts: list[Name] = unchanging("Services that must not be active beside this one.", ["mapping"], list)
+    idle: Idle | None = unchanging(
+        "What becomes of it when nobody wants it any more.", {"action": "pause", "linger": "20s"}, unset="stop at once"
+    )
+    ready: Ready | None = unchanging(
+        "When it counts as ready, once it runs.", {"ros_node": "/move_base", "timeout": "30s"}, unset="when it runs"
+    )
+    live: Live | None = unchanging(
+        "Restarts it when it runs and does not answer any more.",
+        {"http": "http://localhost:8080/health", "interval": "10s"},
+        unset="not probed",
+    )
+    protected: bool | None = unchanging(
+        "Never ceased because the machine is under pressure.", True, unset="true for drivers, else false"
+    )
+    interlock: Interlock | None = unchanging(
+        "What must allow it before its container is touched.",
+        {"file": "/run/robot/arm-is-parked"},
+        unset="for drivers and protected services the Policy's, else nothing",
+    )
+    exclusive: Units = unchanging(
+        "Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says how many there are; 1 where it "
+        "does not.",
+        {"gpu": 1},
+        dict,
+    )
+    may_request: list[Name] = recreate(
+        "Services and groups that this service may request by itself. Gives it rorg's socket.", ["driving"], list
+    )
+    may_restart: list[Name] = unchanging(
+        "Services and groups that it may restart, beside requesting something.", ["usb_cam"], list
+    )
+    may_act_for: list[Name | Literal["*"]] = recreate(
+        "Services and groups in whose name it may act, within what their manifests allow to them: for a bridge that "
+        'they call. "*" is every service, but not `developer`. Gives it rorg\'s socket.',
+        ["*"],
+        list,
+    )
+    may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = recreate(
+        "Patterns of names, such as lab-*: services that it may create, change, remove, request and restart, within "
+        "what it may itself. Gives it rorg's socket.",
+        ["lab-*"],
+        list,
+    )
+    restart: Restart | None = unchanging(
+        "What to do when it exits though it is wanted. The pauses between restarts grow.", "on-failure", unset="always"
+    )
+    on_change: OnChange = unchanging(
+        "What to do when files change that this service mounts from the tree, read only.", "signal SIGHUP", "restart"
+    )
+    priority: Priority = unchanging("0 to 100. Under pressure the lowest give way first.", 80, 50)
+    resources: Resources = unchanging(
+        "Expected use, for budgets and simulation. Limits are container options (cpus, mem_limit).",
+        {"cpu": 0.6, "memory": "180Mi"},
+        Resources,
+    )
+    driver: Driver | None = recreate(
+        "Hardware that it talks to: it gets these devices and nothing more.", {"devices": ["/dev/ttyUSB0:/dev/base"]}
+    )
+    mounts: list[str] | None = recreate(
+        "Configuration of this tree inside the container, read only: ./dir:/path/in/container.",
+        ["./navigation:/root/navigation"],
+    )
+    container: ContainerOptions | None = recreate(
+        "Options of the container, named as in Compose.", {"volumes": ["maps:/root/maps"], "mem_limit": "512Mi"}
+    )
+
+    @model_validator(mode="after")
+    def _type(self) -> ServiceSpec:
+        if self.type == "meta":
+            extra = _container_only(self)
+            if extra:
+                raise ValueError(f"a meta service has no container: drop {', '.join(extra)}")
+        elif self.image is None:
+            raise ValueError("'image' is missing")
+        return self
