@@ -91,7 +91,7 @@ def test_exit_codes_without_an_engine(shell, tmp_path):
 
 
 def test_an_internal_error_is_70_and_never_1(shell):
-    bug = "import sys; from rorg.cli import differences, main; differences.differences = lambda _: 1 // 0; main.run()"
+    bug = "import sys; from rorg.cli import differences, main; differences.differences = lambda *_: 1 // 0; main.run()"
     found = subprocess.run([sys.executable, "-c", bug, "diff", str(shell.tree)], capture_output=True, text=True)
     assert found.returncode == 70
     assert "internal error: ZeroDivisionError" in found.stderr

@@ -1,4 +1,5 @@
-"""The planner on data: manifests + requests + what is observed + what is remembered -> the exact text of the plan.
+"""The planner on data: manifests + requests + what is observed + what is remembered -> the exact text of the plan,
+and of its overview where the case has one.
 
 Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
 like their service, with their name as id, and were created from the declared spec unless `spec` says what differed.
@@ -18,6 +19,7 @@ from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
 from rorg.core.memory import InFlight, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
+from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
 from rorg.core.update import Update
@@ -41,6 +43,7 @@ KEYS = {
     "removals",
     "restarts",
     "plan",
+    "overview",
     "contents",
     "dropped",
     "policy",
@@ -171,6 +174,9 @@ def test_plan(path, tmp_path):
         )
     )
     assert decision.plan.text() == case["plan"]
+    if "overview" in case:
+        entries = Overview(decision.situation, decision.plan).as_json()
+        assert "".join(f"{e['line']}\n" for e in entries) == case["overview"]
     assert decision.violations == ()
     assert [f"{r.id}: {why}" for r, why in decision.settled.dropped] == case.get("dropped", [])
 

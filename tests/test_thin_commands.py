@@ -198,12 +198,12 @@ def test_a_service_may_not_ask_for_differences(robot):
 
 
 def test_apply_asks_the_person_at_the_terminal(robot):
-    rorg(robot, "suspend", "--for", "10m")
-    write_tree(robot.tree, {**SERVICES, "more": {}}, groups=GROUPS)
-    for answer, code in ((b"n\n", 5), (b"y\n", 4)):
+    rorg(robot, "hold", "base", "--for", "10m")
+    robot.wait(lambda: "base" not in robot.active())
+    for answer, code in ((b"n\n", 5), (b"y\n", 0)):
         main, other = pty.openpty()
         process = subprocess.Popen(
-            [sys.executable, "-m", "rorg", "apply", "--timeout", "1"],
+            [sys.executable, "-m", "rorg", "apply", "--timeout", "20"],
             stdin=other,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

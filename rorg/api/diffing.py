@@ -17,6 +17,7 @@ from rorg.api.models import Differences
 from rorg.api.not_before import reached
 from rorg.api.operations import Operations
 from rorg.core.decide import Decision
+from rorg.core.overview import Overview
 from rorg.core.plan import Plan, Waiting
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
@@ -29,11 +30,11 @@ def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyn
     """The route by which commands see what would change."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
-    async def diff() -> Response:
+    async def diff(unified: bool = False) -> Response:
         """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
-        drifted, until now counts."""
+        drifted, until now counts. `unified`: with a unified diff of each container that is changed."""
         await _look(operations, changed)
-        return Response(json.dumps(differences(operations)), media_type="application/json")
+        return Response(json.dumps(differences(operations, unified)), media_type="application/json")
 
 
 async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
@@ -57,21 +58,31 @@ async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) ->
         raise Busy("say what is to be done", "the manifests are being written", "again in a moment")
 
 
-def differences(operations: Operations) -> dict[str, Any]:
+def differences(operations: Operations, unified: bool) -> dict[str, Any]:
     """The last decision's plan, with what is wrong with the tree."""
     decision = operations.decision
-    plan = with_calls_under_way(decision)
     about = about_tree(operations.loop.tree, operations.loop.leases.file)
-    catalog = decision.situation.desired.catalog
     return {
         "root": about["tree"]["root"],
-        "fingerprint": catalog.fingerprint,
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
-        "withheld": sorted(decision.situation.withheld),
+        **shown(decision, with_calls_under_way(decision), unified),
+    }
+
+
+def shown(decision: Decision, plan: Plan, unified: bool) -> dict[str, Any]:
+    """A plan of a decision, in all its forms."""
+    situation, catalog = decision.situation, decision.situation.desired.catalog
+    overview = Overview(situation, plan)
+    return {
+        "fingerprint": catalog.fingerprint,
+        "withheld": sorted(situation.withheld),
         "probed": sorted(name for name, service in catalog.services.items() if service.ready),
         "empty": plan.empty,
         "text": plan.text(),
+        "services": overview.as_json(),
+        "unified": overview.unified() if unified else {},
+        "suspended": situation.suspended,
         "plan": plan.as_json(),
     }
 

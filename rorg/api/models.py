@@ -229,7 +229,15 @@ class Differences(BaseModel):
     withheld: list[str] = Field(description="Whose removal waits for a person's word.")
     probed: list[str] = Field(description="Services that have a probe of their readiness.")
     empty: bool = Field(description="There is nothing to do, and nothing waits.")
-    text: str
+    text: str = Field(description="The plan step by step, for people.")
+    services: list[dict[str, Any]] = Field(
+        description="The same service by service: `verbs`, `why`, `changes` (field, old, new, with what may be secret "
+        "masked), and all of that as a `line`."
+    )
+    unified: dict[str, str] = Field(
+        description="Where it was asked for: by service, each container that changes as a unified diff, masked too."
+    )
+    suspended: str = Field(description="Why nothing of it is done now; empty where rorg is not suspended.")
     plan: dict[str, Any]
 
 

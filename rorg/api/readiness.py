@@ -86,4 +86,7 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
         )
     )
     stalled = status.condition("Stalled").status == "True"
-    return Ready(False, status.incarnation, why, hopeless=stalled or bool(status.held))
+    settled = not waiting and status.condition("Reconciling").status == "False"
+    over = status.wanted and settled and ready.reason in ("Failed", "OutOfMemory")
+    failing = stalled or over or situation.memory.of(name).missing
+    return Ready(False, status.incarnation, why, hopeless=failing or bool(status.held))

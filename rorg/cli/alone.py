@@ -11,11 +11,13 @@ from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import read, request_of, seconds_of
 from rorg.api.models import HoldBody, HoldsBody, PutRequest
-from rorg.cli.context import Context, unready
+from rorg.cli.context import Context, hopeless, unready
 from rorg.cli.local import decision, glance
+from rorg.cli.operating import body_of
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
-from rorg.errors import Unreachable
+from rorg.daemon.snapshot import request_json
+from rorg.errors import NotReady, Unreachable
 from rorg.host.clock import wall_clock
 from rorg.model.graph import closure
 
@@ -42,6 +44,10 @@ class Local:
 
     def requesters(self, id: str) -> list[str]:
         return [r.requester for r in self.context.document().requests if r.id == id]
+
+    def request(self, id: str, requester: str) -> dict[str, Any] | None:
+        found = next((r for r in self.context.document().requests if r.key == (requester, id)), None)
+        return None if found is None else body_of(request_json(found))
 
     def release(self, id: str, requester: str) -> None:
         self._do(changes.release((requester, id)))
@@ -76,6 +82,10 @@ class Local:
 
         def done(view: dict[str, Any]) -> str:
             known = self._asked is None or any((r["requester"], r["id"]) == self._asked for r in view["requests"])
+            failed = hopeless(view, closed) if known else {}
+            if failed:
+                told = "; ".join(f"{name}: {why}" for name, why in failed.items())
+                raise NotReady(f"wait for {what}", told, "`rorg why` for the reasons")
             return unready(view, closed) if known else "the request has not been read yet"
 
         self.context.wait(what, done, timeout)

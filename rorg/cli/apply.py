@@ -23,16 +23,22 @@ def command(
 ) -> None:
     """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory."""
     from rorg.cli.context import Context
-    from rorg.cli.differences import differences
+    from rorg.cli.differences import differences, warn_of_other_tree
+    from rorg.errors import Refused
 
     context = Context(state_dir, engine, directory, local=True)
     owner = {"what": "rorg run"} if context.remote else context.state.owner()
     if owner is None:
         context.state.acquire("rorg apply")
     shown = differences(context)
-    note(shown.text.rstrip())
+    if owner is not None:
+        _follows(context, owner, shown)
+    warn_of_other_tree(context, shown)
+    note(shown.overview().rstrip())
     if shown.withheld:
         note(f"To be removed on your word, though they are named: {', '.join(shown.withheld)}")
+    if shown.suspended and (shown.plan["actions"] or shown.withheld):
+        raise Refused("apply the plan", f"rorg is {shown.suspended}", "`rorg suspend --end`")
     if not shown.empty:
         _consent(yes)
     if owner is None:
@@ -67,7 +73,6 @@ def _confirm_here(context: Context, shown: Differences) -> None:
 
 def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: bool, timeout: float) -> None:
     """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
-    _follows(context, owner, shown)
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")
     confirmed: list[str] = []

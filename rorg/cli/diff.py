@@ -3,23 +3,68 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.options import Directory, EngineName, Option, StateDirectory
 from rorg.cli.output import check_form, dump, echo
+
+if TYPE_CHECKING:
+    from rorg.cli.differences import Differences
 
 
 def command(
-    directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
+    directory: Directory = None,
+    service: Annotated[
+        str, Option(names=("--service",), show_default=False, help="Only of this service.", metavar="SERVICE")
+    ] = "",
+    unified: Annotated[
+        bool,
+        Option(
+            names=("--unified", "-u"),
+            help="Each container that changes as a unified diff, what may be secret masked.",
+        ),
+    ] = False,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+    output: Annotated[
+        str, Option(names=("-o", "--output"), help="table: a line a service; wide: every step; yaml or json.")
+    ] = "table",
 ) -> None:
     """Show what would be done, and why, without doing it. Exits 1 when there is anything."""
     from rorg.cli.context import Context
-    from rorg.cli.differences import differences
-    from rorg.errors import Exit
+    from rorg.cli.differences import differences, warn_of_other_tree
+    from rorg.errors import Exit, Invalid
 
-    check_form(output, ("table", "json", "yaml"))
-    found = differences(Context(state_dir, engine, directory, local=True))
-    if output == "table":
-        echo(found.text, end="")
+    check_form(output, ("table", "wide", "json", "yaml"))
+    if service and output == "wide":
+        raise Invalid("show every step of one service", "steps are those of the whole plan", "-o table, or -u")
+    context = Context(state_dir, engine, directory, local=True)
+    found = differences(context, unified)
+    warn_of_other_tree(context, found)
+    if service:
+        found = _only(found, service)
+    if output in ("json", "yaml"):
+        dump(_full(found, unified), output)
+    elif unified:
+        echo("".join(found.unified.values()), end="")
     else:
-        dump(found.plan, output)
+        echo(found.text if output == "wide" else found.overview(), end="")
     sys.exit(int(Exit.OK if found.empty else Exit.DIFFERENCES))
+
+
+def _only(found: Differences, name: str) -> Differences:
+    services = [s for s in found.services if s["service"] == name]
+    actions, waitings = ([a for a in found.plan[kind] if a["service"] == name] for kind in ("actions", "waitings"))
+    summary = "" if services else f"No differences of {name}."
+    return found._replace(
+        services=services,
+        unified={n: text for n, text in found.unified.items() if n == name},
+        plan={**found.plan, "actions": actions, "waitings": waitings, "summary": summary},
+        empty=not services,
+    )
+
+
+def _full(found: Differences, unified: bool) -> dict[str, Any]:
+    """The plan as programs read it."""
+    services = [{k: v for k, v in s.items() if k != "line"} for s in found.services]
+    return {**found.plan, "services": services, **({"unified": found.unified} if unified else {})}

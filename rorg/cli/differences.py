@@ -8,16 +8,25 @@ from typing import Any, NamedTuple
 from rorg_client import Error as ClientError
 
 from rorg.cli.context import Context
+from rorg.cli.output import note
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
 
 class Differences(NamedTuple):
-    """The plan in both its forms, and of what it was made."""
+    """The plan in its forms, and of what it was made."""
 
     text: str
+    """Step by step."""
+    services: list[dict[str, Any]]
+    """Service by service."""
+    unified: dict[str, str]
+    """Of each container that is changed, where it was asked for."""
     plan: dict[str, Any]
     empty: bool
+    suspended: str
+    """Why nothing of it is done now."""
+    root: Path
     withheld: list[str]
     probed: list[str]
     """Services whose readiness a probe tells."""
@@ -29,12 +38,17 @@ class Differences(NamedTuple):
     tree: Any = None
     """The same, as it was read."""
 
+    def overview(self) -> str:
+        """One line for each service, and one with the counts."""
+        lines = [*(s["line"] for s in self.services), self.plan["summary"]]
+        return "".join(f"{line}\n" for line in lines if line)
 
-def differences(context: Context) -> Differences:
+
+def differences(context: Context, unified: bool = False) -> Differences:
     """Raises Invalid where the tree has errors, and Unreachable."""
-    found = _told(context)
+    found = _told(context, unified)
     if found is None:
-        return _computed(context)
+        return _computed(context, unified)
     if found["errors"]:
         raise Invalid(
             f"use the manifests in {found['root']}",
@@ -43,30 +57,47 @@ def differences(context: Context) -> Differences:
         )
     if found["requests_errors"]:
         raise Invalid(f"read {context.state.requests}", found["requests_errors"][0], "to mend it")
+    return _of(found, Path(found["root"]), told=True)
+
+
+def _of(found: dict[str, Any], root: Path, told: bool) -> Differences:
+    forms = {name: found[name] for name in ("text", "services", "unified", "plan", "empty", "suspended")}
     return Differences(
-        text=found["text"],
-        plan=found["plan"],
-        empty=found["empty"],
+        **forms,
+        root=root,
         withheld=found["withheld"],
         probed=found["probed"],
         fingerprint=found["fingerprint"],
-        told=True,
+        told=told,
     )
 
 
-def _told(context: Context) -> dict[str, Any] | None:
+def warn_of_other_tree(context: Context, found: Differences) -> None:
+    """Says so where the manifests that are compared are not those that somebody may think of."""
+    here = Path("manifests")
+    if found.told:
+        if not (context.remote or context.directory) and here.is_dir() and here.resolve() != found.root:
+            note(f"the running rorg follows {found.root}; {here.resolve()} is not looked at")
+        return
+    last = ((context.last() or {}).get("tree") or {}).get("root")
+    if isinstance(last, str) and Path(last) != found.root.resolve():
+        runs = "the running rorg follows" if context.state.owner() else "rorg followed"
+        note(f"{runs} {last}; this compares {found.root.resolve()}")
+
+
+def _told(context: Context, unified: bool) -> dict[str, Any] | None:
     """What the running rorg says; None where it says nothing of this tree."""
     if context.remote and context.directory:
         context.here("compare that directory")
     client = context.client()
     try:
-        found: dict[str, Any] | None = client.call("GET", "/v1/diff") if client else None
+        found: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?unified=true' * unified}") if client else None
     except ClientError:
         if context.remote:
             raise
         return None  # it may be an older one, or one that we may not ask: what is wrong is told by looking ourselves
     other = found and context.directory and Path(found["root"]) != context.directory.resolve()
-    return None if other else found
+    return None if other or (found and "services" not in found) else found
 
 
 def _line(error: dict[str, Any]) -> str:
@@ -75,7 +106,8 @@ def _line(error: dict[str, Any]) -> str:
     return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
 
 
-def _computed(context: Context) -> Differences:
+def _computed(context: Context, unified: bool) -> Differences:
+    from rorg.api.diffing import shown
     from rorg.cli.local import decision_for
     from rorg.daemon.wiring import make_tree
     from rorg.manifest.load import unusable
@@ -84,15 +116,6 @@ def _computed(context: Context) -> Differences:
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)
-    catalog, decision = tree.desired.catalog, decision_for(context, tree.desired)
-    return Differences(
-        text=decision.plan.text(),
-        plan=decision.plan.as_json(),
-        empty=decision.plan.empty,
-        withheld=sorted(decision.situation.withheld),
-        probed=sorted(name for name, service in catalog.services.items() if service.ready),
-        fingerprint=catalog.fingerprint,
-        told=False,
-        decision=decision,
-        tree=tree,
-    )
+    decision = decision_for(context, tree.desired)
+    found = _of(shown(decision, decision.plan, unified), context.root, told=False)
+    return found._replace(decision=decision, tree=tree)

@@ -36,7 +36,7 @@ def run() -> None:
     try:
         _complete() if "_RORG_COMPLETE" in os.environ else _command(sys.argv[1:])
     except RorgError as error:
-        _complain(f"rorg: {error}")
+        _complain("\n".join([f"rorg: {error}", *getattr(error, "__notes__", ())]))
         sys.exit(int(error.code))
     except KeyboardInterrupt:
         sys.exit(130)
@@ -99,5 +99,5 @@ def _told_by_the_api(error: Exception) -> None:
     if client and isinstance(error, client.Error):
         from rorg.cli.terminal import entry
 
-        _complain(entry("rorg: ", error))
+        _complain("\n".join([entry("rorg: ", error), *getattr(error, "__notes__", ())]))
         sys.exit(int(CLIENT_CODES.get(error.code, Exit.USAGE)))

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rorg.errors import Unconfirmed
@@ -18,6 +22,9 @@ class Operating(Protocol):
 
     def put_request(self, id: str, requester: str, body: dict[str, Any]) -> None:
         """Requests services."""
+
+    def request(self, id: str, requester: str) -> dict[str, Any] | None:
+        """The body of a request as it is; None where there is none."""
 
     def requesters(self, id: str) -> list[str]:
         """Who has a request of this id that can be released."""
@@ -55,6 +62,11 @@ class Served:
         from rorg_client import calls
 
         self.client.do(calls.put_request(id, body, requester))
+
+    def request(self, id: str, requester: str) -> dict[str, Any] | None:
+        known = (r for r in self.client.requests() if not r["standing"])
+        found = next((r for r in known if (r["requester"], r["id"]) == (requester, id)), None)
+        return None if found is None else body_of(found)
 
     def requesters(self, id: str) -> list[str]:
         return [r["requester"] for r in self.client.requests() if r["id"] == id and not r["standing"]]
@@ -97,7 +109,25 @@ class Served:
         pass
 
     def wait(self, names: list[str], timeout: float) -> None:
-        self.client.wait(*names, timeout=timeout)
+        with watched(self.client, names):
+            self.client.wait(*names, timeout=timeout)
+
+
+def body_of(request: Mapping[str, Any]) -> dict[str, Any]:
+    """What would send a request again, of one as the API shows it."""
+    from rorg.model.units import format_duration
+
+    ttl = format_duration(request["ttl"]) if request["ttl"] else None
+    return {**{k: request[k] for k in ("services", "reason", "priority")}, "ttl": ttl}
+
+
+def watched(client: Client, names: list[str]) -> AbstractContextManager[object]:
+    """Shows a person at the terminal what is waited for while the block runs."""
+    if not sys.stderr.isatty() or os.environ.get("TERM", "dumb") in ("dumb", "unknown"):
+        return nullcontext()
+    from rorg.cli.progress import Progress
+
+    return Progress(client, names)
 
 
 def operating(context: Context) -> Operating:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory, Timeout, Wait, duration
-from rorg.cli.output import echo
+from rorg.cli.output import echo, note
+
+if TYPE_CHECKING:
+    from rorg.cli.operating import Operating
 
 
 def command(
@@ -39,6 +42,13 @@ def command(
         ),
     ] = None,
     wait: Wait = False,
+    rollback: Annotated[
+        bool,
+        Option(
+            names=("--rollback",),
+            help="With --wait: where it does not get ready, or at Ctrl-C, requests are again as they were.",
+        ),
+    ] = False,
     timeout: Timeout = 60.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
@@ -54,13 +64,49 @@ def command(
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
+    if rollback and not wait:
+        raise Invalid("request", "--rollback is for a wait that fails", "--wait with it")
     chosen = list(dict.fromkeys(services))
     name, robot = id or chosen[0], operating(Context(state_dir, engine))
     check_id(name)
     if wait:
         robot.waiting(f"wait for {', '.join(chosen)}")
     lease = format_duration(ttl) if ttl else None
+    asked = Asked(robot, name, requester, rollback)
     robot.put_request(name, requester, {"services": chosen, "reason": reason, "priority": priority, "ttl": lease})
     echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
     if wait:
-        robot.wait(chosen, timeout)
+        with asked:
+            robot.wait(chosen, timeout)
+
+
+class Asked:
+    """A request whose services are waited for in the block: where that fails, it says what becomes of the request."""
+
+    def __init__(self, robot: Operating, id: str, requester: str, rollback: bool) -> None:
+        self.robot, self.id, self.requester, self.rollback = robot, id, requester, rollback
+        self.before: dict[str, Any] | None = robot.request(id, requester) if rollback else None
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            return
+        if self.rollback:
+            self._roll_back()
+            told = "is again as it was before" if self.before else "is withdrawn"
+        else:
+            whose = "" if self.requester == "developer" else f" --as {self.requester}"
+            told = f"stays; `rorg release {self.id}{whose}` takes it back"
+        text = f"request '{self.id}' {told}"
+        if isinstance(error, Exception):
+            error.add_note(text)  # told after it
+        else:
+            note(text)
+
+    def _roll_back(self) -> None:
+        if self.before:
+            self.robot.put_request(self.id, self.requester, self.before)
+        else:
+            self.robot.release(self.id, self.requester)

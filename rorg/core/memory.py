@@ -47,6 +47,8 @@ class Attempt:
     at: float = 0.0
     """Not to be begun again before this time."""
     error: str = ""
+    missing: bool = False
+    """It failed since its image, or its program, is not on this machine: trying again does not help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,11 @@ class Progress:
     @property
     def stalled(self) -> bool:
         return self.exits >= STALLED_AFTER or any(t.count >= STALLED_AFTER for t in self.attempts.values())
+
+    @property
+    def missing(self) -> bool:
+        """What it is to run is not on this machine."""
+        return any(t.missing for t in self.attempts.values())
 
     @property
     def retry_at(self) -> float:

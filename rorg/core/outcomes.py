@@ -22,6 +22,8 @@ class Outcome:
     """Empty when it went well."""
     refused: bool = False
     """The engine said no to what was asked, rather than that it gave no answer."""
+    missing: bool = False
+    """The image, or the program, is not on this machine."""
 
 
 def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
@@ -66,18 +68,19 @@ def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
     for outcome in outcomes:
         name = outcome.action.service
         in_flight.pop(name, None)
-        step = _finished(progress.get(name, Progress()), outcome.action, outcome.error, now)
+        step = _finished(progress.get(name, Progress()), outcome, now)
         progress[name] = refused(step, outcome.action, outcome.error) if outcome.refused else step
     return replace(memory, progress=progress, in_flight=in_flight)
 
 
-def _finished(step: Progress, action: Action, error: str, now: float) -> Progress:
+def _finished(step: Progress, outcome: Outcome, now: float) -> Progress:
+    action, error = outcome.action, outcome.error
     tried = step.attempts.get(action.verb, Attempt())
     if error or tried.count >= STALLED_AFTER:
-        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
+        tried = replace(tried, at=now + delay(tried.count + 1), error=error, missing=outcome.missing)
         step = replace(step, attempts={**step.attempts, action.verb: tried}, error=error)
     elif tried.error and not step.exits:
-        step = replace(step, attempts={**step.attempts, action.verb: replace(tried, at=0.0, error="")})
+        step = replace(step, attempts={**step.attempts, action.verb: replace(tried, at=0.0, error="", missing=False)})
         step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
     if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
         step = replace(step, update=replace(step.update, content=action.args["content"]))

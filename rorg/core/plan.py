@@ -13,6 +13,7 @@ SYMBOLS = {
     "rename": "~",
     "signal": "~",
     "replace": "-/+",
+    "restart": "#/>",
     "start": ">",
     "resume": "=",
     "pause": '"',
@@ -95,7 +96,7 @@ class Plan:
         return not self.actions and not self.waitings
 
     def text(self) -> str:
-        """The canonical text: what `rorg diff` prints and planner tests compare."""
+        """The canonical text, step by step: what `rorg diff -o wide` prints and planner tests compare."""
         lines: list[str] = []
         named: list[Action | Waiting] = [*self.actions, *self.waitings]
         width = max((len(n.service) for n in named), default=0)

@@ -33,11 +33,11 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
 
 
 def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
+    # Whoever asks for it gets a fresh start: what is missing for its container may be there by now.
     if is_wanted:
-        return replace(step, unwanted_since=None) if step.unwanted_since is not None else step
+        return step if step.unwanted_since is None else replace(step, unwanted_since=None, attempts={}, error="")
     if step.unwanted_since is not None:
         return step
-    # Whoever asks for it again gets a fresh start.
     return replace(step, unwanted_since=now, exits=0, exited="", attempts={}, error="")
 
 

@@ -12,6 +12,11 @@ def said_no(error: RorgError) -> bool:
     return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken")
 
 
+def is_missing(error: RorgError) -> bool:
+    """Whether the image, or the program, that was to be run is not on this machine."""
+    return isinstance(error, EngineError) and error.kind == "missing_image"
+
+
 def perform(engine: Lifecycle, action: Action) -> str:
     """Does what the action says and returns the id of the container that it was done to."""
     args = action.args

@@ -1,0 +1,83 @@
+"""What is waited for, on a terminal: a few lines of standard error, rewritten in place, and taken away at the end."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from rorg_client import Error
+
+from rorg.cli.context import unready
+from rorg.cli.terminal import printable
+
+if TYPE_CHECKING:
+    from rorg_client import Client
+
+QUIET = 0.4
+"""Seconds before anything is shown: most waits are over by then."""
+PAUSE = 1.0
+"""Seconds between two looks: each costs rorg time that it needs for what is waited for."""
+ANSWER = 2.0
+MOST = 8
+"""Services that are shown."""
+
+
+class Progress:
+    """A context manager; it asks in a thread of its own."""
+
+    def __init__(self, client: Client, names: list[str]) -> None:
+        self.client, self.names = client.like(ANSWER, 0.0), names
+        self.begun = time.monotonic()
+        self._over, self._guard, self._drawn = threading.Event(), threading.Lock(), 0
+
+    def __enter__(self) -> None:
+        threading.Thread(target=self._run, name="rorg-progress", daemon=True).start()
+
+    def __exit__(self, *_: object) -> None:
+        with self._guard:  # whatever it is about to show, it does not
+            self._over.set()
+            self._erase()
+
+    def _run(self) -> None:
+        asked: list[str] = []
+        pause = QUIET
+        while not self._over.wait(pause):
+            pause = PAUSE
+            try:
+                asked = asked or list(self.client.readiness(*self.names))
+                view = self.client.status()
+            except Error:
+                continue  # whoever waits says what is wrong
+            self._draw(waiting(view, asked, time.monotonic() - self.begun))
+        self.client.close()
+
+    def _draw(self, lines: list[str]) -> None:
+        try:
+            width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+        except (OSError, ValueError):
+            width = 80
+        with self._guard:
+            if self._over.is_set():
+                return
+            self._erase()
+            sys.stderr.write("".join(f"{printable(line)[: width - 1]}\n" for line in lines))
+            sys.stderr.flush()
+            self._drawn = len(lines)
+
+    def _erase(self) -> None:
+        """Takes away what was drawn last, from its first line on."""
+        if self._drawn:
+            sys.stderr.write(f"\033[{self._drawn}A\r\033[J")
+            sys.stderr.flush()
+            self._drawn = 0
+
+
+def waiting(view: dict[str, Any], names: list[str], seconds: float) -> list[str]:
+    """Who waits for whom, of these services and all that they need, as the running rorg shows them."""
+    late = [text for name in names if (text := unready(view, [name]))]
+    more = [f"  and {len(late) - MOST} more"] if len(late) > MOST else []
+    head = f"{len(names) - len(late)} of {len(names)} ready, {seconds:.0f} s"
+    return [head, *(f"  {text}" for text in late[:MOST]), *more]
