@@ -13,7 +13,7 @@ from robots import RealRobot
 DOCUMENT = json.loads((Path(__file__).parent.parent / "schemas/openapi.json").read_text())
 SERVICES = {
     "roscore": {"ready": {"delay": "0s"}},
-    "navigation": {"needs": ["roscore"], "may_request": ["mapping"]},
+    "navigation": {"needs": ["roscore"], "may_request": ["mapping"], "command": ["sh", "-c", "seq 12; exec sleep 600"]},
     "mapping": {"ready": {"file": "/nonexistent", "timeout": "1h"}},
     "planner": {"needs": ["mapping"]},
     "base": {"always_on": True, "restart": "never"},

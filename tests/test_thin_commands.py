@@ -90,6 +90,8 @@ def heavy(modules: set[str]) -> list[str]:
         "diff -o json",
         "apply --yes --wait",
         "events",
+        "logs base",
+        "logs base spare -n 5 -t",
     ],
 )
 def test_a_command_that_the_running_rorg_answers_imports_nothing_heavy(robot, line):

@@ -16,6 +16,7 @@ from rorg.api.diffing import add_diffing
 from rorg.api.events import add_events
 from rorg.api.inputs import unreadable
 from rorg.api.limits import MOST_BODY
+from rorg.api.logs import add_logs
 from rorg.api.manifests import add_manifests
 from rorg.api.models import Problem
 from rorg.api.operating import add_operating
@@ -59,6 +60,7 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     add_operating(app, operations)
     add_waiting(app, operations, changed)
     add_events(app, operations, changed)
+    add_logs(app, operations, changed)
     add_manifests(app, operations, changed)
     add_diffing(app, operations, changed)
     return app

@@ -99,7 +99,7 @@ async def _lines(
     """`whose`: the requester whose lines alone are told; empty for all lines. `allowed` raises Forbidden once the
     caller may not hear more, and Busy where that is not known."""
     journal, written = operations.loop.recorder.journal, asyncio.Event()
-    end = journal.follow(_from_any_thread(written)) if follow else lambda: None
+    end = journal.follow(from_any_thread(written)) if follow else lambda: None
     try:
         while not hangup.done():
             # Both are looked at before the journal is read: what is written from here on wakes the wait below.
@@ -117,14 +117,15 @@ async def _lines(
             elif not follow or operations.ending:
                 return
             else:
-                await _either(written, turn, hangup)
+                await either(written, turn, hangup)
     except Forbidden:
         return  # asked again, it is told why
     finally:
         end()
 
 
-def _from_any_thread(event: asyncio.Event) -> Callable[[], None]:
+def from_any_thread(event: asyncio.Event) -> Callable[[], None]:
+    """Sets an event of this loop."""
     loop = asyncio.get_running_loop()
 
     def tell() -> None:
@@ -134,7 +135,8 @@ def _from_any_thread(event: asyncio.Event) -> Callable[[], None]:
     return tell
 
 
-async def _either(one: asyncio.Event, other: asyncio.Event, hangup: asyncio.Future[None]) -> None:
+async def either(one: asyncio.Event, other: asyncio.Event, hangup: asyncio.Future[None]) -> None:
+    """Returns when one of them is set, or nobody listens any more."""
     waits: list[asyncio.Future[Any]] = [asyncio.ensure_future(event.wait()) for event in (one, other)]
     try:
         await asyncio.wait([*waits, hangup], return_when=asyncio.FIRST_COMPLETED)

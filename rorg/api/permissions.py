@@ -22,6 +22,7 @@ OPERATIONS = {
     "removals": ("developer",),
     "down": ("developer",),
     "plan": ("developer",),
+    "logs": ("developer",),
     "events": ("developer", "service"),
 }
 """Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
@@ -39,6 +40,7 @@ WORDS = {
     "removals": "confirm removals",
     "down": "take the robot down",
     "plan": "see status and plan",
+    "logs": "read logs",
     "events": "see events",
 }
 """Operations as in "cannot X"."""

@@ -123,6 +123,21 @@ def is_status(value: object) -> bool:
     return True
 
 
+class LogView(BaseModel):
+    """A line of a service's log; without `text`, where its log stands; with `error`, why it cannot be read."""
+
+    service: str
+    cursor: str | None = Field(default=None, description="As `after`: go on behind this line.")
+    time: str | None = Field(
+        default=None, description="RFC 3339, UTC; of the process engine when it was seen, and none for lines of before."
+    )
+    text: str | None = Field(
+        default=None,
+        description="With its line end; a long line comes in pieces without. Bytes that are no UTF-8 are U+DC80 on.",
+    )
+    error: str | None = None
+
+
 class EventView(BaseModel):
     """A line of the journal; which fields it has beyond the first four depends on its kind."""
 

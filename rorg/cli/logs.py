@@ -2,54 +2,193 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterable
-from typing import Annotated
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import EngineName, Option, ServiceName, StateDirectory
+from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg_client import Client
+
+    from rorg.cli.context import Context
+
+AGAIN = 0.3
+"""Seconds until a rorg that does not answer is asked again, when following."""
 
 
 def command(
-    service: ServiceName,
+    services: ServiceNames,
     follow: Annotated[bool, Option(names=("-f", "--follow"), help="Go on with what comes.")] = False,
-    tail: Annotated[int | None, Option(names=("--tail",), least=0, help="Only the last so many lines.")] = None,
+    tail: Annotated[int | None, Option(names=("-n", "--tail"), least=0, help="Last lines of each, as 100.")] = None,
+    since: Annotated[str, Option(names=("--since",), help="Lines since then: 10m, or 2026-01-31T12:00:00Z.")] = "",
+    timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,
+    output: Annotated[str, Option(names=("-o", "--output"), help="table or json.")] = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Print what a service wrote; lines of a group's members come one service after the other."""
-    from rorg.cli.context import Context
-    from rorg.cli.output import missing
-    from rorg.errors import Invalid
+    """Print what services wrote, merged by time. The process engine keeps no times: there the lines of before come one
+    service after the other, `--since` is refused, and `-t` shows when a followed line was seen.
 
+    Example: rorg logs navigation localization -f --since 10m
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form
+
+    check_form(output, ("table", "json"))
     context = Context(state_dir, engine)
+    names, asked = list(dict.fromkeys(services)), {"follow": follow, "tail": tail, "since": since or None}
     client = context.client()
     if client:
-        names = tuple(entry["service"] for entry in client.why(service))
+        members = {m for name in names for m in _members(client, name)}
+        found = _served(client, names, asked)
     else:
-        catalog = context.catalog()
-        names = catalog.members(service)
-        if not names:
-            raise missing("service", service, {*catalog.services, *catalog.groups})
-    if follow and len(names) > 1:
-        raise Invalid(f"follow the logs of {service}", "it is a group", "one of " + ", ".join(names))
-    containers = {c.service: c for c in sorted(context.engine().list(), key=lambda c: (c.alive, c.started_at))}
-    if not any(n in containers for n in names):
-        raise Invalid(f"read the logs of {service}", "it has no container yet", "`rorg request` or `rorg apply`")
-    for name in names:
-        if name in containers:
-            _show(context.engine().logs(containers[name].id, follow, tail))
-
-
-def _show(chunks: Iterable[bytes]) -> None:
-    """As they are, where a program or a file takes them; a terminal gets lines and colours, and obeys nothing else."""
-    from rorg.cli.terminal import LogText
-
-    log = LogText() if sys.stdout.isatty() else None
+        members, found = _here(context, names, asked)
+    shown = Lines(sorted(members), timestamps) if output == "table" else None
     try:
-        for chunk in chunks:
-            sys.stdout.buffer.write(log.text(chunk).encode() if log else chunk)
-            sys.stdout.buffer.flush()
+        for entry in found:
+            _show(entry, shown)
     finally:
-        if log:
-            sys.stdout.buffer.write(log.text(b"", end=True).encode())
-            sys.stdout.buffer.flush()
+        if shown:
+            shown.end()
+
+
+def _show(entry: dict[str, Any], shown: Lines | None) -> None:
+    """One of LogView."""
+    from rorg.cli.output import as_json, echo, note
+
+    if "error" in entry:
+        note(f"{entry['service']}: {entry['error']}" if entry["service"] else entry["error"])
+    elif shown and "text" in entry:
+        shown.show(entry)
+    elif "text" in entry:
+        text = entry["text"].encode("utf-8", errors="surrogateescape").decode("utf-8", errors="backslashreplace")
+        echo(as_json({"service": entry["service"], "time": entry.get("time"), "text": text.removesuffix("\n")}))
+
+
+def _members(client: Client, name: str) -> Sequence[str]:
+    return next((g["services"] for g in client.groups() if g["name"] == name), [name])
+
+
+def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """By the running rorg; when following, also by the next one, from where the last has come to."""
+    import time
+
+    from rorg_client import Error, Unreachable, calls
+    from rorg_client.connection import Connection
+    from rorg_client.errors import unreachable
+
+    known: dict[str, str] = {}
+    while True:
+        connection = None
+        try:
+            connection = Connection(client.address, None if asked["follow"] else client.timeout)
+            after = [f"{name}:{cursor}" for name, cursor in known.items()]
+            lines = client.lines(connection, calls.logs(names[0], names[1:], **asked, after=after))
+            next(lines)
+            for line in lines:
+                entry: dict[str, Any] = dict(line)
+                if "cursor" in entry:
+                    known[entry["service"]] = entry["cursor"]
+                yield entry
+            if not asked["follow"]:
+                return
+        except (OSError, Unreachable) as error:
+            if not asked["follow"]:
+                raise error if isinstance(error, Error) else unreachable(str(client.address), error) from error
+        finally:
+            if connection:
+                connection.close()
+        time.sleep(AGAIN)
+
+
+def _here(context: Context, names: Sequence[str], asked: dict[str, Any]) -> tuple[set[str], Iterator[dict[str, Any]]]:
+    """By this process, where no rorg runs: (services, lines)."""
+    from rorg.api.logs import asked_for, has_log
+    from rorg.cli.output import missing
+    from rorg.core.observed import Container, Observed
+
+    catalog, engine = context.catalog(), context.engine()
+    for name in names:
+        if not catalog.members(name):
+            raise missing("service", name, {*catalog.services, *catalog.groups})
+    services = list(dict.fromkeys(m for n in names for m in catalog.members(n) if not catalog.services[m].meta))
+
+    def find(service: str) -> Container | None:
+        return next(iter(Observed(tuple(engine.list())).by_service().get(service, [])), None)
+
+    wanted = asked_for(services, **asked)
+    has_log(names, wanted, find)
+    return set(services), _read(engine, find, wanted)
+
+
+def _read(engine: Any, find: Any, asked: Any) -> Iterator[dict[str, Any]]:
+    from threading import Event
+
+    from rorg.api.logs import entry_json
+    from rorg.engines.logs import gather
+
+    news = Event()
+    entries = gather(engine, find, asked, news.set)
+    try:
+        while True:
+            news.wait()
+            news.clear()
+            found, over = entries.take()
+            yield from map(entry_json, found)
+            if over and not found:
+                return
+            if over:
+                news.set()
+    finally:
+        entries.end()
+
+
+class Lines:
+    """Lines as people read them: of several services each with its name in front. Of one, a program or a file gets
+    them as they are; a terminal gets lines and colours, and obeys nothing else."""
+
+    def __init__(self, services: Sequence[str], timestamps: bool) -> None:
+        from rorg.cli.terminal import LogText
+
+        self.timestamps, self.terminal = timestamps, sys.stdout.isatty()
+        several = len(services) > 1
+        width = max(map(len, services), default=0)
+        coloured = self.terminal and "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") != "dumb"
+        self.heads = {
+            name: _coloured(f"{name:<{width}} | ", index) if coloured else f"{name:<{width}} | "
+            for index, name in enumerate(services if several else ())
+        }
+        self.texts = {name: LogText() for name in services} if self.terminal else {}
+        self.last = ("", True)
+        """Whose line was shown last, and whether it has ended."""
+
+    def show(self, entry: dict[str, Any]) -> None:
+        """A line; it goes on with the last one where that has not ended and is of the same service."""
+        name, text = entry["service"], entry["text"].encode("utf-8", errors="surrogateescape")
+        before, ended = self.last
+        head = b"" if ended or not self.heads else b"\n"
+        if ended or before != name:
+            time = f"{entry.get('time') or '-':<30} " if self.timestamps else ""
+            head += (self.heads.get(name, "") + time).encode()
+        else:
+            head = b""
+        if self.terminal and name in self.texts:
+            text = self.texts[name].text(text, end=bool(self.heads)).encode()
+        self.last = name, entry["text"].endswith("\n")
+        _write([head, text])
+
+    def end(self) -> None:
+        """Takes colours back, and ends the last line where more than one service was shown."""
+        rest = [log.text(b"", end=True).encode() for log in self.texts.values()][:1]
+        _write([*rest, b"" if self.last[1] or not self.heads else b"\n"])
+
+
+def _write(pieces: Iterable[bytes]) -> None:
+    sys.stdout.buffer.write(b"".join(pieces))
+    sys.stdout.buffer.flush()
+
+
+def _coloured(text: str, index: int) -> str:
+    return f"\033[{(36, 33, 32, 35, 34, 31)[index % 6]}m{text}\033[0m"

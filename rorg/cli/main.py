@@ -17,6 +17,7 @@ CLIENT_CODES = {
     "not-ready": Exit.NOT_READY,
     "unreachable": Exit.UNREACHABLE,
     "busy": Exit.UNREACHABLE,
+    "too-many-requests": Exit.UNREACHABLE,
     "internal": Exit.INTERNAL,
 }
 """What the API answers, as exit codes."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rorg.core.observed import Container
+from rorg.engines.log_lines import LogLine, Reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +22,8 @@ class Capabilities:
     """Options can be changed in place."""
     events: str
     """`all` changes arrive as events; or only `exits`, other drift being found at the next resync."""
+    log_times: bool = True
+    """The engine knows when a line of a log was printed."""
     ignored_options: frozenset[str] = frozenset()
     """Container options that have no meaning here."""
 
@@ -95,6 +98,14 @@ class Inspection(Protocol):
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         """Output of the container, standard error included; the last `tail` lines, then what comes when following. In
         pieces of 1 MiB at the most."""
+
+    def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
+        """The last `tail` lines that were printed `since` (seconds since the epoch), the last of them perhaps without
+        text: it says where the log stands. `whole`: without a last line that is being written."""
+
+    def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+        """Lines from a place on ("" for the beginning of what is kept), as they come, until the run of now is over or
+        the reading is ended."""
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """Output of the run of now from a place on ("" for its beginning) to what there is now: in pieces of some 64

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
+from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.live import LIVE
@@ -178,6 +179,19 @@ class SimEngine:
         self._get(container)
         lines = self._output.get(container, b"").splitlines(keepends=True)
         yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
+
+    def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
+        """Of no time, as say() gives none; all lines are whole."""
+        place = 0
+        for text in self.logs(container, False, tail):
+            place += len(text)
+            yield LogLine("", text, str(place))
+
+    def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+        """What say() was told until now."""
+        for line in self.log_lines(container, None, None, False):
+            if int(line.place) > int(place or 0) and not reading.ended:
+                yield line
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         self._get(container)

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import threading
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Sequence, TypeVar
 from urllib.parse import quote, urlencode
 
 from rorg_client.errors import Error, Unreachable, invalid, problem, unreachable
@@ -245,6 +245,15 @@ def delete_manifest(kind: str, name: str, base: str, message: str) -> Call[None]
 def events(cursor: int | None, follow: bool, tail: int, mine: bool, requester: str | None) -> str:
     """The path."""
     return _query("/v1/events", cursor=cursor, follow=follow, tail=tail, mine=mine or None, requester=requester)
+
+
+def logs(
+    name: str, also: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str]
+) -> str:
+    """The path."""
+    more = [("also", other) for other in also] + [("after", cursor) for cursor in after]
+    path = _query(f"/v1/services/{_of(name)}/logs", follow=follow, tail=tail, since=since)
+    return f"{path}&{urlencode(more)}" if more else path
 
 
 # -- words -----------------------------------------------------------------------------------------------------

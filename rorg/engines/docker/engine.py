@@ -19,6 +19,7 @@ from rorg.engines.docker.exec import run
 from rorg.engines.docker.live import update_body
 from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
+from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
@@ -209,6 +210,21 @@ class DockerEngine:
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         with docker_errors(f"read the logs of {container[:12]}"):
             yield from log.read(self.client, container, follow, tail)
+
+    def log_lines(
+        self,
+        container: str,
+        tail: int | None,
+        since: float | None,
+        whole: bool,  # noqa: ARG002 - of Engine
+    ) -> Iterator[LogLine]:
+        """The engine gives whole lines, and long ones in pieces."""
+        with docker_errors(f"read the logs of {container[:12]}"):
+            yield from log.lines(self.client, container, tail, since)
+
+    def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+        with docker_errors(f"read the logs of {container[:12]}"):
+            yield from log.follow(self.client, container, place, reading)
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is the engine's time of the last line, so that line comes again."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from contextlib import nullcontext
+from http.client import HTTPException
 from typing import Any
 
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.frames import Frames
 from rorg.engines.docker.reading import epoch_seconds
+from rorg.engines.log_lines import LogLine, Reading
+from rorg.model.units import nano_stamp
 
 PIECE = 1 << 16
 """Bytes of lines that are searched at once, and of one line that are looked at."""
@@ -40,9 +45,63 @@ def since(client: Client, container: str, place: str) -> Iterator[tuple[bytes, s
     yield bytes(piece), str(epoch_seconds(stamp.decode())) if stamp else place
 
 
-def _chunks(client: Client, container: str, wait: float | None, **asked: Any) -> Iterator[bytes]:
+def lines(client: Client, container: str, tail: int | None, since: float | None) -> Iterator[LogLine]:
+    """The last `tail` lines since a time. Without any, the last line of all tells where the log stands."""
+    place = ""
+    asked: dict[str, Any] = {"since": since, "tail": "all" if tail is None else max(tail, 1)}
+    for line in _stamped(client, container, WAIT, None, "", **asked):
+        place = line.place
+        if tail != 0:
+            yield line
+    if not place and since is not None:
+        place = next((line.place for line in _stamped(client, container, WAIT, None, "", tail=1)), "")
+    yield LogLine("", b"", place)
+
+
+def follow(client: Client, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+    """What comes after a place, until the container ends or the reading is."""
+    time = place.partition("/")[0]
+    seconds = f"{epoch_seconds(f'{time[:19]}Z'):.0f}.{time[20:29]}" if time else None
+    try:
+        yield from _stamped(client, container, None, reading, place, follow=True, since=seconds)
+    except (OSError, HTTPException, ValueError):
+        if not reading.ended:
+            raise
+
+
+def _uniform(stamp: str) -> str:
+    """A time of the engine's in UTC with nine digits, as Docker has it; Podman's has its zone, and fewer."""
+    if len(stamp) == 30 and stamp.endswith("Z"):
+        return stamp
+    digits = re.search(r"\.(\d+)", stamp)
+    return nano_stamp(
+        int(epoch_seconds(re.sub(r"\.\d+", "", stamp))) * 10**9 + int(f"{digits[1] if digits else 0:<09}")
+    )
+
+
+def _stamped(
+    client: Client, container: str, wait: float | None, reading: Reading | None, after: str, **asked: Any
+) -> Iterator[LogLine]:
+    """Lines behind a place, which is TIME/COUNT: so many lines of that time are known."""
+    known, _, count = after.partition("/")
+    last, same = "", 0
+    chunks = _chunks(client, container, wait, reading, timestamps=True, **asked)
+    for message in _lines(chunks) if _terminal(client, container) else _framed(chunks):
+        stamp, _, text = message.partition(b" ")
+        time = _uniform(stamp.decode("ascii", errors="replace"))
+        last, same = time, same + 1 if time == last else 1
+        if time > known or (time == known and same > int(count)):
+            yield LogLine(time, text, f"{time}/{same}")
+
+
+def _chunks(
+    client: Client, container: str, wait: float | None, reading: Reading | None = None, **asked: Any
+) -> Iterator[bytes]:
     path = f"/containers/{container}/logs"
-    with client.stream("GET", path, None, wait, stdout=True, stderr=True, **asked) as stream:
+    with (
+        client.stream("GET", path, None, wait, stdout=True, stderr=True, **asked) as stream,
+        reading.closing(stream.close) if reading else nullcontext(),
+    ):
         yield from iter(stream.read, b"")
 
 

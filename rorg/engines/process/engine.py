@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
+from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import hear_signals, launch, run_beside
-from rorg.engines.process.log import read_log, read_log_from, trim_log
+from rorg.engines.process.log import follow_lines, read_lines, read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
@@ -53,6 +54,7 @@ class ProcessEngine:
         isolation=False,
         live_update=True,
         events="exits",
+        log_times=False,
         ignored_options=frozenset(ContainerOptions.model_fields) - frozenset(HONOURED),
     )
 
@@ -201,6 +203,20 @@ class ProcessEngine:
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
         self.records.read(container)
         return read_log(self.records.log(container), follow, tail)
+
+    def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
+        """The files of programs have no times, so `since` says nothing here; see Capabilities."""
+        self.records.read(container)
+        return read_lines(self.records.log(container), tail, whole)
+
+    def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+        self.records.read(container)
+        offset = int(place) if place.isdigit() else 0
+        return follow_lines(self.records.log(container), offset, lambda: not self._alive(container), reading)
+
+    def _alive(self, container: str) -> bool:
+        found = self.inspect(container)
+        return found is not None and found.alive
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is an offset in its log, behind the last whole line: a line that is being written comes again."""

@@ -8,10 +8,14 @@ are, and whoever reads or follows goes on.
 from __future__ import annotations
 
 import ctypes
+import io
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from rorg.engines.log_lines import LogLine, Reading
+from rorg.model.units import nano_stamp
 
 KEPT = 10 << 20
 """Bytes of each log that are kept at the least, once it has so many."""
@@ -19,6 +23,8 @@ SLACK = 2 << 20
 """Bytes beyond these at which the oldest are given back."""
 BLOCK = 1 << 16
 """A whole number of these is given back: a multiple of the blocks of every usual file system."""
+FOUND = 0.1
+"""Seconds between two looks for what has come."""
 CHUNK = 1 << 20
 """Bytes that are printed at once."""
 PIECE = 1 << 16
@@ -77,6 +83,50 @@ def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
                 return
     finally:
         os.close(descriptor)
+
+
+def read_lines(path: Path, tail: int | None, whole: bool) -> Iterator[LogLine]:
+    """The last `tail` lines, and where the log stands."""
+    descriptor = _open(path)
+    try:
+        place = 0 if tail is None else _tail(descriptor, os.fstat(descriptor).st_size, tail)
+        for text, after in _lines(descriptor, place, whole):
+            place = after
+            yield LogLine("", text, str(place))
+        yield LogLine("", b"", str(place))
+    finally:
+        os.close(descriptor)
+
+
+def follow_lines(path: Path, place: int, over: Callable[[], bool], reading: Reading) -> Iterator[LogLine]:
+    """Lines from a place on, each with the time at which it was found, until all of a run that is `over` is read. What
+    was opened is read to its end, also once its folder is gone."""
+    descriptor = _open(path)
+    try:
+        while not reading.ended:
+            last = over()
+            for text, after in _lines(descriptor, place, not last):
+                place = after
+                yield LogLine(nano_stamp(time.time_ns()), text, str(place))
+            if last or reading.wait(FOUND):
+                return
+    finally:
+        os.close(descriptor)
+
+
+def _lines(descriptor: int, place: int, whole: bool) -> Iterator[tuple[bytes, int]]:
+    """Lines from a place on with the place after each; long ones in pieces. `whole`: not one that is being written."""
+    while True:
+        size = os.fstat(descriptor).st_size
+        text, place = _read(descriptor, place, PIECE)
+        over, cut = not text or place + len(text) >= size, text.rfind(b"\n") + 1
+        if not (whole and over) and (over or not cut):
+            cut = len(text)
+        for line in io.BytesIO(text[:cut]):
+            place += len(line)
+            yield line, place
+        if over:
+            return
 
 
 def _open(path: Path) -> int:

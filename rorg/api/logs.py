@@ -1,0 +1,146 @@
+"""What services print, through the API."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import AsyncGenerator, Callable, Iterator, Sequence
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query, Request
+from fastapi.responses import Response
+
+from rorg.api.callers import needs, still
+from rorg.api.events import Lines, either, from_any_thread
+from rorg.api.limits import MOST_LOGS
+from rorg.api.operations import Operations
+from rorg.api.status_models import LogView
+from rorg.engines.logs import Asked, Entries, Entry, Find, check, gather
+from rorg.errors import Busy, Forbidden, Invalid, TooMany
+from rorg.model.units import parse_since
+
+Names = Annotated[list[str] | None, Query(max_length=300, description="More services or groups.")]
+Cursors = Annotated[
+    list[str] | None, Query(max_length=300, description="SERVICE:CURSOR of the last line that is known of a service.")
+]
+
+
+class Readers:
+    """How many logs are being read."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def check(self, more: int) -> None:
+        """Raises TooMany."""
+        if self.count + more > MOST_LOGS:
+            raise TooMany("read logs", f"{self.count} of {MOST_LOGS} are being read", "fewer, or again later", 5)
+
+    @contextlib.contextmanager
+    def taken(self, more: int) -> Iterator[None]:
+        """While so many more are."""
+        self.count += more
+        try:
+            yield
+        finally:
+            self.count -= more
+
+
+def asked_for(
+    services: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str] = ()
+) -> Asked:
+    """What is to be read. Raises Invalid."""
+    try:
+        epoch = parse_since(since, time.time()) if since else None
+    except ValueError as error:
+        raise Invalid("read logs", str(error)) from error
+    known = {name: cursor for name, _, cursor in (text.partition(":") for text in after)}
+    return Asked(tuple(services), follow, tail, epoch, known)
+
+
+def has_log(named: Sequence[str], asked: Asked, find: Find) -> None:
+    """Raises Invalid where there is nothing to read of what was `named`, and nothing to wait for."""
+    what = f"read the logs of {', '.join(named)}"
+    if not asked.services:
+        raise Invalid(what, "it has no container, and so no log", "another service")
+    if not asked.follow and not any(find(name) for name in asked.services):
+        raise Invalid(what, "it has no container yet", f"`rorg request {asked.services[0]}`, or -f to wait for it")
+
+
+def entry_json(entry: Entry) -> dict[str, Any]:
+    """As LogView."""
+    text = entry.text.decode("utf-8", errors="surrogateescape")
+    found = {"cursor": entry.cursor, "time": entry.time, "text": text, "error": entry.error}
+    return {"service": entry.service, **{key: value for key, value in found.items() if value}}
+
+
+def add_logs(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+    """The route."""
+    readers = Readers()
+
+    @app.get(
+        "/v1/services/{name}/logs",
+        dependencies=[needs("logs")],
+        response_class=Lines,
+        responses={200: {"model": LogView, "description": "Lines of JSON, each one like this."}},
+        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
+    )
+    async def logs(
+        request: Request,
+        name: str,
+        also: Names = None,
+        follow: bool = False,
+        tail: Annotated[int | None, Query(ge=0, description="Of each service; all without.")] = None,
+        since: Annotated[str | None, Query(max_length=64, description="10m, or a time as of RFC 3339.")] = None,
+        after: Cursors = None,
+    ) -> Response:
+        """What a service, or each of a group, has printed, merged by time; when following, also what comes, from run
+        to run and from container to container, each line once. To go on after a lost connection, give the last cursor
+        of each service. The process engine keeps no times: its lines come one service after the other, and `since` is
+        refused."""
+        named = [name, *(also or ())]
+        services = [n for s in dict.fromkeys(named) for n in operations.members(s)]
+        kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
+        asked = asked_for(kept, follow, tail, since, after or ())
+        check(operations.loop.engine, asked)
+        has_log(named, asked, operations.loop.container_of)
+        readers.check(len(kept))
+
+        def lines(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
+            return _lines(operations, asked, readers, changed, lambda: still(request, "logs"), hangup)
+
+        return Lines(lines, headers={"rorg-cursor": "0"})
+
+
+async def _lines(
+    operations: Operations,
+    asked: Asked,
+    readers: Readers,
+    changed: Callable[[], asyncio.Event],
+    allowed: Callable[[], object],
+    hangup: asyncio.Future[None],
+) -> AsyncGenerator[bytes, None]:
+    written = asyncio.Event()
+    with readers.taken(len(asked.services)):
+        entries: Entries = gather(operations.loop.engine, operations.loop.container_of, asked, from_any_thread(written))
+        try:
+            while not hangup.done() and not operations.ending:
+                # Both are looked at before what there is: what comes from here on wakes the wait below.
+                written.clear()
+                turn = changed()
+                with contextlib.suppress(Busy):
+                    allowed()
+                found, over = entries.take()
+                if found:
+                    yield b"".join(json.dumps(entry_json(entry)).encode() + b"\n" for entry in found)
+                    await asyncio.sleep(0)  # others have their turn, and it is heard that nobody listens any more
+                elif over:
+                    return
+                else:
+                    await either(written, turn, hangup)
+        except Forbidden:
+            return  # asked again, it is told why
+        finally:
+            entries.end()

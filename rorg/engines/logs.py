@@ -1,0 +1,172 @@
+"""The logs of several services at once: what they have printed, merged by time; then what comes, from run to run and
+from container to container, each line once."""
+
+from __future__ import annotations
+
+import heapq
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rorg.core.observed import Container
+from rorg.engines.log_lines import LogLine, Reading
+from rorg.engines.protocol import Engine
+from rorg.errors import EngineError, Invalid, RorgError, Unreachable
+
+HELD = 1000
+"""Lines that are kept for who takes them slowly; readers wait."""
+LOOK = 0.2
+"""Seconds between two looks whether a service runs again."""
+
+Find = Callable[[str], Container | None]
+"""The container of a service that counts now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Which lines."""
+
+    services: Sequence[str]
+    follow: bool = False
+    tail: int | None = None
+    """Of each service; None for all."""
+    since: float | None = None
+    """Seconds since the epoch."""
+    after: Mapping[str, str] = field(default_factory=dict)
+    """Service -> the cursor of the last line that is known: it goes on from there."""
+
+
+class Entry(NamedTuple):
+    """A line of a service; or, without text, where its log stands; or why it cannot be read."""
+
+    service: str
+    cursor: str = ""
+    """CONTAINER:PLACE."""
+    time: str = ""
+    text: bytes = b""
+    error: str = ""
+
+
+class Entries:
+    """What threads have found, for one who takes it. `tell` is called, in any thread, when there is something."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self.reading = Reading()
+        self._tell = tell
+        self._found: deque[Entry] = deque()
+        self._room = threading.Condition()
+        self._over = False
+
+    def put(self, entry: Entry) -> bool:
+        """Waits while there is no room. False once nobody takes anything."""
+        with self._room:
+            self._room.wait_for(lambda: len(self._found) < HELD or self.reading.ended)
+            self._found.append(entry)
+        self._tell()
+        return not self.reading.ended
+
+    def finish(self) -> None:
+        """There is no more to come."""
+        self._over = True
+        self._tell()
+
+    def take(self) -> tuple[list[Entry], bool]:
+        """(what there is, whether no more comes)."""
+        with self._room:
+            over, found = self._over, list(self._found)
+            self._found.clear()
+            self._room.notify_all()
+        return found, over
+
+    def end(self) -> None:
+        """Nobody takes anything any more."""
+        self.reading.end()
+        with self._room:
+            self._room.notify_all()
+
+
+def check(engine: Engine, asked: Asked) -> None:
+    """Raises Invalid for what this engine cannot know."""
+    if asked.since is not None and not engine.capabilities.log_times:
+        raise Invalid(
+            "show lines by their time", f"the {engine.name} engine keeps no times of lines", "-n 100 for the last ones"
+        )
+
+
+def gather(engine: Engine, find: Find, asked: Asked, tell: Callable[[], None]) -> Entries:
+    """Begins to read, in threads of its own. Raises Invalid."""
+    check(engine, asked)
+    entries = Entries(tell)
+    threading.Thread(target=_gather, args=(engine, find, asked, entries), name="logs", daemon=True).start()
+    return entries
+
+
+def _gather(engine: Engine, find: Find, asked: Asked, entries: Entries) -> None:
+    cursors = dict(asked.after)
+    try:
+        for entry in _past(engine, find, asked):
+            cursors[entry.service] = entry.cursor
+            if not entries.put(entry):
+                return
+        if asked.follow:
+            threads = [
+                threading.Thread(target=_follow, args=(engine, find, name, cursors.get(name, ""), entries), daemon=True)
+                for name in asked.services
+            ]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+    except RorgError as error:
+        entries.put(Entry("", error=str(error)))
+    finally:
+        entries.finish()
+
+
+def _past(engine: Engine, find: Find, asked: Asked) -> Iterator[Entry]:
+    """What is there, by time; where there are no times, one service after the other."""
+    streams = [_of_one(engine, name, find(name), asked) for name in asked.services if name not in asked.after]
+    return heapq.merge(*streams, key=lambda entry: entry.time)
+
+
+def _of_one(engine: Engine, name: str, container: Container | None, asked: Asked) -> Iterator[Entry]:
+    if container is None:
+        return
+    try:
+        for line in engine.log_lines(container.id, asked.tail, asked.since, asked.follow):
+            yield _entry(name, container, line)
+    except EngineError as error:
+        if error.kind != "gone":
+            raise
+
+
+def _entry(service: str, container: Container, line: LogLine) -> Entry:
+    return Entry(service, f"{container.id[:12]}:{line.place}", line.time, line.text)
+
+
+def _follow(engine: Engine, find: Find, name: str, cursor: str, entries: Entries) -> None:
+    """What comes of one service, in whatever containers, until nobody reads it."""
+    reading, followed, told = entries.reading, "", ""
+    while not reading.ended:
+        try:
+            container = find(name)
+            if container and container.started_at and container.incarnation != followed:
+                known, _, place = cursor.partition(":")
+                place = place if container.id.startswith(known) else ""
+                for line in engine.log_follow(container.id, place, reading):
+                    entry = _entry(name, container, line)
+                    cursor = entry.cursor
+                    if not entries.put(entry):
+                        return
+                followed = container.incarnation
+        except Unreachable as error:  # it may come back
+            if str(error) != told:
+                told = str(error)
+                entries.put(Entry(name, error=told))
+        except EngineError as error:
+            if error.kind != "gone":
+                entries.put(Entry(name, error=str(error)))
+                return
+        reading.wait(LOOK)
