@@ -13,7 +13,7 @@ from rorg.api.inputs import read, request_of, seconds_of
 from rorg.api.models import HoldBody, HoldsBody, PutRequest
 from rorg.cli.context import Context, hopeless, unready
 from rorg.cli.local import decision, glance
-from rorg.cli.operating import body_of
+from rorg.cli.request_body import body_of
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json

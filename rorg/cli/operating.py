@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rorg.cli.request_body import body_of
 from rorg.errors import Unconfirmed
 
 if TYPE_CHECKING:
@@ -111,14 +111,6 @@ class Served:
     def wait(self, names: list[str], timeout: float) -> None:
         with watched(self.client, names):
             self.client.wait(*names, timeout=timeout)
-
-
-def body_of(request: Mapping[str, Any]) -> dict[str, Any]:
-    """What would send a request again, of one as the API shows it."""
-    from rorg.model.units import format_duration
-
-    ttl = format_duration(request["ttl"]) if request["ttl"] else None
-    return {**{k: request[k] for k in ("services", "reason", "priority")}, "ttl": ttl}
 
 
 def watched(client: Client, names: list[str]) -> AbstractContextManager[object]:
