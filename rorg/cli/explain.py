@@ -61,7 +61,7 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
     except Invalid:
         if kind or context.directory or ("." not in what and manifest_files(context.root)):
             raise  # it may well be a service; its manifests are broken
-        raise _unknown(what, ()) from None
+        raise _unknown(what, None) from None
     if name in catalog.services:
         return effective(context.root, name)
     if name in catalog.groups:
@@ -70,14 +70,18 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
 
 
 def _unknown(what: str, services: Any) -> Invalid:
+    """For what is neither; `services` is None where there are no manifests."""
     import difflib
 
     from rorg.errors import Invalid
     from rorg.manifest.field_paths import nearest_path
 
-    near = [nearest_path(what), *difflib.get_close_matches(what, services, 1)]
-    likely = next(filter(None, near if "." in what else reversed(near)), "service, for all fields")
-    return Invalid(f"explain '{what}'", "there is no field and no service of that name", likely)
+    near = [nearest_path(what), *difflib.get_close_matches(what, services or (), 1)]
+    likely = next(filter(None, near if "." in what else reversed(near)), "")
+    if services is None:
+        why = "there is no field of that name, and no manifests to look for a service in"
+        return Invalid(f"explain '{what}'", why, likely or "the directory of the manifests after it")
+    return Invalid(f"explain '{what}'", "there is no field and no service of that name", likely or "rorg get")
 
 
 def _page(place: Place) -> str:
