@@ -13,9 +13,9 @@ from rorg.api.inputs import read, request_of, seconds_of
 from rorg.api.models import HoldBody, HoldsBody, PutRequest
 from rorg.cli.context import Context, unready
 from rorg.cli.local import decision, glance
+from rorg.cli.places import nobody
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
-from rorg.errors import Unreachable
 from rorg.host.clock import wall_clock
 from rorg.model.graph import closure
 
@@ -64,7 +64,7 @@ class Local:
 
     def waiting(self, what: str) -> None:
         if self.context.state.owner() is None:
-            raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
+            raise nobody(what, self.context.state)
 
     def wait(self, names: list[str], timeout: float) -> None:
         """By what the rorg that owns the robot publishes."""

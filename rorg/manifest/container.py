@@ -131,7 +131,10 @@ class ContainerOptions(Strict):
     volume_driver: Annotated[str, check.VOLUME_DRIVER] | None = recreate()
     volumes: list[Volume] | None = recreate()
     volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate()
-    working_dir: Annotated[str, check.WORKING_DIR] | None = recreate()
+    working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
+        description="Where its program begins. On the process engine ./dir and ../dir are beside the manifest, "
+        "which is the default."
+    )
 
 
 ELSEWHERE = {

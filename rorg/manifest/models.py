@@ -72,6 +72,20 @@ def _on_change(value: object) -> object:
     return name
 
 
+VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
+
+
+def _inherited(value: object) -> object:
+    return ["*"] if value == "all" else value
+
+
+Inherited = Annotated[
+    list[Annotated[str, Field(pattern=VARIABLE)]],
+    BeforeValidator(_inherited),
+    WithJsonSchema(
+        {"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]},
+    ),
+]
 OnChange = Annotated[
     str,
     BeforeValidator(_on_change),
@@ -93,6 +107,7 @@ def _container_only(spec: ServiceSpec) -> list[str]:
         "mounts",
         "container",
         "restart",
+        "inherit_environment",
     )
     return [n for n in names if getattr(spec, n) is not None]
 
@@ -164,6 +179,10 @@ class ServiceSpec(Strict):
     driver: Driver | None = recreate()
     mounts: list[str] | None = recreate(
         description="Configuration of this tree inside the container, read only: ./dir:/path/in/container."
+    )
+    inherit_environment: Inherited | None = recreate(
+        description="Variables that a process has of the environment of `rorg run`: names and patterns, such as "
+        "[ROS_*, DISPLAY], or all. What `container` says wins. On the process engine; containers have none of it.",
     )
     container: ContainerOptions | None = recreate()
 
