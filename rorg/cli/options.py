@@ -61,7 +61,7 @@ SOCKET = Option(
 )
 """What every command has that takes a StateDirectory."""
 StateDirectory = Annotated[Path | None, STATE_DIR]
-"""Of a command that talks to the running rorg where there is one."""
+"""Of a command that talks to the running rorg where there is one: it has `--socket` too."""
 OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.help.replace("the robot", "this robot"))]
 """Of a command that does not."""
 EngineName = Annotated[
