@@ -138,8 +138,9 @@ class Manifests:
             )
 
     def _valid(self, path: Path, text: str | None, what: str) -> None:
-        before = {str(d) for d in load(self.root).errors}
-        errors = [d for d in load(self.root, {path: text}).errors if str(d) not in before]
+        engine = self.operations.loop.tree.engine
+        before = {str(d) for d in load(self.root, engine=engine).errors}
+        errors = [d for d in load(self.root, {path: text}, engine=engine).errors if str(d) not in before]
         if errors:
             raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -112,6 +112,22 @@ class GroupView(BaseModel):
     name: str
     services: list[str]
     description: str
+
+
+class Edge(BaseModel):
+    """That one service needs or requests another."""
+
+    from_: str = Field(alias="from")
+    to: str
+    kind: Literal["needs", "requests"]
+
+
+class Graph(BaseModel):
+    """Who needs and who requests whom."""
+
+    services: list[str]
+    always_on: list[str]
+    edges: list[Edge]
 
 
 class ImageView(BaseModel):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import grp
 import os
 import pwd
@@ -44,6 +45,12 @@ WORDS = {
     "events": "see events",
 }
 """Operations as in "cannot X"."""
+
+
+SO_PEERGROUPS = 59
+"""Of Linux; Python has no name for it."""
+MOST_GROUPS = 256
+"""As many as Python can ask for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,23 +105,27 @@ def peer(connection: socket.socket | None, group: int | None) -> Caller:
         return Caller()
     size = struct.calcsize("3i")
     pid, uid, gid = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
-    trusted = uid in (0, os.geteuid()) or (group is not None and group in _groups(uid, gid))
+    trusted = uid in (0, os.geteuid()) or (group is not None and group in _groups(connection, uid, gid))
     return Caller("developer" if trusted else "nobody", uid=uid, pid=pid)
 
 
-def _groups(uid: int, gid: int) -> set[int]:
-    try:
-        return {gid, *os.getgrouplist(pwd.getpwuid(uid).pw_name, gid)}
-    except KeyError:
-        return {gid}
+def _groups(connection: socket.socket, uid: int, gid: int) -> set[int]:
+    """Those of the process, which need not be what the machine's files say of its user; and these."""
+    found = {gid}
+    with contextlib.suppress(OSError):  # ERANGE of one with more groups than that
+        numbers = connection.getsockopt(socket.SOL_SOCKET, SO_PEERGROUPS, 4 * MOST_GROUPS)
+        found |= set(struct.unpack(f"{len(numbers) // 4}I", numbers))
+    with contextlib.suppress(KeyError):
+        found |= set(os.getgrouplist(pwd.getpwuid(uid).pw_name, gid))
+    return found
 
 
 def group_id(name: str) -> int | None:
-    """The number of a group; None where there is none of that name."""
+    """The number of a group, which may be given itself; None where there is none of that name."""
     try:
         return grp.getgrnam(name).gr_gid
     except KeyError:
-        return None
+        return int(name) if name.isdecimal() else None
 
 
 def allow(caller: Caller, operation: str) -> None:

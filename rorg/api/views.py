@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rorg.api.current import Current, missing
 from rorg.daemon.snapshot import request_json
-from rorg.model.catalog import Catalog
+from rorg.model.catalog import Catalog, Request
 
 
 def requests(current: Current) -> list[dict[str, Any]]:
@@ -55,6 +56,18 @@ def groups(catalog: Catalog) -> list[dict[str, Any]]:
     return [
         {"name": g.name, "services": list(g.services), "description": g.description} for g in catalog.groups.values()
     ]
+
+
+def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
+    """Who needs and who requests whom, by the manifests and by the requests that live."""
+    edges = {(s.name, n, "needs") for s in catalog.services.values() for n in s.needs}
+    for request in (*catalog.requests, *live):
+        edges |= {(request.requester, m, "requests") for s in request.services for m in catalog.members(s)}
+    return {
+        "services": sorted(catalog.services),
+        "always_on": sorted(name for name, s in catalog.services.items() if s.always_on),
+        "edges": [{"from": a, "to": b, "kind": kind} for a, b, kind in sorted(edges)],
+    }
 
 
 def images(catalog: Catalog) -> list[dict[str, Any]]:

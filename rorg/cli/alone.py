@@ -13,11 +13,12 @@ from rorg.api.inputs import read, request_of, seconds_of
 from rorg.api.models import HoldBody, HoldsBody, PutRequest
 from rorg.cli.context import Context, hopeless, unready
 from rorg.cli.local import decision, glance
+from rorg.cli.places import nobody
 from rorg.cli.request_body import body_of
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json
-from rorg.errors import NotReady, Unreachable
+from rorg.errors import NotReady
 from rorg.host.clock import wall_clock
 from rorg.model.graph import closure
 
@@ -70,7 +71,7 @@ class Local:
 
     def waiting(self, what: str) -> None:
         if self.context.state.owner() is None:
-            raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
+            raise nobody(what, self.context.state)
 
     def wait(self, names: list[str], timeout: float) -> None:
         """By what the rorg that owns the robot publishes."""

@@ -11,6 +11,7 @@ import typer
 from rorg.cli.commands import COMMANDS, command_of
 from rorg.cli.options import Argument
 from rorg.cli.signature import Parameter, parameters
+from rorg.cli.signature import call as calling
 
 app = typer.Typer(
     name="rorg",
@@ -47,7 +48,7 @@ def typed(command: Callable[..., Any], run: Callable[..., Any] | None = None) ->
     declared = parameters(command)
 
     def call(**values: Any) -> None:
-        (run or command)(**values)
+        run(**values) if run else calling(command, values)
 
     call.__doc__ = command.__doc__
     call.__annotations__ = {p.name: Annotated[p.hint, _typers(p)] for p in declared}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import Directory, EngineName, Option, OwnStateDirectory
 
 
 def command(
     directory: Directory = None,
     only: Annotated[list[str], Option(names=("--image",), help="Only this image and what it stands on.")] = [],  # noqa: B006
-    state_dir: StateDirectory = None,
+    state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
 ) -> None:
     """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails."""
@@ -19,7 +19,7 @@ def command(
     from rorg.errors import NotReady
     from rorg.images.build import build
 
-    context = Context(state_dir, engine, directory, local=True)
+    context = Context(state_dir, engine, directory, local=True, own=True)
     catalog = context.catalog()
     for name in only:
         if name not in catalog.images:

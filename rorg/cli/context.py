@@ -12,10 +12,11 @@ from rorg_client import Client
 from rorg_client import Error as ClientError
 
 from rorg.cli.output import note
+from rorg.cli.places import NAME, find, may_connect, nobody
 from rorg.cli.terminal import entry
 from rorg.engines import ENGINES
-from rorg.errors import Invalid, NotReady, Refused, Unreachable
-from rorg.store.state_dir import StateDir, default_state_dir, read_json
+from rorg.errors import Invalid, NotReady
+from rorg.store.state_dir import read_json
 
 if TYPE_CHECKING:
     # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
@@ -36,13 +37,17 @@ class Context:
     """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
 
     def __init__(
-        self, state_dir: Path | None, engine: str | None, directory: Path | None = None, local: bool = False
+        self,
+        state_dir: Path | None,
+        engine: str | None,
+        directory: Path | None = None,
+        local: bool = False,
+        own: bool = False,
     ) -> None:
-        given = state_dir or os.environ.get("RORG_STATE_DIR")
-        self.remote = "" if state_dir else os.environ.get("RORG_ADDRESS", "")
-        """Where rorg is, when it is not that of a state directory."""
-        self.state = StateDir(Path(given) if given else default_state_dir())
-        self._engine_name = _known(engine or os.environ.get("RORG_ENGINE") or "")
+        """`local`: it is about a tree; `own`: about a state directory, whichever rorg is named by the environment."""
+        self.place = find(state_dir, own)
+        self.remote, self.state = self.place
+        self._engine_name = known_engine(engine)
         self.directory, self._local = directory, local
         self._engine: Engine | None = None
         self._client: Client | None = None
@@ -52,7 +57,7 @@ class Context:
     def engine_name(self) -> str:
         """What was asked for, else what rorg was last run with."""
         if not self._engine_name:
-            self._engine_name = _known(self._last_text("engine_name") or "docker")
+            self._engine_name = known_engine(self._last_text("engine_name") or "docker")
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
@@ -107,7 +112,7 @@ class Context:
             self.here("read its manifests")
         from rorg.manifest.load import load_or_raise
 
-        return load_or_raise(self.root)
+        return load_or_raise(self.root, "" if self._local else self.engine_name)
 
     def groups(self) -> list[Any]:
         """All groups, as the API shows them."""
@@ -132,13 +137,9 @@ class Context:
         return tuple(next((g["services"] for g in self.groups() if g["name"] == name), [name]))
 
     def here(self, what: str) -> None:
-        """Raises Refused when the robot is not on this machine, as far as is known."""
+        """Raises Refused when nothing but the running rorg is known of the robot."""
         if self.remote:
-            raise Refused(
-                what,
-                f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs",
-                "it there, or to unset RORG_ADDRESS",
-            )
+            raise self.place.too_far(what)
 
     def engine(self) -> Engine:
         self.here("use its engine")
@@ -159,11 +160,14 @@ class Context:
         return file.document
 
     def client(self) -> Client | None:
-        """A client of the rorg that runs on this state directory, or at RORG_ADDRESS; None when none serves."""
-        path = self.state.run / "rorg.sock"
-        if not (self.remote or (self.state.owner() and path.exists())):
+        """A client of the rorg at a socket or an address, or of the one that runs on this state directory; None when
+        none serves. Raises Refused where this user may not talk to it."""
+        path = self.state.run / NAME
+        if not (self.remote or (self.state.owner() and os.path.exists(path))):
             return None
         if self._client is None:
+            if self.remote and not self.place.elsewhere:
+                may_connect(self.remote)
             self._client = Client(self.remote or str(path), patience=2.0)
         return self._client
 
@@ -171,7 +175,7 @@ class Context:
         """The same, or Unreachable."""
         found = self.client()
         if found is None:
-            raise Unreachable(what, "no rorg runs on this state directory", "`rorg run`")
+            raise nobody(what, self.state)
         return found
 
     def change(self, edit: Callable[[RequestsDocument], RequestsDocument]) -> None:
@@ -223,7 +227,7 @@ class Context:
         while (waited := time.monotonic() - begun) < timeout:
             view = self.live(min(ANSWER, timeout - waited))
             if view is None and self.state.owner() is None:
-                raise Unreachable(f"wait for {what}", "no rorg runs on this state directory", "`rorg run`")
+                raise nobody(f"wait for {what}", self.state)
             if view is not None:
                 why = done(view)
                 if not why:
@@ -233,8 +237,10 @@ class Context:
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
 
 
-def _known(engine: str) -> str:
-    """The name of an engine. Raises Invalid where there is none of that name."""
+def known_engine(given: str | None) -> str:
+    """The name of an engine, by default RORG_ENGINE; empty without that. Raises Invalid where there is none of that
+    name."""
+    engine = given or os.environ.get("RORG_ENGINE") or ""
     if engine and engine not in ENGINES:
         raise Invalid(f"use the engine '{engine}'", "there is none of that name", " or ".join(ENGINES))
     return engine

@@ -52,7 +52,7 @@ def differences(context: Context, unified: bool = False) -> Differences:
     if found["errors"]:
         raise Invalid(
             f"use the manifests in {found['root']}",
-            f"{len(found['errors'])} error(s)\n" + "\n".join(_line(d) for d in found["errors"]) + "\n",
+            f"{len(found['errors'])} error(s)\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
             "`rorg validate` after mending them",
         )
     if found["requests_errors"]:
@@ -87,7 +87,7 @@ def warn_of_other_tree(context: Context, found: Differences) -> None:
 
 def _told(context: Context, unified: bool) -> dict[str, Any] | None:
     """What the running rorg says; None where it says nothing of this tree."""
-    if context.remote and context.directory:
+    if context.directory and context.place.elsewhere:
         context.here("compare that directory")
     client = context.client()
     try:
@@ -96,11 +96,14 @@ def _told(context: Context, unified: bool) -> dict[str, Any] | None:
         if context.remote:
             raise
         return None  # it may be an older one, or one that we may not ask: what is wrong is told by looking ourselves
-    other = found and context.directory and Path(found["root"]) != context.directory.resolve()
-    return None if other or (found and "services" not in found) else found
+    if found and context.directory and Path(found["root"]) != context.directory.resolve():
+        context.here("compare that directory")
+        return None
+    return found if found and "services" in found else None
 
 
-def _line(error: dict[str, Any]) -> str:
+def line(error: dict[str, Any]) -> str:
+    """One finding in a tree, as the API tells it."""
     tail = f"; try {error['remedy']}" if error["remedy"] else ""
     place = f"{error['file']}:{error['line']}:{error['column']}"
     return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
@@ -112,7 +115,7 @@ def _computed(context: Context, unified: bool) -> Differences:
     from rorg.daemon.wiring import make_tree
     from rorg.manifest.load import unusable
 
-    tree = make_tree(context.root, context.state)
+    tree = make_tree(context.root, context.state, context.engine_name)
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)

@@ -25,7 +25,8 @@ def command(
 
     check_form(output, ("table", "json"))
     context = Context(state_dir, None)
-    client = context.serving("follow events") if follow else context.client()
+    needed = follow or not context.state.readable
+    client = context.serving("follow events" if follow else "read events") if needed else context.client()
     found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
     for event in found:
         at = f"{printable(event['at'][:19].replace('T', ' '))}  "

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import Directory, Option, StateDirectory
 from rorg.cli.output import echo
 
-Edge = tuple[str, str, str]
-"""From, to, and what it is: needs or requests."""
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+
+Graph = dict[str, Any]
+"""`services`, `always_on`, and `edges` with from, to and kind: needs or requests."""
 
 
 def command(
@@ -21,35 +24,41 @@ def command(
     from rorg.cli.output import check_form, dump
 
     check_form(form, ("text", "dot", "mermaid", "json"))
-    context = Context(state_dir, None, directory, local=True)
-    catalog = context.catalog()
-    edges = [(s.name, n, "needs") for s in catalog.services.values() for n in s.needs]
-    for request in (*catalog.requests, *context.document().requests):
-        edges += [(request.requester, m, "requests") for s in request.services for m in catalog.members(s)]
-    edges = sorted(set(edges))
+    found = _graph(Context(state_dir, None, directory, local=True))
     if form == "json":
-        dump(
-            {"services": sorted(catalog.services), "edges": [{"from": a, "to": b, "kind": k} for a, b, k in edges]},
-            form,
-        )
+        dump(found, form)
     else:
-        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](found)))
 
 
-def _text(catalog: Any, edges: list[Edge]) -> list[str]:
+def _graph(context: Context) -> Graph:
+    """That of the running rorg, unless it is about another directory."""
+    client = None if context.directory else context.client()
+    if client:
+        told: Graph = client.call("GET", "/v1/graph")
+        return told
+    from rorg.api.views import graph
+
+    return graph(context.catalog(), () if context.remote else context.document().requests)
+
+
+def _text(graph: Graph) -> list[str]:
     lines = []
-    for name in sorted(catalog.services):
-        targets = [f"{'needs' if k == 'needs' else 'requests'} {b}" for a, b, k in edges if a == name]
-        mark = " (always on)" if catalog.services[name].always_on else ""
+    for name in graph["services"]:
+        targets = [f"{e['kind']} {e['to']}" for e in graph["edges"] if e["from"] == name]
+        mark = " (always on)" if name in graph["always_on"] else ""
         lines.append(name + mark + (": " + ", ".join(targets) if targets else ""))
     return lines
 
 
-def _dot(catalog: Any, edges: list[Edge]) -> list[str]:
-    nodes = [f'  "{n}"{" [style=bold]" if s.always_on else ""};' for n, s in sorted(catalog.services.items())]
-    arrows = [f'  "{a}" -> "{b}"{" [style=dashed]" if k == "requests" else ""};' for a, b, k in edges]
+def _dot(graph: Graph) -> list[str]:
+    nodes = [f'  "{n}"{" [style=bold]" if n in graph["always_on"] else ""};' for n in graph["services"]]
+    arrows = [
+        f'  "{e["from"]}" -> "{e["to"]}"{" [style=dashed]" if e["kind"] == "requests" else ""};' for e in graph["edges"]
+    ]
     return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
 
 
-def _mermaid(_: Any, edges: list[Edge]) -> list[str]:
-    return ["graph LR", *[f"  {a} {'-.->' if k == 'requests' else '-->'} {b}" for a, b, k in edges]]
+def _mermaid(graph: Graph) -> list[str]:
+    arrow = {"needs": "-->", "requests": "-.->"}
+    return ["graph LR", *[f"  {e['from']} {arrow[e['kind']]} {e['to']}" for e in graph["edges"]]]

@@ -65,7 +65,7 @@ def _command(words: list[str]) -> None:
         command = command_of(words[0])
         values = plain.read(signature.parameters(command), words[1:], os.environ)
         if values is not None:
-            command(**values)
+            signature.call(command, values)
             return
     from rorg.cli.app import app
 

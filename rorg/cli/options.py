@@ -46,15 +46,24 @@ Directory = Annotated[
         show_default=False,
     ),
 ]
-StateDirectory = Annotated[
-    Path | None,
-    Option(
-        names=("--state-dir",),
-        envvar="RORG_STATE_DIR",
-        show_default=False,
-        help="State directory of this robot. Default: /var/lib/rorg for root, else ~/.local/state/rorg.",
-    ),
-]
+STATE_DIR = Option(
+    names=("--state-dir",),
+    show_default=False,
+    help="State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for others "
+    "~/.local/state/rorg.",
+)
+SOCKET = Option(
+    names=("--socket",),
+    show_default=False,
+    metavar="PATH",
+    help="Socket of the running rorg: all that is needed where one runs. Default: RORG_SOCKET, else that of the state "
+    "directory, else /run/rorg/rorg.sock.",
+)
+"""What every command has that takes a StateDirectory."""
+StateDirectory = Annotated[Path | None, STATE_DIR]
+"""Of a command that talks to the running rorg where there is one: it has `--socket` too."""
+OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.help.replace("the robot", "this robot"))]
+"""Of a command that does not."""
 EngineName = Annotated[
     str | None,
     Option(names=("--engine",), envvar="RORG_ENGINE", show_default=False, help="docker or process. Default: docker."),

@@ -5,27 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import Directory, EngineName, Option, OwnStateDirectory
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
     from rorg.daemon.loop import Loop
 
+GROUP = "rorg"
+"""By default, where there is one of that name."""
 Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
 
 
 def command(
     directory: Directory = None,
-    state_dir: StateDirectory = None,
+    state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
     group: Annotated[
         str,
         Option(
             names=("--group",),
             envvar="RORG_GROUP",
-            help=("Members of this group may do everything through the socket."),
+            help="Members of this group, by name or number, may do everything through the socket.",
         ),
-    ] = "rorg",
+    ] = GROUP,
     listen: Annotated[
         str,
         Option(
@@ -47,12 +49,10 @@ def command(
     from rorg.cli.output import note
     from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
-    from rorg.errors import Invalid
     from rorg.store.clearing import clear
 
-    context = Context(state_dir, engine, directory, local=True)
-    if not context.root.is_dir():
-        raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
+    context = Context(state_dir, engine, directory, local=True, own=True)
+    _check(context.root, group)
     context.state.acquire("rorg run")
     loop = make_loop(
         context.root, context.state, context.engine(), lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line))
@@ -79,6 +79,17 @@ def command(
         note(f"{loop.hung} call(s) or probe(s) had not ended; the next rorg sees what came of them")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
+
+
+def _check(root: Path, group: str) -> None:
+    """Raises Invalid where a directory, or a group that was named, is not there."""
+    from rorg.api.permissions import group_id
+    from rorg.errors import Invalid
+
+    if not root.is_dir():
+        raise Invalid(f"run {root}", "no such directory", "the directory that holds services/")
+    if group_id(group) is None and group != GROUP:
+        raise Invalid(f"let the group '{group}' in", "there is none of that name", f"`sudo groupadd --system {group}`")
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from rorg.cli.options import Argument, Option
+from rorg.cli.options import SOCKET, STATE_DIR, Argument, Option
 
 
 class Parameter(NamedTuple):
@@ -33,10 +35,24 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
     names = code.co_varnames[: code.co_argcount]
     hints = get_type_hints(command, include_extras=True)
     first = len(names) - len(defaults)
-    return tuple(
+    found = tuple(
         _parameter(name, hints[name], i < first, None if i < first else defaults[i - first])
         for i, name in enumerate(names)
     )
+    return (*found, _SOCKET) if any(p.declared is STATE_DIR for p in found) else found
+
+
+def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
+    """Calls a command with what its line says. `--socket` is said to all that looks for rorg, and to what a command
+    starts in its turn. Raises Invalid where two places are named."""
+    socket = values.pop(_SOCKET.name, None)
+    if socket:
+        if values.get("state_dir"):
+            from rorg.errors import Invalid
+
+            raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
+        os.environ["RORG_SOCKET"] = str(socket)
+    command(**values)
 
 
 def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
@@ -54,3 +70,9 @@ def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
         required=required,
         default=default,
     )
+
+
+_SOCKET = Parameter(
+    name="socket", declared=SOCKET, hint=Path | None, type=Path, many=False, required=False, default=None
+)
+"""The parameter that commands do not have to declare."""

@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
+from typing import Any, NoReturn
 
-from rorg.cli.options import Directory, Output
+from rorg.cli.options import Directory, EngineName, Output, StateDirectory
 
 
-def command(directory: Directory = None, output: Output = "table") -> None:
-    """Check manifests: everything that is wrong, with file:line:column. Needs no engine."""
-    from pathlib import Path
-
-    from rorg.cli.output import check_form, dump, note
-    from rorg.errors import Exit
-    from rorg.manifest.load import load
+def command(
+    directory: Directory = None, engine: EngineName = None, output: Output = "table", state_dir: StateDirectory = None
+) -> None:
+    """Check manifests: everything that is wrong, with file:line:column. With --engine also what that one cannot do: on
+    process, directories and programs that are missing. Where there are no manifests, the running rorg tells what is
+    wrong with its own."""
+    from rorg.cli.context import Context, known_engine
+    from rorg.cli.output import check_form
+    from rorg.manifest.documents import manifest_files
 
     check_form(output, ("table", "json", "yaml"))
+    engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
-    loaded = load(root)
-    if output != "table":
-        dump([d.as_json() for d in loaded.diagnostics], output)
-    for diagnostic in loaded.diagnostics if output == "table" else ():
-        note(str(diagnostic))
+    client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
+    if client:
+        _followed(client.call("GET", "/v1/diff"), output)
+    else:
+        _read(root, engine, output)
+
+
+def _read(root: Path, engine: str, output: str) -> None:
+    """By the files of a directory."""
+    from rorg.cli.output import note
+    from rorg.manifest.load import load
+
+    loaded = load(root, engine=engine)
+    _tell([d.as_json() for d in loaded.diagnostics], output)
     if loaded.catalog is None:
-        note(f"{len(loaded.errors)} error(s): nothing would be changed by these manifests")
-        sys.exit(int(Exit.USAGE))
+        _refuse(len(loaded.errors))
     found = loaded.catalog
     counts = {
         "service": sum(not s.meta for s in found.services.values()),
@@ -33,3 +46,31 @@ def command(directory: Directory = None, output: Output = "table") -> None:
         "standing request": len(found.requests),
     }
     note("ok: " + ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items() if n or what == "service"))
+
+
+def _followed(told: dict[str, Any], output: str) -> None:
+    """By the word of the running rorg, which has looked at its tree anew."""
+    from rorg.cli.output import note
+
+    _tell(told["errors"], output)
+    if told["errors"]:
+        _refuse(len(told["errors"]))
+    note(f"ok: {told['root']}, as the running rorg reads it")
+
+
+def _tell(found: list[dict[str, Any]], output: str) -> None:
+    from rorg.cli.differences import line
+    from rorg.cli.output import dump, note
+
+    if output != "table":
+        dump(found, output)
+    for diagnostic in found if output == "table" else ():
+        note(line(diagnostic))
+
+
+def _refuse(errors: int) -> NoReturn:
+    from rorg.cli.output import note
+    from rorg.errors import Exit
+
+    note(f"{errors} error(s): nothing would be changed by these manifests")
+    sys.exit(int(Exit.USAGE))

@@ -36,8 +36,14 @@ MOST_FOLDERS = 4000
 class Tree:
     """`desired` is what the last good tree declares. While `errors` is not empty nothing is removed on its word."""
 
-    def __init__(self, root: Path, run: str = "/run/rorg", clock: Callable[[], float] = time.monotonic) -> None:
-        self.root, self.run, self.clock = root, run, clock
+    def __init__(
+        self,
+        root: Path,
+        run: str = "/run/rorg",
+        clock: Callable[[], float] = time.monotonic,
+        engine: str = "",
+    ) -> None:
+        self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
@@ -149,7 +155,7 @@ class Tree:
             stamps.append((stamp[0], *self.stamp()[1:]))
 
         try:
-            loaded = load(self.root, found=found)
+            loaded = load(self.root, found=found, engine=self.engine)
         except RorgError as error:
             loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))
         return stamps[-1], loaded

@@ -34,12 +34,12 @@ from rorg.store.wakeup import Wakeup
 def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
     for each thing that happens."""
-    return loop_over(make_tree(root, state), state, engine, say)
+    return loop_over(make_tree(root, state, engine.name), state, engine, say)
 
 
-def make_tree(root: Path, state: StateDir) -> Tree:
-    """A tree of this robot's, not read yet."""
-    return Tree(root.resolve(), str(state.run))
+def make_tree(root: Path, state: StateDir, engine: str) -> Tree:
+    """A tree of this robot's, for the engine of this name, not read yet."""
+    return Tree(root.resolve(), str(state.run), engine=engine)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:

@@ -216,7 +216,9 @@ class ContainerOptions(Strict):
         "Containers whose volumes it has too.", ["recorder:ro"]
     )
     working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
-        "Directory that the command runs in.", "/root/navigation", unset="the image's"
+        "Directory that the command runs in. On the process engine ./dir and ../dir are beside the manifest.",
+        "/root/navigation",
+        unset="the image's; on the process engine the manifest's",
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
+from rorg.manifest.programs import missing
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Inputs:
     """Paths, whether anything is there or not: what is missing may come."""
 
     files: frozenset[Path] = frozenset()
-    """Read with the manifests: env_file, Dockerfiles."""
+    """Read with the manifests: env_file, Dockerfiles; and programs and their directories that are missing."""
     mounted: frozenset[Path] = frozenset()
     """Files and directories of the tree that services mount to read. What they may write is their own."""
 
@@ -28,6 +29,7 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]
     for source in by_kind.get("Service", {}).values():
         spec: Any = source.spec
+        files |= missing(source)
         for options in (spec.container, *profiles):
             files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
             mounted |= {source.directory / path for path in _sources(options)}

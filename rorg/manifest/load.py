@@ -16,6 +16,7 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
+from rorg.manifest.programs import check_programs
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
 from rorg.model.catalog import (
@@ -42,10 +43,14 @@ class Loaded:
 
 
 def load(
-    root: Path, overlay: Mapping[Path, str | None] | None = None, found: Callable[[Inputs], None] = lambda _: None
+    root: Path,
+    overlay: Mapping[Path, str | None] | None = None,
+    found: Callable[[Inputs], None] = lambda _: None,
+    engine: str = "",
 ) -> Loaded:
     """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
-    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is.
+    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is. `engine`:
+    the name of the one that the tree is for; empty where that is not known, and then nothing is checked for it.
 
     Raises Invalid when `root` is no readable directory or holds no manifest at all, and nothing else: what nobody
     thought of is an error of the tree too, and the robot goes on with the last good one.
@@ -53,7 +58,7 @@ def load(
     if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
-        loaded = _load(root, overlay, found)
+        loaded = _load(root, overlay, found, engine)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
     except Invalid:
@@ -63,14 +68,16 @@ def load(
     return loaded
 
 
-def _load(root: Path, overlay: Mapping[Path, str | None] | None, found: Callable[[Inputs], None]) -> Loaded:
+def _load(
+    root: Path, overlay: Mapping[Path, str | None] | None, found: Callable[[Inputs], None], engine: str
+) -> Loaded:
     sources, diagnostics, broken = read_tree(root, overlay)
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
     diagnostics += more
     found(inputs(root, by_kind))
-    catalog, more = _catalog(by_kind, broken)
+    catalog, more = _catalog(by_kind, broken, engine)
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
@@ -92,9 +99,9 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
     ]
 
 
-def load_or_raise(root: Path) -> Catalog:
+def load_or_raise(root: Path, engine: str = "") -> Catalog:
     """The Catalog of a tree, or Invalid with every diagnostic in its message."""
-    loaded = load(root)
+    loaded = load(root, engine=engine)
     if loaded.catalog is None:
         raise unusable(root, loaded.errors)
     return loaded.catalog
@@ -145,7 +152,9 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
     return found, diagnostics
 
 
-def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tuple[Catalog, list[Diagnostic]]:
+def _catalog(
+    by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str
+) -> tuple[Catalog, list[Diagnostic]]:
     profiles = {**built_in_profiles(), **by_kind.get("Profile", {})}
     merged, diagnostics = merge_profiles(profiles)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
@@ -156,7 +165,7 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
             diagnostics.append(
                 Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
             )
-        services[name], found = _rendered(source, merged.get(wanted, merged[COMMON]), policy)
+        services[name], found = _rendered(source, merged.get(wanted, merged[COMMON]), policy, engine)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
@@ -183,12 +192,13 @@ def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str]) -> tupl
     if not diagnostics:
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += image_problems(images, by_kind.get("Image", {}))
+    diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
 
 
-def _rendered(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[Diagnostic]]:
+def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tuple[Service, list[Diagnostic]]:
     try:
-        return render(source, profile, policy)
+        return render(source, profile, policy, engine)
     except Exception as bug:
         return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
 

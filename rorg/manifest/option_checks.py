@@ -147,8 +147,8 @@ def _cpus(value: str) -> None:
 
 
 def _working_dir(value: str) -> None:
-    if not value.startswith("/"):
-        raise ValueError(f"'{value}' is no absolute path in the container")
+    if not (value.startswith(("/", "./", "../", "~/")) or value in (".", "..", "~")):
+        raise ValueError(f"'{value}' is no absolute path in the container; write ./{value} for one beside the manifest")
 
 
 def _image(value: str) -> None:

@@ -18,6 +18,7 @@ from rorg.manifest.files import read_plain, read_text, real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
+from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN, Idle, Probe, Service
 from rorg.model.diagnostics import Diagnostic
@@ -36,13 +37,14 @@ INTERVALS = {"ready": 0.25, "live": 10.0, "interlock": 0.25}
 EXEC_INTERVAL = 1.0
 
 
-def render(source: Source, profile: Merged, policy: Any) -> tuple[Service, list[Diagnostic]]:
-    """The service of a manifest. `profile` already stands on `common`; `policy` is the Policy's spec, or None."""
+def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tuple[Service, list[Diagnostic]]:
+    """The service of a manifest. `profile` already stands on `common`; `policy` is the Policy's spec, or None; `engine`
+    the name of what is to run it, where that is known."""
     spec: Any = source.spec
     diagnostics: list[Diagnostic] = []
     meta = spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
-    container, origins = ({}, {}) if meta else _container(source, profile, diagnostics)
+    container, origins = ({}, {}) if meta else _container(source, profile, diagnostics, engine)
     driver = spec.driver is not None
     protected = driver if spec.protected is None else spec.protected
     interlock = spec.interlock or (policy.interlock if policy and (driver or protected) else None)
@@ -110,7 +112,9 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
     )
 
 
-def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> tuple[dict[str, Any], Origins]:
+def _container(
+    source: Source, profile: Merged, diagnostics: list[Diagnostic], engine: str
+) -> tuple[dict[str, Any], Origins]:
     spec: Any = source.spec
     options = substitute(dict(profile.container), values_of(source))
     origins = profile.origins
@@ -125,6 +129,7 @@ def _container(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -
     if "security_opt" in options:
         options["security_opt"] = _security(source, options["security_opt"], diagnostics)
     diagnostics += _check(source, options, origins)
+    options = for_engine(source, options, engine)
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)

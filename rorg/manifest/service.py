@@ -64,6 +64,21 @@ def _on_change(value: object) -> object:
     return name
 
 
+VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
+
+
+def _inherited(value: object) -> object:
+    return ["*"] if value == "all" else value
+
+
+Inherited = Annotated[
+    list[Annotated[str, Field(pattern=VARIABLE)]],
+    BeforeValidator(_inherited),
+    WithJsonSchema(
+        {"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]},
+    ),
+    Written("all | list of names and patterns"),
+]
 OnChange = Annotated[
     str,
     BeforeValidator(_on_change),
@@ -87,6 +102,7 @@ def _container_only(spec: ServiceSpec) -> list[str]:
         "mounts",
         "container",
         "restart",
+        "inherit_environment",
     )
     return [n for n in names if getattr(spec, n) is not None]
 
@@ -177,6 +193,11 @@ class ServiceSpec(Strict):
     mounts: list[str] | None = recreate(
         "Configuration of this tree inside the container, read only: ./dir:/path/in/container.",
         ["./navigation:/root/navigation"],
+    )
+    inherit_environment: Inherited | None = recreate(
+        "Variables that a process has of the environment of `rorg run`: names and patterns, or all. What `container` "
+        "says wins. On the process engine; containers have none of it.",
+        ["ROS_*", "DISPLAY"],
     )
     container: ContainerOptions | None = recreate(
         "Options of the container, named as in Compose.", {"volumes": ["maps:/root/maps"], "mem_limit": "512Mi"}

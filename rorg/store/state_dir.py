@@ -14,13 +14,15 @@ from typing import Any
 from rorg.errors import Invalid, Refused
 from rorg.store.files import clear_leftovers, locked, make_directory, open_private, read_state, write_atomic
 
+MACHINE = Path("/var/lib/rorg")
+"""State directory of the machine's robot."""
 INSTANCE = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}"
 
 
 def default_state_dir() -> Path:
     """/var/lib/rorg for root; below XDG_STATE_HOME (or ~/.local/state) for everybody else."""
     if os.geteuid() == 0:
-        return Path("/var/lib/rorg")
+        return MACHINE
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "rorg"
 
 
@@ -73,7 +75,7 @@ class StateDir:
         given = os.environ.get("RORG_RUN_DIR")
         if given:
             return Path(given)
-        return Path("/run/rorg") if self.path == Path("/var/lib/rorg") else self.path.resolve() / "run"
+        return Path("/run/rorg") if self.path == MACHINE else self.path.resolve() / "run"
 
     def instance(self, make_id: Any) -> str:
         """The instance id, made by `make_id()` the first time. Raises Invalid for one that cannot be read: with another
@@ -116,6 +118,17 @@ class StateDir:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+    @property
+    def readable(self) -> bool:
+        """Whether this user can tell who owns it: also where it is not there, and nobody does."""
+        try:
+            os.close(os.open(self.path / "lock", os.O_RDONLY | os.O_CLOEXEC))
+        except PermissionError:
+            return False
+        except OSError:
+            return True
+        return True
 
     def owner(self) -> dict[str, Any] | None:
         """Who owns it now: {pid, what}; None when nobody does."""

@@ -15,6 +15,8 @@ from rorg.model.volumes import parse_device
 Body = dict[str, Any]
 NANO = 1_000_000_000
 UNMASKED = "systempaths=unconfined"
+OF_PROCESSES = frozenset(("inherit_environment",))
+"""What a spec may say to the process engine alone."""
 
 
 def _top(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
@@ -264,6 +266,6 @@ OPTIONS: Mapping[str, Callable[[Body, Any], None]] = {
 def create_body(spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
     """The body of POST /containers/create."""
     body: Body = {"HostConfig": {}, "Labels": dict(labels)}
-    for option in sorted(spec):
+    for option in sorted(spec.keys() - OF_PROCESSES):
         OPTIONS[option](body, spec[option])
     return body

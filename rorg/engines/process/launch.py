@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import threading
 import time
 from collections.abc import Sequence
-from typing import Any
+from fnmatch import fnmatchcase
+from typing import IO, Any
 
+from rorg.engines.process.program import check_program
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
@@ -28,6 +29,9 @@ writes the exit code in one step. The service runs in the foreground: a shell's 
 
 UMASK = 0o022
 """Of services, as in a container: whatever rorg's own is."""
+OWN = frozenset(("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", "LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"))
+"""What systemd says to rorg alone."""
+Child = subprocess.Popen[bytes]
 
 
 def hear_signals() -> None:
@@ -45,19 +49,10 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     (records.folder(container) / "exit").unlink(missing_ok=True)
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
-    _check_program(record, command, environment)
+    check_program(record["name"], _folder(record), command, environment["PATH"])
     with open(_log_of(records, record), "ab") as log:
         log_from = log.tell()
-        child = subprocess.Popen(
-            ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            start_new_session=True,
-            cwd=_folder(record),
-            umask=UMASK,
-        )
+        child = _supervised(record, command, environment, log)
     records.children[container] = child
     await_program(child, container)
     facts = stat(child.pid)
@@ -69,6 +64,24 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
         "boot": boot_id(),
         "started_at": stamp(time.time()),
     }
+
+
+def _supervised(record: Record, command: Sequence[str], environment: dict[str, str], log: IO[bytes]) -> Child:
+    """The shell that leads the run. Raises EngineError."""
+    try:
+        return subprocess.Popen(
+            ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+            cwd=_folder(record),
+            umask=UMASK,
+        )
+    except OSError as error:
+        why = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        raise EngineError(f"start {record['name']}", why, "to mend that") from error
 
 
 def _log_of(records: Records, record: Record) -> int:
@@ -109,6 +122,7 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
     """Folders of programs that an image of the tree stands for come first in PATH; `rorg build` notes them."""
     path, spec = os.environ.get("PATH", os.defpath), record["spec"]
     return {
+        **_inherited(spec.get("inherit_environment", ())),
         "HOME": os.environ.get("HOME", "/"),
         "LANG": os.environ.get("LANG", "C.UTF-8"),
         "PATH": os.pathsep.join([*_image_path(records, spec["image"]), path]),
@@ -118,22 +132,20 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
     }
 
 
+def _inherited(patterns: Sequence[str]) -> dict[str, str]:
+    """What a service asks for of the environment of this rorg."""
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if name not in OWN and any(fnmatchcase(name, pattern) for pattern in patterns)
+    }
+
+
 def _image_path(records: Records, image: str) -> list[str]:
     noted = (read_json(records.directory.parent / "process-images.json") or {}).get(image)
     return [str(folder) for folder in noted] if isinstance(noted, list) else []
 
 
-def _check_program(record: Record, command: Sequence[str], environment: dict[str, str]) -> None:
-    program = command[0] if command else ""
-    if shutil.which(program, path=environment["PATH"]) is None:
-        raise EngineError(
-            f"start {record['name']}",
-            f"no program '{program}' on this machine",
-            "`rorg build`, or --engine docker",
-            "missing_image",
-        )
-
-
 def _folder(record: Record) -> str:
-    folder = str(record["spec"].get("working_dir") or "")
-    return folder if os.path.isdir(folder) else "/"
+    """Where it begins."""
+    return str(record["spec"].get("working_dir") or "/")

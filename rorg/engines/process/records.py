@@ -16,6 +16,7 @@ from rorg.store.state_dir import read_json
 
 Record = Mapping[str, Any]
 """id, name, spec, labels, live and created_at; once it was started pid, ticks, boot, log_from and started_at."""
+LISTS = ("entrypoint", "command", "inherit_environment")
 FORMS = {"name": str, "spec": dict, "labels": dict, "live": dict}
 STARTED = {"pid": int, "ticks": int, "boot": str, "log_from": int, "started_at": str}
 MOST_PID = 1 << 22
@@ -82,7 +83,7 @@ def _whole(record: Record) -> bool:
 
 def _startable(spec: Mapping[str, Any]) -> bool:
     """Whether what a start needs of a spec is of the right form."""
-    environment, words = spec.get("environment", {}), (spec.get(key, []) for key in ("entrypoint", "command"))
+    environment, words = spec.get("environment", {}), (spec.get(key, []) for key in LISTS)
     return (
         isinstance(spec.get("image"), str)
         and isinstance(environment, dict)

@@ -1,0 +1,97 @@
+"""Where commands look for the robot: a socket that is named, a state directory, the machine's robot, the user's own."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import NamedTuple
+
+from rorg.errors import Refused, Unreachable
+from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
+
+NAME = "rorg.sock"
+
+
+class Place(NamedTuple):
+    """`remote` is where rorg is when that is all that is known of it, or may be: a socket, or an address. The state
+    directory is that of this robot where it is empty, else one that may be no robot's."""
+
+    remote: str
+    state: StateDir
+
+    @property
+    def elsewhere(self) -> bool:
+        """On another machine, or it may be."""
+        return "://" in self.remote
+
+    def too_far(self, what: str) -> Refused:
+        """For what is only done where all of the robot can be seen."""
+        if self.elsewhere:
+            why = f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs"
+            return Refused(what, why, "it there, or to unset RORG_ADDRESS")
+        why = f"rorg is only known by its socket {self.remote}, which does not do this"
+        return Refused(what, why, "root, or its --state-dir")
+
+
+def find(state_dir: Path | None, own: bool = False) -> Place:
+    """What a line names comes before the environment: --socket (which `signature.call` puts there) or --state-dir, then
+    RORG_SOCKET, RORG_ADDRESS, RORG_STATE_DIR. Where nothing is named: the user's own rorg while it runs, else
+    the machine's where it has a socket, else the user's state directory. `own`: a state directory, whoever runs."""
+    named = state_dir or (Path(given) if (given := os.environ.get("RORG_STATE_DIR")) else None)
+    remote = os.environ.get("RORG_SOCKET") or os.environ.get("RORG_ADDRESS") or ""
+    if own or state_dir or not remote:
+        remote, state = "", StateDir(named or default_state_dir())
+        if not (own or named or state.owner()) and os.path.exists(StateDir(MACHINE).run / NAME):
+            state = StateDir(MACHINE)
+    else:
+        state = StateDir(named or default_state_dir())
+    path = state.run / NAME
+    if not (own or remote or state.readable) and os.path.exists(path):
+        remote = str(path)
+    return Place(remote.removeprefix("unix://"), state)
+
+
+def may_connect(path: str) -> None:
+    """Raises Refused where this user may not talk to the rorg at a socket. Whether any answers is found out by who
+    asks."""
+    probe = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        probe.settimeout(1.0)
+        probe.connect(path)
+    except PermissionError as error:
+        raise _not_allowed(path) from error
+    except OSError:
+        return
+    finally:
+        probe.close()
+
+
+def _not_allowed(path: str) -> Refused:
+    what = f"talk to rorg at {path}"
+    try:
+        about = os.stat(path)
+    except OSError as error:
+        return Refused(what, f"you may not look into {os.path.dirname(path)}", f"`sudo ls {error.filename}`")
+    group = _group_of(about.st_gid)
+    if about.st_gid == 0 or not about.st_mode & 0o020:
+        return Refused(what, "it has been given to no group", "`rorg run --group GROUP`, or root")
+    return Refused(what, f"you are not in the group {group}", f"`sudo usermod -aG {group} $USER` and log in again")
+
+
+def _group_of(number: int) -> str:
+    import grp
+
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:
+        return str(number)
+
+
+def nobody(what: str, state: StateDir) -> Unreachable:
+    """Where a running rorg is needed, and there is none."""
+    if not state.readable:
+        why = f"you may not look into {state.path}, and nothing serves at {state.run / NAME}"
+        return Unreachable(what, why, "root, or another one with --socket or --state-dir")
+    why = f"no rorg runs on {state.path}"
+    return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")

@@ -1,0 +1,102 @@
+"""Own programs: what a manifest says of a service that is a process of this machine, and of one that is a container.
+
+Which engine runs a tree stands in no manifest. Whoever knows it (the loop, `rorg validate --engine`) has the tree
+checked for it; else only what holds on every engine is.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.documents import Source
+from rorg.manifest.files import real
+from rorg.model.catalog import Service
+from rorg.model.diagnostics import Diagnostic
+
+PROCESS, DOCKER = "process", "docker"
+
+
+def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[str, Any]:
+    """The options of a service as its engine takes them. A process begins beside its manifest, unless `working_dir`
+    says otherwise; paths that begin with `./`, `../` or `~/` are beside it too."""
+    found = dict(options)
+    folder = found.get("working_dir", "." if engine == PROCESS else None)
+    if folder is not None and engine != DOCKER:
+        found["working_dir"] = str(real(source.directory / os.path.expanduser(folder)))
+    if source.spec.inherit_environment is not None and engine != DOCKER:
+        found["inherit_environment"] = list(source.spec.inherit_environment)
+    return found
+
+
+def check_programs(
+    services: Mapping[str, Service], sources: Mapping[str, Source], images: Collection[str], engine: str
+) -> list[Diagnostic]:
+    """What cannot work on this engine. What lies in the tree and is missing is an error; what this machine lacks is a
+    warning, since the next one may have it. Nothing is said of an engine that is not known."""
+    diagnostics: list[Diagnostic] = []
+    for name, source in sources.items():
+        spec = services[name].spec
+        if spec is not None and engine == DOCKER:
+            diagnostics += _as_container(source, spec)
+        elif spec is not None and engine == PROCESS:
+            diagnostics += _as_process(source, spec, images)
+    return diagnostics
+
+
+def missing(source: Source) -> set[Path]:
+    """What a service names beside its manifest, and is not there: when it comes, the tree is another one."""
+    spec: Any = source.spec
+    folder = source.directory / os.path.expanduser(getattr(spec.container, "working_dir", None) or ".")
+    words = [*(getattr(spec.container, "entrypoint", None) or ()), *(spec.command or ())]
+    named = {folder} | ({folder / words[0]} if words and "/" in words[0] else set())
+    return {path for path in named if not os.path.exists(path)}
+
+
+def _as_container(source: Source, spec: Mapping[str, Any]) -> Iterator[Diagnostic]:
+    if source.spec.inherit_environment is not None:
+        yield Diagnostic(
+            source.where("spec", "inherit_environment"),
+            "the docker engine has no meaning for inherit_environment: a container has an environment of its own",
+            "container.environment or container.env_file",
+            "warning",
+        )
+    folder = spec.get("working_dir", "/")
+    if not folder.startswith("/"):
+        yield Diagnostic(
+            source.where("spec", "container", "working_dir"),
+            f"'{folder}' is a directory of this machine, and the docker engine needs one of the container",
+            "an absolute path, with a volume or a mount there",
+        )
+
+
+def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]) -> Iterator[Diagnostic]:
+    folder = spec["working_dir"]
+    words = [*spec.get("entrypoint", []), *spec.get("command", [])]
+    where = source.where("spec", "command")
+    if not os.path.isdir(folder):
+        where = source.where("spec", "container", "working_dir")
+        yield Diagnostic(where, f"no directory {folder}", "to create it", _severity(source, folder))
+    elif not words:
+        yield Diagnostic(where, "no command, and a process has none from its image", "`command`", "warning")
+    elif "/" in words[0]:
+        path = os.path.normpath(os.path.join(folder, words[0]))
+        if not os.path.isfile(path):
+            yield Diagnostic(where, f"no program {path}", "to create it", _severity(source, path))
+        elif not os.access(path, os.X_OK):
+            yield Diagnostic(where, f"{path} may not be executed", f"chmod +x {path}", "warning")
+    elif spec["image"] not in images and not shutil.which(words[0], path=_path(spec)):
+        remedy = f"to install it, or ./{words[0]} for a program beside the manifest"
+        yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
+
+
+def _path(spec: Mapping[str, Any]) -> str:
+    return str(spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath))
+
+
+def _severity(source: Source, path: str) -> str:
+    inside = real(path).is_relative_to(real(source.root))
+    return "error" if inside else "warning"
