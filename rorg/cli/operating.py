@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -24,7 +23,7 @@ class Operating(Protocol):
         """Requests services."""
 
     def request(self, id: str, requester: str) -> dict[str, Any] | None:
-        """The body of a request as it is; None where there is none."""
+        """A request as the API shows it; None where there is none."""
 
     def requesters(self, id: str) -> list[str]:
         """Who has a request of this id that can be released."""
@@ -66,7 +65,7 @@ class Served:
     def request(self, id: str, requester: str) -> dict[str, Any] | None:
         known = (r for r in self.client.requests() if not r["standing"])
         found = next((r for r in known if (r["requester"], r["id"]) == (requester, id)), None)
-        return None if found is None else body_of(found)
+        return dict(found) if found else None
 
     def requesters(self, id: str) -> list[str]:
         return [r["requester"] for r in self.client.requests() if r["id"] == id and not r["standing"]]
@@ -111,14 +110,6 @@ class Served:
     def wait(self, names: list[str], timeout: float) -> None:
         with watched(self.client, names):
             self.client.wait(*names, timeout=timeout)
-
-
-def body_of(request: Mapping[str, Any]) -> dict[str, Any]:
-    """What would send a request again, of one as the API shows it."""
-    from rorg.model.units import format_duration
-
-    ttl = format_duration(request["ttl"]) if request["ttl"] else None
-    return {**{k: request[k] for k in ("services", "reason", "priority")}, "ttl": ttl}
 
 
 def watched(client: Client, names: list[str]) -> AbstractContextManager[object]:

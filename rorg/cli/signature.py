@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from rorg.cli.options import Argument, Option
@@ -19,6 +19,11 @@ class Parameter(NamedTuple):
     many: bool
     required: bool
     default: Any
+
+    @property
+    def rest(self) -> bool:
+        """All words after `--`."""
+        return isinstance(self.declared, Argument) and self.declared.rest
 
     @property
     def flag(self) -> bool:
@@ -37,6 +42,15 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
         _parameter(name, hints[name], i < first, None if i < first else defaults[i - first])
         for i, name in enumerate(names)
     )
+
+
+def parted(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """The words that are read, and those after `--`, by the name of the parameter that takes them."""
+    rest = next((p.name for p in declared if p.rest), None)
+    if rest is None:
+        return list(words), {}
+    end = words.index("--") if "--" in words else len(words)
+    return list(words[:end]), {rest: list(words[end + 1 :])}
 
 
 def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
