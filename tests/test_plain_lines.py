@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from rorg.cli import plain
-from rorg.cli.app import typed
+from rorg.cli.app import add
 from rorg.cli.commands import COMMANDS, command_of
 from rorg.cli.options import Option
 from rorg.cli.signature import parameters
@@ -23,7 +23,7 @@ SAID: dict[str, list[dict]] = {name: [] for name in COMMANDS}
 
 def recording(name: str) -> typer.Typer:
     found = typer.Typer(add_completion=False)
-    found.command()(typed(command_of(name), run=lambda **values: SAID[name].append(values)))
+    add(found, command_of(name), run=lambda **values: SAID[name].append(values))
     return found
 
 
@@ -63,6 +63,8 @@ PLAIN = [
     ("suspend", ["--for", "1h", "--reason", "x"]),
     ("wait", ["arm", "--timeout", "5"]),
     ("diff", ["tree", "-o", "json"]),
+    ("diff", ["-u", "--service", "arm"]),
+    ("run-with", ["arm", "base", "--timeout", "5", "--", "sh", "-c", "x", "--", "--timeout", "7"]),
     ("apply", ["--yes", "--wait"]),
     ("events", ["-f", "--tail", "3"]),
     ("run", ["tree", "--listen", "0.0.0.0:1", "--tls-cert", "c.pem"]),

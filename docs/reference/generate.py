@@ -16,7 +16,9 @@ import rorg.errors
 from rorg.api import limits
 from rorg.api.openapi import document as openapi
 from rorg.api.permissions import OPERATIONS
+from rorg.cli.commands import command_of
 from rorg.cli.main import app
+from rorg.cli.signature import parameters
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
 from rorg.manifest.models import SPECS, Manifest
 from rorg.manifest.schema import below
@@ -85,6 +87,7 @@ def cli() -> str:
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option"]
         usage = " ".join(f"[{a.name.upper()}]" if not a.required else a.name.upper() for a in arguments)
+        usage += "".join(f" -- {p.name.upper()}..." for p in parameters(command_of(name)) if p.rest)
         about = inspect.cleandoc(command.help or "")
         text += f"\n## rorg {name}\n\n{about}\n\n```\n" + f"rorg {name} [OPTIONS] {usage}".rstrip() + "\n```\n\n"
         for parameter in [*arguments, *options]:

@@ -14,7 +14,6 @@ from rorg.api.models import HoldBody, HoldsBody, PutRequest
 from rorg.cli.context import Context, hopeless, unready
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
-from rorg.cli.request_body import body_of
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json
@@ -48,7 +47,7 @@ class Local:
 
     def request(self, id: str, requester: str) -> dict[str, Any] | None:
         found = next((r for r in self.context.document().requests if r.key == (requester, id)), None)
-        return None if found is None else body_of(request_json(found))
+        return request_json(found) if found else None
 
     def release(self, id: str, requester: str) -> None:
         self._do(changes.release((requester, id)))

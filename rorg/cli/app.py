@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from rorg.cli.commands import COMMANDS, command_of
 from rorg.cli.options import Argument
-from rorg.cli.signature import Parameter, parameters
+from rorg.cli.signature import Parameter, parameters, parted
 from rorg.cli.signature import call as calling
 
 app = typer.Typer(
@@ -43,12 +44,19 @@ def _options(
     pass
 
 
-def typed(command: Callable[..., Any], run: Callable[..., Any] | None = None) -> Callable[..., Any]:
+def add(to: typer.Typer, command: Callable[..., Any], name: str = "", run: Callable[..., Any] | None = None) -> None:
     """The command with typer's declarations in place of ours. `run` is called instead of it, if given."""
-    declared = parameters(command)
+    after: dict[str, list[str]] = {}
+    to.command(name or None, cls=_class(command, after))(_typed(command, run, after))
+
+
+def _typed(
+    command: Callable[..., Any], run: Callable[..., Any] | None, after: Mapping[str, list[str]]
+) -> Callable[..., Any]:
+    declared = [p for p in parameters(command) if not p.rest]
 
     def call(**values: Any) -> None:
-        run(**values) if run else calling(command, values)
+        run(**values, **after) if run else calling(command, {**values, **after})
 
     call.__doc__ = command.__doc__
     call.__annotations__ = {p.name: Annotated[p.hint, _typers(p)] for p in declared}
@@ -64,6 +72,27 @@ def typed(command: Callable[..., Any], run: Callable[..., Any] | None = None) ->
         ]
     )
     return call
+
+
+def _class(command: Callable[..., Any], after: dict[str, list[str]]) -> type[TyperCommand]:
+    """What typer makes of a command: one that takes all words after `--` as they are puts them into `after`."""
+    declared = parameters(command)
+    if not any(p.rest for p in declared):
+        return TyperCommand
+
+    class Parted(TyperCommand):
+        def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            words, found = parted(declared, args)
+            after.update(found)
+            left = super().parse_args(ctx, words)
+            if not (all(after.values()) or ctx.resilient_parsing):
+                ctx.fail(f"Missing {' '.join(after).upper()} after '--'.")
+            return left
+
+        def collect_usage_pieces(self, ctx: Any) -> list[str]:
+            return [*super().collect_usage_pieces(ctx), *(f"-- {p.name.upper()}..." for p in declared if p.rest)]
+
+    return Parted
 
 
 def _typers(parameter: Parameter) -> Any:
@@ -103,4 +132,4 @@ def _told(parser: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 for _name in COMMANDS:
-    app.command(_name)(typed(command_of(_name)))
+    add(app, command_of(_name), _name)

@@ -17,6 +17,7 @@ COMMANDS = (
     "explain",
     "request",
     "release",
+    "run-with",
     "restart",
     "hold",
     "suspend",
@@ -38,5 +39,5 @@ def command_of(name: str) -> Callable[..., Any]:
     """The function of a command."""
     from importlib import import_module
 
-    found: Callable[..., Any] = import_module(f"rorg.cli.{name}").command
+    found: Callable[..., Any] = import_module(f"rorg.cli.{name.replace('-', '_')}").command
     return found

@@ -61,7 +61,7 @@ def _is_service(command: str, words: list[str]) -> bool:
     before = words_before(declared, words)
     if before is None:
         return False
-    arguments = [(p.declared.service, p.many) for p in declared if isinstance(p.declared, Argument)]
+    arguments = [(p.declared.service, p.many) for p in declared if isinstance(p.declared, Argument) and not p.rest]
     if before >= len(arguments):
         arguments = [(service, many) for service, many in arguments[-1:] if many]
         before = 0

@@ -7,7 +7,6 @@ import sys
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rorg.cli.request_body import body_of
 from rorg.errors import Unconfirmed
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ class Operating(Protocol):
         """Requests services."""
 
     def request(self, id: str, requester: str) -> dict[str, Any] | None:
-        """The body of a request as it is; None where there is none."""
+        """A request as the API shows it; None where there is none."""
 
     def requesters(self, id: str) -> list[str]:
         """Who has a request of this id that can be released."""
@@ -66,7 +65,7 @@ class Served:
     def request(self, id: str, requester: str) -> dict[str, Any] | None:
         known = (r for r in self.client.requests() if not r["standing"])
         found = next((r for r in known if (r["requester"], r["id"]) == (requester, id)), None)
-        return None if found is None else body_of(found)
+        return dict(found) if found else None
 
     def requesters(self, id: str) -> list[str]:
         return [r["requester"] for r in self.client.requests() if r["id"] == id and not r["standing"]]

@@ -15,6 +15,8 @@ class Argument(NamedTuple):
     show_default: bool = True
     service: bool = False
     """It is the name of a service or a group, which shells complete."""
+    rest: bool = False
+    """All words after `--`, as they are."""
 
 
 class Option(NamedTuple):
@@ -74,6 +76,7 @@ Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is
 Timeout = Annotated[float, Option(names=("--timeout",), help="Seconds to wait at the most.")]
 ServiceName = Annotated[str, Argument(help="A service or a group.", service=True)]
 ServiceNames = Annotated[list[str], Argument(help="Services or groups.", service=True)]
+Rest = Annotated[list[str], Argument(help="A program and its arguments, after `--`.", rest=True)]
 For = Annotated[
     float | None,
     Option(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.cli.options import Argument, Option
-from rorg.cli.signature import Parameter
+from rorg.cli.signature import Parameter, parted
 
 NUMBERS: dict[Any, str] = {int: r"[0-9]{1,9}", float: r"[0-9]{1,9}(\.[0-9]{1,9})?"}
 
@@ -21,8 +21,11 @@ class _NotPlain(Exception):
 def read(declared: Sequence[Parameter], words: Sequence[str], environment: Mapping[str, str]) -> dict[str, Any] | None:
     """The values of a command's parameters, by name; None for a line that is left to typer."""
     try:
+        words, after = parted(declared, words)
         texts, rest = _split(declared, words)
-        found = _arguments(declared, rest)
+        found = {**_arguments(declared, rest), **after}
+        if not all(after.values()):
+            raise _NotPlain
         for parameter in declared:
             if isinstance(parameter.declared, Option):
                 found[parameter.name] = _option(parameter, parameter.declared, texts, environment)
@@ -64,7 +67,7 @@ def _split(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[dict[st
 def _arguments(declared: Sequence[Parameter], words: list[str]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for parameter in declared:
-        if not isinstance(parameter.declared, Argument):
+        if not isinstance(parameter.declared, Argument) or parameter.rest:
             continue
         taken, words = (words, []) if parameter.many else (words[:1], words[1:])
         if not all(taken) or (parameter.required and not taken):

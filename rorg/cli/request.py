@@ -107,6 +107,10 @@ class Asked:
 
     def _roll_back(self) -> None:
         if self.before:
-            self.robot.put_request(self.id, self.requester, self.before)
+            from rorg.model.units import format_duration
+
+            lease = format_duration(self.before["ttl"]) if self.before["ttl"] else None
+            body = {**{k: self.before[k] for k in ("services", "reason", "priority")}, "ttl": lease}
+            self.robot.put_request(self.id, self.requester, body)
         else:
             self.robot.release(self.id, self.requester)

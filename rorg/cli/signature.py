@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -21,6 +21,11 @@ class Parameter(NamedTuple):
     many: bool
     required: bool
     default: Any
+
+    @property
+    def rest(self) -> bool:
+        """All words after `--`."""
+        return isinstance(self.declared, Argument) and self.declared.rest
 
     @property
     def flag(self) -> bool:
@@ -53,6 +58,15 @@ def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
             raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
         os.environ["RORG_SOCKET"] = str(socket)
     command(**values)
+
+
+def parted(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """The words that are read, and those after `--`, by the name of the parameter that takes them."""
+    rest = next((p.name for p in declared if p.rest), None)
+    if rest is None:
+        return list(words), {}
+    end = words.index("--") if "--" in words else len(words)
+    return list(words[:end]), {rest: list(words[end + 1 :])}
 
 
 def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:

@@ -1,0 +1,128 @@
+"""rorg run-with"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+from rorg.cli.options import Option, Rest, ServiceNames, StateDirectory, Timeout
+from rorg.cli.output import note
+
+FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+TYPED = (signal.SIGINT, signal.SIGQUIT)
+"""What a terminal sends to all programs of its foreground, the command included."""
+
+
+def command(
+    services: ServiceNames,
+    program: Rest,
+    no_wait: Annotated[
+        bool, Option(names=("--no-wait",), help="Begin the command at once, rather than when all is ready.")
+    ] = False,
+    timeout: Timeout = 60.0,
+    requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
+    reason: Annotated[
+        str, Option(names=("--reason",), show_default=False, help="For people. Default: the program's name.")
+    ] = "",
+    priority: Annotated[
+        int | None,
+        Option(names=("--priority",), least=0, most=100, show_default=False, help="As in `rorg request`."),
+    ] = None,
+    state_dir: StateDirectory = None,
+) -> None:
+    """Request services for as long as a command runs: rorg run-with navigation -- rosbag record /tf
+
+    The command begins when the services, and all that they need, are ready. The exit code is the command's, 128 and
+    the signal's number where a signal ended it. Whatever ends this program, the request ends with it."""
+    from rorg_client import Error as ClientError
+
+    from rorg.cli.context import Context
+    from rorg.cli.operating import watched
+    from rorg.errors import Invalid
+
+    client = Context(state_dir, None).serving(f"run with {', '.join(services)}")
+    if shutil.which(program[0]) is None:
+        raise Invalid(f"run {program[0]}", "there is no such program", "its path")
+    reason = reason or f"runs {os.path.basename(program[0])}"
+    with _ending():
+        request = client.request(*services, reason=reason, priority=priority, requester=requester)
+        try:
+            if not no_wait:
+                with watched(client, services):
+                    request.wait(timeout)
+            code = _run(program)
+        except BaseException:
+            request.give_up()
+            raise
+        try:
+            request.release()
+        except ClientError as error:
+            note(f"request '{request.id}' ends with its lease, since it cannot be released now: {error}")
+    sys.exit(code)
+
+
+@contextmanager
+def _ending() -> Iterator[None]:
+    """Outside of the command, signals end this program as an exception does, so that nothing is left behind."""
+
+    def end(number: int, _: object) -> None:
+        sys.exit(128 + number)
+
+    before = {n: signal.signal(n, end) for n in FORWARDED if n != signal.SIGINT}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _run(program: Sequence[str]) -> int:
+    """Runs it, hands on the signals that come meanwhile, and returns its exit code as a shell tells it."""
+    process: subprocess.Popen[bytes] | None = None
+    early: list[int] = []
+
+    def forward(number: int, _: Any) -> None:
+        if process is None:
+            early.append(number)
+        elif number not in TYPED or not _in_the_foreground():
+            process.send_signal(number)
+
+    before = {number: signal.signal(number, forward) for number in FORWARDED}
+    try:
+        process = _begun(program)
+        for number in early:
+            process.send_signal(number)
+        code = process.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return 128 - code if code < 0 else code
+
+
+def _begun(program: Sequence[str]) -> subprocess.Popen[bytes]:
+    from rorg.errors import Invalid
+
+    try:
+        return subprocess.Popen(program)
+    except OSError as error:
+        raise Invalid(f"run {program[0]}", error.strerror or str(error)) from error
+
+
+def _in_the_foreground() -> bool:
+    """Whether what is typed at the terminal reaches the command by itself."""
+    try:
+        terminal = os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return False
+    finally:
+        os.close(terminal)
