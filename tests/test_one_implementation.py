@@ -122,12 +122,23 @@ COMMANDS = [
     "get images",
     "get services",
     "get services -o name",
+    "get gripper arm -o json",
+    "get driving mapper --sort-by priority",
+    "get --group driving -l nothing=here",
+    "get navigatoin",
+    "get --sort-by size",
+    "get policies -o json",
+    "get profiles nosuch",
+    "describe gripper",
+    "describe nosuch",
     "get services nosuch",
     "get service driving",
     "get neither",
 ]
 NOBODY = "no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""
+NO_LOOP = r"no rorg runs on \S+: this is how .*\n"
+"""What stands above a listing of services that nobody keeps."""
 
 
 class Commands:
@@ -183,7 +194,9 @@ class Twice:
         self.begin()
         told = self.commands(*words)
         self.robot.file.read()
-        return {**told, "err": told["err"].replace(NOBODY, ""), "file": normal(self.robot.file.document, self.before)}
+        said = re.sub(NO_LOOP, "", told["err"].replace(NOBODY, ""))
+        out = re.sub(r" +\d+[smhd] +", " AGE ", told["out"])
+        return {**told, "out": out, "err": said, "file": normal(self.robot.file.document, self.before)}
 
     def close(self) -> None:
         self.commands.close()

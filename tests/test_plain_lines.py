@@ -51,6 +51,7 @@ def same(name: str, words: list[str], environment: dict[str, str]) -> bool:
 PLAIN = [
     ("get", []),
     ("get", ["services", "arm", "-o", "json"]),
+    ("get", ["arm", "base", "-l", "site=lab", "--group", "driving", "--sort-by", "age"]),
     ("get", ["--output=yaml", "groups", "-w"]),
     ("get", ["--manifests", "tree", "--state-dir", "/x", "--engine", "process"]),
     ("why", ["arm"]),
@@ -77,7 +78,6 @@ NOT_PLAIN = [
     ("get", ["-h"]),
     ("get", ["-ojson"]),
     ("get", ["-o"]),
-    ("get", ["a", "b", "c"]),
     ("get", ["--", "services"]),
     ("get", ["--watch=yes"]),
     ("get", ["-o", "json", "-o", "yaml"]),

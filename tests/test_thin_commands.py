@@ -78,6 +78,9 @@ def heavy(modules: set[str]) -> list[str]:
     [
         "get",
         "get services driving",
+        "get driving base --sort-by age",
+        "get -l site=lab --group driving -o json",
+        "get policies",
         "get groups",
         "get requests -o json",
         "why navigation",
@@ -243,7 +246,31 @@ def test_a_table_on_a_terminal_looks_as_rich_draws_it():
     for code, word in (("32", "running"), ("32", "Healthy"), ("2", "Idle"), ("1", "STATE")):
         assert f"\x1b[{code}m{word}" in ours
         assert f"\x1b[{code}m{word}" in said.getvalue()
-    assert coloured_table(rows, columns, 40) is None
+
+
+def test_a_narrow_terminal_has_wide_columns_below_and_nothing_is_cut():
+    from rorg.cli.output import coloured_table
+
+    rows = [
+        {
+            "name": "navigation-of-the-long-name",
+            "state": "running",
+            "why": "requested by developer (tour)",
+            "message": "",
+        },
+        {"name": "arm", "state": "none", "why": "-", "message": "\u753b\u50cf of it is missing"},
+    ]
+    columns, below = ("name", "state", "why", "message"), ("why", "message")
+    assert coloured_table(rows, columns, 40, below, colours=False).splitlines() == [
+        "NAME                         STATE",
+        "navigation-of-the-long-name  running",
+        "    why: requested by developer (tour)",
+        "arm                          none",
+        "    message: \u753b\u50cf of it is missing",
+    ]
+    only_why = coloured_table(rows, columns, 70, below, colours=False).splitlines()
+    assert only_why[0].split() == ["NAME", "STATE", "WHY"]
+    assert "navigation-of-the-long-name" in coloured_table(rows, columns, 5, below)
 
 
 def test_get_on_a_terminal_needs_no_rich(robot):

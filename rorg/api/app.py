@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from rorg import __version__
+from rorg.api.description import add_description
 from rorg.api.diffing import add_diffing
 from rorg.api.events import add_events
 from rorg.api.inputs import unreadable
@@ -60,6 +61,7 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     add_operating(app, operations)
     add_waiting(app, operations, changed)
     add_events(app, operations, changed)
+    add_description(app, operations)
     add_logs(app, operations, changed)
     add_manifests(app, operations, changed)
     add_diffing(app, operations, changed)

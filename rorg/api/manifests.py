@@ -32,6 +32,29 @@ Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$"
 ManifestName = Annotated[str, Parameter(pattern=NAME)]
 
 
+def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
+    """(kind, name) -> file and content, of every manifest of a tree that can be read at all."""
+    found = {}
+    for path in manifest_files(root):
+        try:
+            content = read_bytes(path, root)
+        except OSError:  # it says so where manifests are loaded; or it has just gone
+            continue
+        document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
+        value = document.value if document else None
+        if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
+            found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
+    return found
+
+
+def listed(root: Path) -> list[dict[str, Any]]:
+    """All of them, as ManifestView."""
+    return [
+        {"kind": kind, "name": name, "file": str(path.relative_to(root)), "digest": digest(content)}
+        for (kind, name), (path, content) in sorted(manifests_of(root).items())
+    ]
+
+
 class Manifests:
     """The files of a tree. One change at a time."""
 
@@ -50,17 +73,7 @@ class Manifests:
 
     def all(self) -> dict[tuple[str, str], tuple[Path, bytes]]:
         """(kind, name) -> file and content, of every manifest that can be read at all."""
-        found = {}
-        for path in manifest_files(self.root):
-            try:
-                content = read_bytes(path, self.root)
-            except OSError:  # it says so where manifests are loaded; or it has just gone
-                continue
-            document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
-            value = document.value if document else None
-            if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
-                found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
-        return found
+        return manifests_of(self.root)
 
     def one(self, kind: str, name: str) -> tuple[Path, bytes]:
         """File and content of a manifest. Raises Missing."""
@@ -212,16 +225,12 @@ def _add_reading(app: FastAPI, manifests: Manifests, allowed: list[Any]) -> None
     def list_all(caller: Who) -> Response:
         """Every manifest of the tree, with the digest of its text; a service sees those that it may manage."""
         manifests.allow(caller, "Service", "")
+        catalog = manifests.operations.catalog
         return JSONResponse(
             [
-                {
-                    "kind": kind,
-                    "name": name,
-                    "file": str(path.relative_to(manifests.root)),
-                    "digest": digest(content),
-                }
-                for (kind, name), (path, content) in sorted(manifests.all().items())
-                if caller.kind != "service" or manages(caller, kind, name, manifests.operations.catalog)
+                entry
+                for entry in listed(manifests.root)
+                if caller.kind != "service" or manages(caller, entry["kind"], entry["name"], catalog)
             ]
         )
 

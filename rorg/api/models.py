@@ -91,6 +91,7 @@ class ServiceView(BaseModel):
     health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
     wanted: bool
     why: str
+    message: str = Field(description="What keeps it from being as it is wanted; empty where nothing does.")
     container: str
     incarnation: str = Field(description="The run of its container; empty where none is alive.")
     started_at: str
@@ -103,7 +104,38 @@ class ServiceView(BaseModel):
     ros_nodes: list[str]
     withheld: str = Field(description="Why it is still there though no manifest declares it any more.")
     driver: bool = Field(description="It moves hardware.")
+    labels: dict[str, str] = Field(description="Of its manifest.")
     conditions: list[ConditionView]
+
+
+class IdleView(BaseModel):
+    """What is done with a service that nothing wants."""
+
+    action: str = Field(description="pause, stop or remove.")
+    linger: float = Field(description="Seconds until then.")
+
+
+class Description(BaseModel):
+    """Everything about a service."""
+
+    name: str
+    message: str = Field(description="What keeps it from being as it is wanted; empty where nothing does.")
+    description: str
+    labels: dict[str, str]
+    manifest: str = Field(description="FILE:LINE.")
+    needs: list[str]
+    conflicts: list[str]
+    always_on: bool
+    idle: IdleView
+    restart: str
+    priority: int
+    driver: bool
+    needed_by: list[str]
+    status: ServiceView
+    container: dict[str, Any] = Field(description="Its options; of the environment the names alone.")
+    sources: dict[str, str] = Field(description="Option, and what of the tree declares it.")
+    events: list[str] = Field(description="The last ones of it.")
+    log: list[str] = Field(description="The last lines that it printed.")
 
 
 class GroupView(BaseModel):

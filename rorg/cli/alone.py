@@ -65,8 +65,13 @@ class Local:
         seconds = seconds_of(asked.duration, "duration") if asked else None
         self._do(changes.suspend(seconds, asked.reason if asked else "", time.time()))
 
+    @cached_property
+    def looked(self) -> Current:
+        """As one pass sees it, with one look at each probe."""
+        return _current(decision(self.context, self.context.catalog()))
+
     def why(self, name: str) -> list[Any]:
-        return views.why(_current(decision(self.context, self.context.catalog())), name)
+        return views.why(self.looked, name)
 
     def waiting(self, what: str) -> None:
         if self.context.state.owner() is None:

@@ -130,6 +130,16 @@ class Context:
         found = self.catalog().images.values()
         return [{"name": i.name, "context": i.context, "dockerfile": i.dockerfile} for i in found]
 
+    def manifests(self) -> list[Any]:
+        """All manifests of the tree, as the API shows them."""
+        client = None if self.directory else self.client()
+        if client:
+            return list(client.manifests())
+        self.here("read its manifests")
+        from rorg.api.manifests import listed
+
+        return listed(self.root)
+
     def members(self, name: str) -> tuple[str, ...]:
         """The services that a name stands for."""
         if self.directory or not self.client():

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rorg.cli.context import Context
 
 KINDS = {
     "services": "services",
@@ -14,97 +19,122 @@ KINDS = {
     "group": "groups",
     "images": "images",
     "image": "images",
+    "profiles": "profiles",
+    "profile": "profiles",
+    "policies": "policies",
+    "policy": "policies",
     "requests": "requests",
     "request": "requests",
 }
+Found = tuple[list[dict[str, Any]], list[Any]]
+"""(rows for people, what YAML and JSON show)."""
 
 
 def command(
-    kind: Annotated[str, Argument(help="services, groups, images or requests.")] = "services",
-    name: Annotated[str, Argument(help="Only this one.")] = "",
+    what: Annotated[
+        list[str] | None,
+        Argument(
+            help="A kind (services, groups, images, profiles, policies, requests), or names of services and groups; "
+            "names may follow a kind.",
+            show_default=False,
+        ),
+    ] = None,
+    label: Annotated[
+        str, Option(names=("-l", "--selector"), help="Services with these labels: site=lab,arm.", metavar="LABELS")
+    ] = "",
+    group: Annotated[str, Option(names=("--group",), help="Services of this group.")] = "",
+    sort_by: Annotated[str, Option(names=("--sort-by",), help="name, state, age, restarts or priority.")] = "name",
     directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
     watch: Annotated[bool, Option(names=("-w", "--watch"), help="Go on showing changes.")] = False,
 ) -> None:
-    """List services with their state, or groups, images, requests."""
+    """List services with their state, or groups, images, profiles, policies, requests. RESTARTS counts unexpected ends
+    since rorg runs; AGE is that of the run of now.
+
+    Example: rorg get --group driving --sort-by restarts
+    """
     import time
     from pathlib import Path
 
     from rorg.cli.context import Context
-    from rorg.cli.output import nearest_kind, print_rows
+    from rorg.cli.output import print_rows
 
-    chosen = KINDS.get(kind) or nearest_kind(kind, KINDS)
+    words = list(what or ())
+    named = bool(words) and words[0] in KINDS
+    kind = KINDS[words.pop(0)] if named else "services"
     context = Context(state_dir, engine, Path(directory) if directory else None)
-    columns, wide, last = COLUMNS[chosen][0], COLUMNS[chosen][1], None
+    sort = SORTS.get(sort_by) or _no_sort(sort_by)
+    if kind != "services" and (label or group or sort_by != "name"):
+        _only_services(kind)
+    last = None
     while True:
-        rows, full = ROWS[chosen](context, name)
-        if rows != last:
-            print_rows(rows, output, columns, wide, full)
+        if kind == "services":
+            from rorg.cli.services import select, service_rows
+
+            chosen = select(context, words, label, group, () if named else KINDS.values())
+            rows, full = service_rows(sorted(chosen, key=sort))
+        else:
+            rows, full = ROWS[kind](context, words)
+        # An age that goes on is no change.
+        if (seen := [{**row, "age": ""} for row in rows]) != last:
+            columns, wide = COLUMNS[kind]
+            print_rows(rows, output, _with_message(rows, columns), wide, full, below=BELOW)
         if not watch:
             return
-        last = rows
+        last = seen
         time.sleep(0.2)
 
 
-def _services(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    from rorg.cli.context import condition
+def _with_message(rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> tuple[str, ...]:
+    """A message has a column where anybody has one."""
+    return (*columns, "message") if any(row.get("message") for row in rows) else columns
+
+
+def _no_sort(given: str) -> Any:
     from rorg.cli.output import missing
 
-    view = context.view()
-    wanted = {name, *context.members(name)} if name else set(view["services"])
-    services = {n: s for n, s in view["services"].items() if n in wanted}
-    if name and not services:
-        raise missing("service", name, view["services"])
-    rows = [
-        {
-            "name": n,
-            "state": s["state"],
-            "sync": s["sync"],
-            "health": s["health"],
-            "why": s["why"] or "-",
-            "crashes": s["crashes"],
-            "priority": s["effective_priority"],
-            "container": s["container"][:12],
-            "message": condition(s, "Ready")["message"],
-        }
-        for n, s in services.items()
-        if s["state"] != "meta" or name
-    ]
-    return rows, list(services.values())
+    raise missing("order", given, set(SORTS))
 
 
-def _groups(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    groups = context.groups()
-    found = [g for g in groups if name in ("", g["name"])]
-    _there("group", name, found, {g["name"] for g in groups})
-    rows = [{**g, "services": ",".join(g["services"])} for g in found]
+def _only_services(kind: str) -> None:
+    from rorg.errors import Invalid
+
+    raise Invalid(f"list {kind} that way", "-l, --group and --sort-by are about services", "`rorg get`")
+
+
+SORTS: dict[str, Any] = {
+    "name": lambda s: s["service"],
+    "state": lambda s: (s["state"], s["service"]),
+    "age": lambda s: (not s["incarnation"], s["started_at"], s["service"]),
+    "restarts": lambda s: (-s["crashes"], s["service"]),
+    "priority": lambda s: (-s["effective_priority"], s["service"]),
+}
+"""Of a service in a view: the oldest run, the most restarts and the highest priority first."""
+
+
+def _groups(context: Context, names: Sequence[str]) -> Found:
+    found = _named("group", names, context.groups(), "name")
+    return [{**g, "services": ",".join(g["services"])} for g in found], found
+
+
+def _images(context: Context, names: Sequence[str]) -> Found:
+    found = _named("image", names, context.images(), "name")
+    rows = [{"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]} for i in found]
     return rows, found
 
 
-def _images(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    images = context.images()
-    rows = [
-        {"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]}
-        for i in images
-        if name in ("", i["name"])
-    ]
-    _there("image", name, rows, {i["name"] for i in images})
-    return rows, None
+def _manifests(kind: str) -> Any:
+    def listed(context: Context, names: Sequence[str]) -> Found:
+        found = _named(kind.lower(), names, [m for m in context.manifests() if m["kind"] == kind], "name")
+        return found, found
+
+    return listed
 
 
-def _there(kind: str, name: str, found: list[Any], known: Any) -> None:
-    from rorg.cli.output import missing
-
-    if name and not found:
-        raise missing(kind, name, set(known))
-
-
-def _requests(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
-    requests = context.view()["requests"]
-    found = [r for r in requests if name in ("", r["id"])]
-    _there("request", name, found, {r["id"] for r in requests})
+def _requests(context: Context, names: Sequence[str]) -> Found:
+    found = _named("request", names, context.view()["requests"], "id")
     rows = [
         {
             "id": r["id"],
@@ -121,10 +151,31 @@ def _requests(context: Any, name: str) -> tuple[list[dict[str, Any]], Any]:
     return rows, found
 
 
-ROWS = {"services": _services, "groups": _groups, "images": _images, "requests": _requests}
+def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> list[Any]:
+    """Those of these names, all without any. Raises Invalid for one that is not there."""
+    from rorg.cli.output import missing
+
+    there = {entry[key] for entry in known}
+    for name in names:
+        if name not in there:
+            raise missing(kind, name, there)
+    return [entry for entry in known if not names or entry[key] in names]
+
+
+ROWS = {
+    "groups": _groups,
+    "images": _images,
+    "profiles": _manifests("Profile"),
+    "policies": _manifests("Policy"),
+    "requests": _requests,
+}
 COLUMNS = {
-    "services": (("name", "state", "sync", "health", "why"), ("crashes", "priority", "container", "message")),
+    "services": (("name", "state", "sync", "health", "restarts", "age", "why"), ("priority", "container")),
     "groups": (("name", "services"), ("description",)),
     "images": (("name", "from"), ("dockerfile",)),
+    "profiles": (("name", "file"), ("digest",)),
+    "policies": (("name", "file"), ("digest",)),
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),
 }
+BELOW = ("why", "message", "reason", "services", "description", "from", "file", "digest")
+"""Columns that go to lines of their own where a terminal is too narrow."""

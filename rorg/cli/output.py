@@ -61,13 +61,26 @@ def as_json(value: Any, indent: int | None = None) -> str:
 def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
     """(lines of cells, the head first; the width of each column)."""
     cells = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
-    return cells, [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    return cells, [max(_width(line[i]) for line in cells) for i in range(len(columns))]
+
+
+def _width(text: str) -> int:
+    """Columns of a terminal."""
+    if text.isascii():
+        return len(text)
+    from unicodedata import combining, east_asian_width
+
+    return sum(0 if combining(c) else 2 if east_asian_width(c) in "WF" else 1 for c in text)
+
+
+def _padded(text: str, width: int) -> str:
+    return text + " " * (width - _width(text))
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """A plain table: upper-case heads, columns as wide as needed."""
     cells, widths = _cells(rows, columns)
-    return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
+    return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
 
 
 COLOURS = {
@@ -84,17 +97,29 @@ COLOURS = {
 CODES = {"bold": "1", "dim": "2", "red": "31", "green": "32", "yellow": "33", "blue": "34", "magenta": "35"}
 
 
-def coloured_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], width: int) -> str | None:
-    """The same with colours, for a terminal; None where it does not fit into `width` columns."""
-    cells, widths = _cells(rows, columns)
-    narrow = sum(widths) + 2 * (len(widths) - 1) > width
-    if narrow or not all(c.isascii() and c.isprintable() for line in cells for c in line):
-        return None
-    styles = [["bold"] * len(columns), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
-    return "\n".join(
-        "  ".join(_styled(c.ljust(w), style) for c, w, style in zip(line, widths, of, strict=True)).rstrip()
-        for line, of in zip(cells, styles, strict=True)
-    )
+def coloured_table(
+    rows: Sequence[Mapping[str, Any]],
+    columns: Sequence[str],
+    width: int,
+    below: Sequence[str] = (),
+    colours: bool = True,
+) -> str:
+    """The same with colours, for a terminal of `width` columns. Where it does not fit, the last of the columns that may
+    go `below` go there, each to a line of its own under its row. Nothing is ever cut."""
+    beside, under = list(columns), list[str]()
+    cells, widths = _cells(rows, beside)
+    while sum(widths) + 2 * (len(widths) - 1) > width and (movable := [c for c in beside if c in below]):
+        beside.remove(movable[-1])
+        under.insert(0, movable[-1])
+        cells, widths = _cells(rows, beside)
+    styles = [["bold"] * len(beside), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
+    lines: list[str] = []
+    for index, (line, of) in enumerate(zip(cells, styles, strict=True)):
+        cell = (_styled(_padded(c, w), style if colours else "") for c, w, style in zip(line, widths, of, strict=True))
+        lines.append("  ".join(cell).rstrip())
+        row: Mapping[str, Any] = rows[index - 1] if index else {}
+        lines += [f"    {c}: {printable(row[c])}" for c in under if row.get(c) not in ("", "-", None)]
+    return "\n".join(lines)
 
 
 def _styled(text: str, style: str) -> str:
@@ -116,9 +141,15 @@ def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title:
 
 
 def print_rows(
-    rows: Sequence[Mapping[str, Any]], form: str, columns: Sequence[str], wide: Sequence[str] = (), full: Any = None
+    rows: Sequence[Mapping[str, Any]],
+    form: str,
+    columns: Sequence[str],
+    wide: Sequence[str] = (),
+    full: Any = None,
+    below: Sequence[str] = (),
 ) -> None:
-    """Rows in any form. `full` is what YAML and JSON show instead of the rows."""
+    """Rows in any form. `full` is what YAML and JSON show instead of the rows; `below`: columns that a terminal that is
+    too narrow shows in lines of their own."""
     check_form(form)
     shown = [*columns, *(wide if form == "wide" else ())]
     if form in ("json", "yaml"):
@@ -127,24 +158,17 @@ def print_rows(
         for row in rows:
             echo(printable(row[columns[0]]))
     elif sys.stdout.isatty():
-        _on_terminal(rows, shown)
+        colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+        _write(coloured_table(rows, shown, _terminal_width(), below, colours))
     else:
         echo(table(rows, shown))
 
 
-def _on_terminal(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+def _terminal_width() -> int:
     try:
-        width = int(os.environ.get("COLUMNS") or os.get_terminal_size(sys.stdout.fileno()).columns)
+        return int(os.environ.get("COLUMNS") or os.get_terminal_size(sys.stdout.fileno()).columns) or 80
     except (OSError, ValueError):
-        width = 0
-    text = coloured_table(rows, columns, width) if colours else None
-    if text is not None:
-        _write(text)
-        return
-    from rich.console import Console
-
-    Console().print(rich_table(rows, columns))
+        return 80
 
 
 def missing(what: str, name: str, known: Any) -> Invalid:
@@ -152,8 +176,3 @@ def missing(what: str, name: str, known: Any) -> Invalid:
     from rorg.model.diagnostics import nearest
 
     return Invalid(f"find the {what} '{name}'", "there is none of that name", nearest(name, known))
-
-
-def nearest_kind(kind: str, known: Any) -> str:
-    """Raises Invalid with the closest kind as its remedy."""
-    raise missing("kind", kind, known)

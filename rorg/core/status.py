@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.core.backoff import STALLED_AFTER
@@ -60,6 +60,8 @@ class Status:
     """Why it is still there though no manifest declares it any more."""
     driver: bool = False
     """It moves hardware."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """Of its manifest."""
     chain: tuple[Link, ...] = ()
     """Why it is wanted: from it to a root. Empty when it is not."""
 
@@ -72,6 +74,15 @@ class Status:
         """Why its last change did not come up; empty where none failed."""
         return next((c.message for c in self.conditions if c.type == "Updated" and c.status == "False"), "")
 
+    @property
+    def trouble(self) -> str:
+        """What keeps it from being as it is wanted: what its probe found, how it ended, what failed and when that is
+        tried again. Empty where nothing does."""
+        failed, ready = self.update_failed, self.condition("Ready")
+        if failed or not self.wanted or ready.status == "True":
+            return f"its change failed: {failed}" if failed else ""
+        return self.condition("Reconciling").message or ready.message
+
     def as_json(self) -> dict[str, Any]:
         return {
             "service": self.service,
@@ -80,6 +91,7 @@ class Status:
             "health": self.health,
             "wanted": self.wanted,
             "why": self.why,
+            "message": self.trouble,
             "container": self.container,
             "incarnation": self.incarnation,
             "started_at": self.started_at,
@@ -92,6 +104,7 @@ class Status:
             "ros_nodes": list(self.ros_nodes),
             "withheld": self.withheld,
             "driver": self.driver,
+            "labels": dict(self.labels),
             "conditions": [
                 {"type": c.type, "status": c.status, "reason": c.reason, "message": c.message} for c in self.conditions
             ],
@@ -156,9 +169,8 @@ def _status(
     why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
     why = why or held or situation.preempted.get(name, "")
     if service.meta:
-        return Status(name, "meta", "Synced", "Healthy", True, why, chain=links)
-    step = situation.memory.of(name)
-    known = situation.observed.complete
+        return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
+    step, known = situation.memory.of(name), situation.observed.complete
     ready, reason, message = _readiness(situation, service, current, waiting, actions)
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
@@ -188,6 +200,7 @@ def _status(
         name in situation.lowered,
         ros_nodes(service),
         driver=service.driver,
+        labels=service.labels,
         chain=links,
     )
 

@@ -247,6 +247,10 @@ def events(cursor: int | None, follow: bool, tail: int, mine: bool, requester: s
     return _query("/v1/events", cursor=cursor, follow=follow, tail=tail, mine=mine or None, requester=requester)
 
 
+def description(name: str) -> Call[list[dict[str, Any]]]:
+    return Call("GET", f"/v1/services/{_of(name)}/description")
+
+
 def logs(
     name: str, also: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str]
 ) -> str:

@@ -33,6 +33,7 @@ class ServiceView(TypedDict):
     health: str
     wanted: bool
     why: str
+    message: str
     container: str
     incarnation: str
     started_at: str
@@ -45,6 +46,7 @@ class ServiceView(TypedDict):
     ros_nodes: list[str]
     withheld: str
     driver: bool
+    labels: dict[str, str]
     conditions: list[Condition]
 
 

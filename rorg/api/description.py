@@ -1,0 +1,87 @@
+"""Everything about a service: what is declared and by what, how it is, what happened to it, what it printed last."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import Response
+
+from rorg.api.callers import needs
+from rorg.api.current import Current
+from rorg.api.models import Description
+from rorg.api.operations import Operations
+from rorg.core.observed import Container
+from rorg.engines.protocol import Engine
+from rorg.errors import RorgError
+from rorg.store.journal import Journal
+
+MOST = 10
+"""Events, and lines of a log."""
+LONGEST = 1000
+"""Bytes of such a line."""
+
+
+def describe(current: Current, name: str, journal: Journal, engine: Callable[[], Engine]) -> list[dict[str, Any]]:
+    """A service, or each of a group. Asks the engine for the last lines of logs. Raises Missing."""
+    names = (name,) if name in current.statuses else current.members(name)
+    entries = journal.since(0)
+    return [
+        {
+            **declared(current, n),
+            "events": [f"{e['at']} {e['message']}" for e in entries if e.get("service") == n][-MOST:],
+            "log": _log(current.decision.situation.observed.by_service().get(n, []), engine),
+        }
+        for n in names
+    ]
+
+
+def declared(current: Current, name: str) -> dict[str, Any]:
+    """A service as its manifest says, with how it is; of its environment the names alone."""
+    services, status = current.catalog.services, current.statuses[name]
+    found = services[name]
+    spec = {k: v for k, v in (found.spec or {}).items() if k != "environment"}
+    spec["environment"] = sorted((found.spec or {}).get("environment", {}))
+    return {
+        "name": name,
+        "message": status.trouble,
+        "description": found.description,
+        "labels": dict(found.labels),
+        "manifest": str(found.where),
+        "needs": list(found.needs),
+        "conflicts": list(found.conflicts),
+        "always_on": found.always_on,
+        "idle": {"action": found.idle.action, "linger": found.idle.linger},
+        "restart": found.restart,
+        "priority": found.priority,
+        "driver": found.driver,
+        "needed_by": sorted(s.name for s in services.values() if name in s.needs),
+        "status": status.as_json(),
+        "container": spec,
+        "sources": dict(found.origins),
+    }
+
+
+def _log(containers: list[Container], engine: Callable[[], Engine]) -> list[str]:
+    """The last lines of the container that counts; what cannot be read of it is told in their place."""
+    if not containers:
+        return []
+    try:
+        said = b"".join(line.text for line in engine().log_lines(containers[0].id, MOST, None, False))
+    except RorgError as error:
+        return [str(error)]
+    return [line[:LONGEST].decode(errors="replace") for line in said.split(b"\n") if line][-MOST:]
+
+
+def add_description(app: FastAPI, operations: Operations) -> None:
+    """The route."""
+
+    @app.get("/v1/services/{name}/description", dependencies=[needs("logs")], response_model=list[Description])
+    def description(name: str) -> Response:
+        """Everything about a service, or each of a group: what is declared and by what, how it is, its last events and
+        the last lines of its log. Of environments the names alone."""
+        loop = operations.loop
+        found = describe(operations.current, name, loop.recorder.journal, lambda: loop.engine)
+        return Response(json.dumps(found), media_type="application/json")

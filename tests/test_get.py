@@ -1,0 +1,154 @@
+"""`rorg get` and `rorg describe` beside a running rorg: reasons where people look, from the socket alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from datetime import datetime
+
+import pytest
+import yaml
+from conftest import wait_for
+from robots import RealRobot
+
+from rorg.cli.services import age
+
+SERVICES = {
+    "fine": {"always_on": True, "priority": 9},
+    "quits": {"always_on": True, "command": ["sh", "-c", "echo oh no; exit 3"]},
+    "deaf": {"always_on": True, "ready": {"file": "/nonexistent", "timeout": "50ms"}},
+    "absent": {"always_on": True, "command": ["no-such-program"]},
+    "idle": {"container": {"environment": {"TOKEN": "hunter2"}}},
+}
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    found = RealRobot(tmp_path_factory.mktemp("robot"), "process", None, with_server=True)
+    found.declare(
+        SERVICES,
+        groups={"good": {"services": ["fine", "idle"]}},
+        policies={"policy": {"removals": "ask"}},
+        profiles={"slow": {"idle": {"linger": "9s"}}},
+    )
+    path = found.tree / "services/fine.yaml"
+    manifest = yaml.safe_load(path.read_text())
+    manifest["metadata"]["labels"] = {"site": "lab", "arm": "left"}
+    path.write_text(yaml.safe_dump(manifest))
+    found.wait(lambda: "fine" in found.active() and all(text in rorg(found, "get") for text in REASONS))
+    yield found
+    found.close()
+
+
+REASONS = ("ended with exit code 3; again in", "no program 'no-such-program'", "/nonexistent: No such file")
+
+
+def rorg(robot: RealRobot, *words: str, code: int = 0) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"},
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
+
+
+def names(text: str) -> list[str]:
+    return [line.split()[0] for line in text.splitlines()[1:]]
+
+
+def test_reasons_are_in_the_default_view(robot):
+    lines = rorg(robot, "get").splitlines()
+    assert lines[0].split() == ["NAME", "STATE", "SYNC", "HEALTH", "RESTARTS", "AGE", "WHY", "MESSAGE"]
+    assert "no such program" not in rorg(robot, "get", "fine")
+    assert "MESSAGE" not in rorg(robot, "get", "fine"), "nobody has one"
+    quits = json.loads(rorg(robot, "get", "quits", "-o", "json"))[0]
+    assert quits["crashes"] >= 1
+    assert "ended with exit code 3" in quits["message"]
+
+
+def test_a_name_in_place_of_a_kind(robot):
+    assert names(rorg(robot, "get", "idle", "fine")) == ["fine", "idle"]
+    assert names(rorg(robot, "get", "good")) == ["fine", "idle"]
+    assert "'services'" in rorg(robot, "get", "servces", code=2)
+    assert "'idle'" in rorg(robot, "get", "idel", code=2)
+
+
+def test_services_are_chosen_by_group_and_label(robot):
+    assert names(rorg(robot, "get", "--group", "good")) == ["fine", "idle"]
+    assert names(rorg(robot, "get", "-l", "site=lab,arm")) == ["fine"]
+    assert names(rorg(robot, "get", "-l", "site=home")) == []
+    assert names(rorg(robot, "get", "--group", "good", "quits")) == []
+    assert "none of that name" in rorg(robot, "get", "--group", "god", code=2)
+    assert "about services" in rorg(robot, "get", "groups", "-l", "site=lab", code=2)
+
+
+def test_services_are_sorted(robot):
+    assert names(rorg(robot, "get", "--sort-by", "priority"))[-1] == "fine"
+    assert names(rorg(robot, "get", "--sort-by", "restarts"))[0] == "quits"
+    assert set(names(rorg(robot, "get", "--sort-by", "age"))[:2]) == {"deaf", "fine"}
+    assert "one of age" in rorg(robot, "get", "--sort-by", "size", code=2)
+
+
+def test_profiles_and_policies_are_listed(robot):
+    assert rorg(robot, "get", "policies").split() == ["NAME", "FILE", "policy", "policies/policy.yaml"]
+    assert [p["name"] for p in json.loads(rorg(robot, "get", "profiles", "-o", "json"))] == ["slow"]
+    assert "none of that name" in rorg(robot, "get", "profile", "fast", code=2)
+
+
+def test_an_age_is_as_kubectl_has_it():
+    assert [age(s) for s in (-1, 5.9, 60, 3 * 60 + 50, 7300, 4 * 86400)] == ["0s", "5s", "1m", "3m", "2h", "4d"]
+
+
+def test_describe_ends_with_what_happened_and_what_it_said(robot):
+    found = yaml.safe_load(wait_for(lambda: (t := rorg(robot, "describe", "quits")) and "oh no" in t and t))
+    assert list(found)[-2:] == ["events", "log"]
+    assert found["log"][-1] == "oh no"
+    assert len(found["log"]) <= 10
+    assert any("exit code 3" in event for event in found["events"])
+    assert "ended with exit code 3" in found["message"]
+    for name, reason in (("deaf", "/nonexistent"), ("absent", "no-such-program")):
+        assert reason in yaml.safe_load(rorg(robot, "describe", name))["message"]
+
+
+def test_describe_in_numbers_without_secrets(robot):
+    text = rorg(robot, "describe", "good", "-o", "json")
+    fine, idle = json.loads(text)
+    assert "hunter2" not in text
+    assert "TOKEN" in idle["container"]["environment"]
+    assert isinstance(fine["idle"]["linger"], float)
+    assert datetime.fromisoformat(fine["status"]["started_at"]).utcoffset() is not None
+    assert "none of that name" in rorg(robot, "describe", "fin", code=2)
+
+
+def test_beside_a_running_rorg_nothing_else_is_read(robot, tmp_path):
+    """As somebody of the group, who may use the socket and nothing else."""
+    words = (["get"], ["get", "policies"], ["get", "good"], ["describe", "quits"], ["logs", "good", "quits", "-n", "1"])
+    for line in words:
+        done = subprocess.run(
+            [sys.executable, "-m", "rorg", *line],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env={**os.environ, "RORG_ADDRESS": robot.socket(), "HOME": str(tmp_path)},
+        )
+        assert done.returncode == 0, (line, done.stderr)
+        assert done.stdout
+
+
+def test_a_robot_whose_loop_is_gone_says_so(tmp_path):
+    found = RealRobot(tmp_path, "process", None, with_server=True)
+    try:
+        found.declare({"fine": {"always_on": True}})
+        found.wait(lambda: "fine" in found.active())
+        assert "no rorg runs" not in rorg(found, "get")
+        found.stop()
+        told = rorg(found, "get")
+        assert f"no rorg runs on {found.state.path}: this is how things are by a look of now" in told
+        assert "running" in told
+    finally:
+        found.close()
