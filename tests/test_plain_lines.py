@@ -69,6 +69,11 @@ PLAIN = [
     ("build", ["tree"]),
     ("demo", ["--speed", "2"]),
     ("completion", ["bash"]),
+    ("get", ["--", "services"]),
+    ("exec", ["arm", "-i", "--", "ls", "-la", "--", "x"]),
+    ("shell", ["arm"]),
+    ("cp", ["arm:/a", "."]),
+    ("edit", ["group/seeing"]),
 ]
 NOT_PLAIN = [
     ("get", ["--help"]),
@@ -76,7 +81,6 @@ NOT_PLAIN = [
     ("get", ["-ojson"]),
     ("get", ["-o"]),
     ("get", ["a", "b", "c"]),
-    ("get", ["--", "services"]),
     ("get", ["--watch=yes"]),
     ("get", ["-o", "json", "-o", "yaml"]),
     ("get", ["-o", "-w"]),

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
+import typer.main
 
-from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.options import Argument
 from rorg.cli.signature import Parameter, parameters
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""What typer says of a command line; which package it is of depends on typer's version."""
 
 app = typer.Typer(
     name="rorg",
@@ -20,7 +25,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Run a robot's services: declared in YAML, started and ceased by requests.",
     epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
-    "4 applied but not ready, 5 refused, 70 internal error.",
+    "4 applied but not ready, 5 refused, 70 internal error.\n\n"
+    "Aliases: " + "; ".join(f"{name} is {command}" for name, command in ALIASES.items()) + ".",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -103,3 +109,25 @@ def _told(parser: Callable[[str], Any]) -> Callable[[str], Any]:
 
 for _name in COMMANDS:
     app.command(_name)(typed(command_of(_name)))
+
+for _name in ALIASES:
+    app.command(_name, hidden=True)(typed(command_of(_name)))
+
+
+def run_typed(words: list[str]) -> None:
+    """Runs what the line says. Raises Invalid for one that says nothing sensible; what a command raises is left alone,
+    which typer's own way would not do."""
+    group = typer.main.get_command(app)
+    if not words:
+        words = ["--help"]
+    try:
+        with group.make_context("rorg", words) as context:
+            group.invoke(context)
+    except typer.Exit as end:
+        sys.exit(end.exit_code)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except UsageError as error:
+        from rorg.cli.usage import misread
+
+        raise misread(f"rorg {words[0]}" if words[0] in (*COMMANDS, *ALIASES) else "rorg", error) from None

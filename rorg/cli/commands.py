@@ -24,7 +24,11 @@ COMMANDS = (
     "events",
     "top",
     "logs",
+    "exec",
+    "shell",
+    "cp",
     "graph",
+    "edit",
     "build",
     "demo",
     "schema",
@@ -32,10 +36,20 @@ COMMANDS = (
 )
 """In the order of the help."""
 
+ALIASES = {
+    "ps": "get",
+    "ls": "get",
+    "status": "get",
+    "up": "run",
+    "start": "request",
+    "stop": "release",
+}
+"""Words of Docker and systemd for commands of ours. `up` is the counterpart of `down`, as with Compose."""
+
 
 def command_of(name: str) -> Callable[..., Any]:
-    """The function of a command."""
+    """The function of a command, by its name or an alias."""
     from importlib import import_module
 
-    found: Callable[..., Any] = import_module(f"rorg.cli.{name}").command
+    found: Callable[..., Any] = import_module(f"rorg.cli.{ALIASES.get(name, name)}").command
     return found

@@ -20,7 +20,7 @@ from rorg.store.state_dir import StateDir, default_state_dir, read_json
 if TYPE_CHECKING:
     # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
     from rorg.core.decide import Decision
-    from rorg.engines.protocol import Engine
+    from rorg.engines.protocol import RealEngine
     from rorg.model.catalog import Catalog
     from rorg.store.requests_document import RequestsDocument
 
@@ -44,7 +44,7 @@ class Context:
         self.state = StateDir(Path(given) if given else default_state_dir())
         self._engine_name = _known(engine or os.environ.get("RORG_ENGINE") or "")
         self.directory, self._local = directory, local
-        self._engine: Engine | None = None
+        self._engine: RealEngine | None = None
         self._client: Client | None = None
         self._remarked: set[str] = set()
 
@@ -140,7 +140,7 @@ class Context:
                 "it there, or to unset RORG_ADDRESS",
             )
 
-    def engine(self) -> Engine:
+    def engine(self) -> RealEngine:
         self.here("use its engine")
         if self._engine is None:
             from rorg.engines.make import make_engine

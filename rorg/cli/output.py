@@ -151,7 +151,9 @@ def missing(what: str, name: str, known: Any) -> Invalid:
     """The error for a name that is not there."""
     from rorg.model.diagnostics import nearest
 
-    return Invalid(f"find the {what} '{name}'", "there is none of that name", nearest(name, known))
+    return Invalid(
+        f"find the {what} '{name}'", "there is none of that name", nearest(name, known) or "`rorg get` for all names"
+    )
 
 
 def nearest_kind(kind: str, known: Any) -> str:

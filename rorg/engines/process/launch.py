@@ -14,7 +14,7 @@ from typing import Any
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
-from rorg.host.commands import Exceeded, Output, end, listen
+from rorg.host.commands import TURN, Exceeded, Output, end, listen
 from rorg.model.units import stamp
 from rorg.store.files import open_private
 from rorg.store.state_dir import read_json
@@ -103,6 +103,42 @@ def run_beside(
     except Exceeded as why:
         end(child, signal.SIGKILL)
         return why.code, output.text(why)
+
+
+def run_attached(records: Records, record: Record, command: Sequence[str], stdin: bool) -> int:
+    """Runs a command in the container's environment, with our own outputs and terminal; see Access.attach. Ctrl-C and
+    what else the terminal says is the command's; what we are told goes on to it."""
+    environment = _environment(records, record)
+    told: list[int] = []
+    # What is ignored would be ignored by the command too; a handler is not passed on.
+    before = {n: signal.signal(n, lambda *_: None) for n in (signal.SIGINT, signal.SIGQUIT)}
+    before[signal.SIGTERM] = signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
+    try:
+        child = subprocess.Popen(
+            command,
+            executable=shutil.which(command[0], path=environment["PATH"]) or command[0],
+            env=environment,
+            cwd=_folder(record),
+            stdin=None if stdin else subprocess.DEVNULL,
+            umask=UMASK,
+        )
+        while True:
+            try:
+                code = child.wait(TURN)
+                return code if code >= 0 else 128 - code
+            except subprocess.TimeoutExpired:
+                while told:
+                    child.send_signal(told.pop())
+    except (FileNotFoundError, PermissionError) as error:
+        return 127 if isinstance(error, FileNotFoundError) else 126
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def folder_of(record: Record) -> str:
+    """The working directory of a container's programs."""
+    return _folder(record)
 
 
 def _environment(records: Records, record: Record) -> dict[str, str]:
