@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -114,15 +115,18 @@ for _name in ALIASES:
     app.command(_name, hidden=True)(typed(command_of(_name)))
 
 
+@cache
+def group() -> Any:
+    """All commands, as typer reads a line."""
+    return typer.main.get_command(app)
+
+
 def run_typed(words: list[str]) -> None:
     """Runs what the line says. Raises Invalid for one that says nothing sensible; what a command raises is left alone,
     which typer's own way would not do."""
-    group = typer.main.get_command(app)
-    if not words:
-        words = ["--help"]
     try:
-        with group.make_context("rorg", words) as context:
-            group.invoke(context)
+        with group().make_context("rorg", list(words) or ["--help"]) as context:
+            group().invoke(context)
     except typer.Exit as end:
         sys.exit(end.exit_code)
     except typer.Abort:
@@ -130,4 +134,4 @@ def run_typed(words: list[str]) -> None:
     except UsageError as error:
         from rorg.cli.usage import misread
 
-        raise misread(f"rorg {words[0]}" if words[0] in (*COMMANDS, *ALIASES) else "rorg", error) from None
+        raise misread(f"rorg {words[0]}" if words and words[0] in (*COMMANDS, *ALIASES) else "rorg", error) from None

@@ -20,8 +20,9 @@ def command(
     import json
 
     from rorg.cli.context import Context
-    from rorg.cli.output import dump, missing
+    from rorg.cli.output import check_form, dump, missing
 
+    check_form(output, ("table", "json", "yaml"))
     context = Context(state_dir, engine)
     catalog, view = context.catalog(), context.view()
     if service in view.get("withheld", ()):  # no manifest declares it any more, and it is kept as it was

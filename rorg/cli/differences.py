@@ -32,6 +32,10 @@ class Differences(NamedTuple):
 
 def differences(context: Context) -> Differences:
     """Raises Invalid where the tree has errors, and Unreachable."""
+    if context.directory and not context.directory.is_dir():
+        raise Invalid(
+            f"read manifests in {context.directory}", "no such directory", "the directory that holds services/"
+        )
     found = _told(context)
     if found is None:
         return _computed(context)

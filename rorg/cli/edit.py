@@ -29,13 +29,12 @@ def command(
     from rorg.cli.editing import manifests
     from rorg.cli.output import echo, missing, note
 
-    editor = _editor()
     kind, slash, name = manifest.rpartition("/")
     tree = manifests(Context(state_dir, engine, Path(directory) if directory else None, local=True))
     chosen = _kind(kind if slash else "service")
     if name not in tree.names(chosen):
         raise missing(chosen.lower(), name, tree.names(chosen))
-    before = tree.text(chosen, name)
+    editor, before = _editor(), tree.text(chosen, name)
     folder = Path(tempfile.mkdtemp(prefix="rorg-edit-"))
     try:
         written = _until_right(editor, folder / f"{name}.yaml", before, lambda text: tree.write(chosen, name, text))

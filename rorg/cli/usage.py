@@ -35,7 +35,9 @@ KNOWN = {
 
 def unknown_command(word: str) -> Invalid:
     """The error for a command that there is not."""
-    return Invalid(f"run `rorg {word}`", "there is no such command", suggestion(word))
+    from rorg.cli.terminal import printable
+
+    return Invalid(f"run `rorg {printable(word)}`", "there is no such command", suggestion(word))
 
 
 def suggestion(word: str) -> str:
