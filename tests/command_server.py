@@ -1,22 +1,25 @@
 """Commands in processes of their own that need not import everything first: each is a fork of this one.
 
-`python command_server.py`, then on stdin one JSON list of words a line; a JSON object of `code`, `out` and `err` for
-each on stdout."""
+`python command_server.py`, then on stdin one JSON list of words a line, or an object of `words`, `folder` and
+`environment`; a JSON object of `code`, `out` and `err` for each on stdout."""
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import sys
 import tempfile
 
-import rorg.api.changes
-import rorg.cli.local
+import rorg.api.server
+import rorg.cli.alone
+import rorg.cli.app
 import rorg.cli.main
-import rorg.manifest.load
+import rorg.daemon.wiring
+import rorg.engines.process.engine
 
 
-def run(words: list[str]) -> dict[str, object]:
+def run(words: list[str], folder: str = ".", environment: dict[str, str] | None = None) -> dict[str, object]:
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         pid = os.fork()
         if pid == 0:
@@ -24,6 +27,8 @@ def run(words: list[str]) -> dict[str, object]:
             try:
                 os.dup2(out.fileno(), 1)
                 os.dup2(err.fileno(), 2)
+                os.chdir(folder)
+                os.environ.update(environment or {})
                 sys.argv = ["rorg", *words]
                 rorg.cli.main.run()
                 code = 0
@@ -40,8 +45,11 @@ def run(words: list[str]) -> dict[str, object]:
 
 
 if __name__ == "__main__":
+    rorg.cli.app.group()
+    gc.freeze()
     nothing = os.open(os.devnull, os.O_RDONLY)
     lines = os.fdopen(os.dup(0), "r")
     os.dup2(nothing, 0)  # nobody can be asked
     for line in lines:
-        print(json.dumps(run(json.loads(line))), flush=True)
+        told = json.loads(line)
+        print(json.dumps(run(**told) if isinstance(told, dict) else run(told)), flush=True)

@@ -72,6 +72,11 @@ PLAIN = [
     ("build", ["tree"]),
     ("demo", ["--speed", "2"]),
     ("completion", ["bash"]),
+    ("get", ["--", "services"]),
+    ("exec", ["arm", "-i", "--", "ls", "-la", "--", "x"]),
+    ("shell", ["arm"]),
+    ("cp", ["arm:/a", "."]),
+    ("edit", ["group/seeing"]),
 ]
 NOT_PLAIN = [
     ("get", ["--help"]),

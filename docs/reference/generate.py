@@ -16,7 +16,7 @@ import rorg.errors
 from rorg.api import limits
 from rorg.api.openapi import document as openapi
 from rorg.api.permissions import OPERATIONS
-from rorg.cli.commands import command_of
+from rorg.cli.commands import ALIASES, command_of
 from rorg.cli.main import app
 from rorg.cli.signature import parameters
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
@@ -84,6 +84,8 @@ def cli() -> str:
     group = typer.main.get_command(app)
     text = NOTE + "# Commands\n"
     for name, command in group.commands.items():  # type: ignore[attr-defined]
+        if name in ALIASES:
+            continue
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option"]
         usage = " ".join(f"[{a.name.upper()}]" if not a.required else a.name.upper() for a in arguments)
@@ -97,7 +99,8 @@ def cli() -> str:
                 else f"`{parameter.name.upper()}`"
             )
             text += f"- {names}: {getattr(parameter, 'help', '') or ''}\n"
-    return text
+    rows = "".join(f"| `rorg {alias}` | `rorg {name}` |\n" for alias, name in ALIASES.items())
+    return text + "\n## Aliases\n\n| alias | command |\n|---|---|\n" + rows
 
 
 def exit_codes() -> str:

@@ -62,4 +62,6 @@ class Current:
 
 def missing(name: str, known: set[str]) -> Missing:
     """The error for a name that stands for no service; `known` are those that do."""
-    return Missing(f"find the service '{name}'", "there is none of that name", nearest(name, known))
+    return Missing(
+        f"find the service '{name}'", "there is none of that name", nearest(name, known) or "`rorg get` for all names"
+    )

@@ -19,7 +19,8 @@ PARTS = ("body", "query", "path")
 def unreadable(errors: Sequence[Mapping[str, Any]]) -> Invalid:
     """The error for what pydantic says of a call."""
     where = ".".join(str(p) for p in errors[0]["loc"] if p not in PARTS)
-    return Invalid("read the request", f"{where or 'body'}: {errors[0]['msg']}")
+    why = f"{where or 'body'}: {errors[0]['msg']}"
+    return Invalid("read the request", why, "what docs/reference/api.md says of it")
 
 
 def read(model: type[M], body: Mapping[str, Any]) -> M:

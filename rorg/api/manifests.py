@@ -15,36 +15,18 @@ from fastapi.responses import JSONResponse, Response
 
 from rorg.api.callers import Who, needs
 from rorg.api.manifest_change import ManifestChange, digest, recover
+from rorg.api.manifest_texts import check_name, check_tree, manifests_of
 from rorg.api.models import ManifestView, PutManifest
 from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
 from rorg.api.vetting import vet
-from rorg.errors import Busy, Invalid, Missing, Refused, Unreachable
-from rorg.manifest.documents import manifest_files
-from rorg.manifest.files import read_bytes
-from rorg.manifest.load import load
+from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
-from rorg.manifest.yaml_source import read_yaml
 from rorg.model.units import NAME
 
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
 ManifestName = Annotated[str, Parameter(pattern=NAME)]
-
-
-def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
-    """(kind, name) -> file and content, of every manifest of a tree that can be read at all."""
-    found = {}
-    for path in manifest_files(root):
-        try:
-            content = read_bytes(path, root)
-        except OSError:  # it says so where manifests are loaded; or it has just gone
-            continue
-        document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
-        value = document.value if document else None
-        if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
-            found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
-    return found
 
 
 def listed(root: Path) -> list[dict[str, Any]]:
@@ -65,6 +47,11 @@ class Manifests:
     @property
     def root(self) -> Path:
         return self.operations.loop.tree.root
+
+    @property
+    def _engine(self) -> str:
+        """What cannot be done on it is an error of the tree."""
+        return self.operations.loop.tree.engine
 
     @property
     def note(self) -> Path:
@@ -102,12 +89,8 @@ class Manifests:
                         f"{path.relative_to(self.root)} declares something else",
                         "to give that file the name of what it declares",
                     )
-            document, _ = read_yaml(body.text, path.name)
-            value: Any = document.value if document else None
-            metadata = value.get("metadata") if isinstance(value, dict) else None
-            if isinstance(metadata, dict) and (value.get("kind"), metadata.get("name")) != (kind, name):
-                raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
-            self._valid(path, body.text, f"change the {kind} '{name}'")
+            check_name(kind, name, body.text)
+            check_tree(self.root, path, body.text, self._engine, f"change the {kind} '{name}'")
             if caller.kind == "service":
                 vet(caller, name, body.text, self.operations.catalog)
             message = body.message or f"{kind} {name}: changed through the API"
@@ -118,7 +101,7 @@ class Manifests:
         with self._lock:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
-            self._valid(path, None, f"delete the {kind} '{name}'")
+            check_tree(self.root, path, None, self._engine, f"delete the {kind} '{name}'")
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, path, content, None, message)
 
@@ -149,13 +132,6 @@ class Manifests:
                 "it was changed meanwhile" if now and base else "there is one already" if now else "it is gone",
                 f"again, on the version {now}",
             )
-
-    def _valid(self, path: Path, text: str | None, what: str) -> None:
-        engine = self.operations.loop.tree.engine
-        before = {str(d) for d in load(self.root, engine=engine).errors}
-        errors = [d for d in load(self.root, {path: text}, engine=engine).errors if str(d) not in before]
-        if errors:
-            raise Invalid(what, "; ".join(str(d).replace(f"{self.root}/", "") for d in errors[:5]))
 
     def _change(self, caller: Caller, path: Path, before: bytes | None, text: str | None, message: str) -> int:
         change = ManifestChange(

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Annotated, Any
 
 import typer
+import typer.main
 from typer.core import TyperCommand
 
-from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.options import Argument
 from rorg.cli.signature import Parameter, parameters, parted
 from rorg.cli.signature import call as calling
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""What typer says of a command line; which package it is of depends on typer's version."""
 
 app = typer.Typer(
     name="rorg",
@@ -22,7 +28,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Run a robot's services: declared in YAML, started and ceased by requests.",
     epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
-    "4 applied but not ready, 5 refused, 70 internal error.",
+    "4 applied but not ready, 5 refused, 70 internal error.\n\n"
+    "Aliases: " + "; ".join(f"{name} is {command}" for name, command in ALIASES.items()) + ".",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -44,10 +51,16 @@ def _options(
     pass
 
 
-def add(to: typer.Typer, command: Callable[..., Any], name: str = "", run: Callable[..., Any] | None = None) -> None:
+def add(
+    to: typer.Typer,
+    command: Callable[..., Any],
+    name: str = "",
+    run: Callable[..., Any] | None = None,
+    hidden: bool = False,
+) -> None:
     """The command with typer's declarations in place of ours. `run` is called instead of it, if given."""
     after: dict[str, list[str]] = {}
-    to.command(name or None, cls=_class(command, after))(_typed(command, run, after))
+    to.command(name or None, cls=_class(command, after), hidden=hidden)(_typed(command, run, after))
 
 
 def _typed(
@@ -133,3 +146,28 @@ def _told(parser: Callable[[str], Any]) -> Callable[[str], Any]:
 
 for _name in COMMANDS:
     add(app, command_of(_name), _name)
+
+for _name in ALIASES:
+    add(app, command_of(_name), _name, hidden=True)
+
+
+@cache
+def group() -> Any:
+    """All commands, as typer reads a line."""
+    return typer.main.get_command(app)
+
+
+def run_typed(words: list[str]) -> None:
+    """Runs what the line says. Raises Invalid for one that says nothing sensible; what a command raises is left alone,
+    which typer's own way would not do."""
+    try:
+        with group().make_context("rorg", list(words) or ["--help"]) as context:
+            group().invoke(context)
+    except typer.Exit as end:
+        sys.exit(end.exit_code)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except UsageError as error:
+        from rorg.cli.usage import misread
+
+        raise misread(f"rorg {words[0]}" if words and words[0] in (*COMMANDS, *ALIASES) else "rorg", error) from None

@@ -26,7 +26,11 @@ COMMANDS = (
     "events",
     "top",
     "logs",
+    "exec",
+    "shell",
+    "cp",
     "graph",
+    "edit",
     "build",
     "demo",
     "schema",
@@ -34,10 +38,21 @@ COMMANDS = (
 )
 """In the order of the help."""
 
+ALIASES = {
+    "ps": "get",
+    "ls": "get",
+    "status": "get",
+    "up": "run",
+    "start": "request",
+    "stop": "release",
+}
+"""Words of Docker and systemd for commands of ours. `up` is the counterpart of `down`, as with Compose."""
+
 
 def command_of(name: str) -> Callable[..., Any]:
-    """The function of a command."""
+    """The function of a command, by its name or an alias."""
     from importlib import import_module
 
-    found: Callable[..., Any] = import_module(f"rorg.cli.{name.replace('-', '_')}").command
+    module = ALIASES.get(name, name).replace("-", "_")
+    found: Callable[..., Any] = import_module(f"rorg.cli.{module}").command
     return found

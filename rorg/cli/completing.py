@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.options import Argument
 from rorg.cli.plain import words_before
 from rorg.cli.signature import parameters
@@ -26,7 +26,12 @@ def answered() -> bool:
     if line is None:
         return False
     shell, words, incomplete = line
-    if not words or words[0] not in COMMANDS or incomplete.startswith("-") or not _is_service(words[0], words[1:]):
+    if (
+        not words
+        or words[0] not in (*COMMANDS, *ALIASES)
+        or incomplete.startswith("-")
+        or not _is_service(words[0], words[1:])
+    ):
         return False
     found = services(incomplete)
     if shell == "zsh":

@@ -21,7 +21,7 @@ from rorg.store.state_dir import read_json
 if TYPE_CHECKING:
     # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
     from rorg.core.decide import Decision
-    from rorg.engines.protocol import Engine
+    from rorg.engines.protocol import RealEngine
     from rorg.model.catalog import Catalog
     from rorg.store.requests_document import RequestsDocument
 
@@ -49,7 +49,7 @@ class Context:
         self.remote, self.state = self.place
         self._engine_name = known_engine(engine)
         self.directory, self._local = directory, local
-        self._engine: Engine | None = None
+        self._engine: RealEngine | None = None
         self._client: Client | None = None
         self._remarked: set[str] = set()
 
@@ -151,7 +151,7 @@ class Context:
         if self.remote:
             raise self.place.too_far(what)
 
-    def engine(self) -> Engine:
+    def engine(self) -> RealEngine:
         self.here("use its engine")
         if self._engine is None:
             from rorg.engines.make import make_engine

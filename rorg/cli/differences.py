@@ -46,6 +46,10 @@ class Differences(NamedTuple):
 
 def differences(context: Context, unified: bool = False) -> Differences:
     """Raises Invalid where the tree has errors, and Unreachable."""
+    if context.directory and not context.directory.is_dir():
+        raise Invalid(
+            f"read manifests in {context.directory}", "no such directory", "the directory that holds services/"
+        )
     found = _told(context, unified)
     if found is None:
         return _computed(context, unified)

@@ -8,7 +8,7 @@ import os
 import sys
 from typing import Any
 
-from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.errors import Exit, RorgError
 
 CLIENT_CODES = {
@@ -59,7 +59,7 @@ def run() -> None:
 
 def _command(words: list[str]) -> None:
     """Runs what the line says: read here where it is plain, else by typer."""
-    if words and words[0] in COMMANDS:
+    if words and words[0] in (*COMMANDS, *ALIASES):
         from rorg.cli import plain, signature
 
         command = command_of(words[0])
@@ -67,9 +67,13 @@ def _command(words: list[str]) -> None:
         if values is not None:
             signature.call(command, values)
             return
-    from rorg.cli.app import app
+    elif words and not words[0].startswith("-"):
+        from rorg.cli.usage import unknown_command
 
-    app(prog_name="rorg")
+        raise unknown_command(words[0])
+    from rorg.cli.app import run_typed
+
+    run_typed(words)
 
 
 def _complete() -> None:

@@ -175,4 +175,5 @@ def missing(what: str, name: str, known: Any) -> Invalid:
     """The error for a name that is not there."""
     from rorg.model.diagnostics import nearest
 
-    return Invalid(f"find the {what} '{name}'", "there is none of that name", nearest(name, known))
+    remedy = nearest(name, known) or "`rorg get` for all names"
+    return Invalid(f"find the {what} '{printable(name)}'", "there is none of that name", remedy)

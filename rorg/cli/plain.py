@@ -49,6 +49,9 @@ def _split(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[dict[st
     rest: list[str] = []
     left = iter(words)
     for word in left:
+        if word == "--":
+            rest += left
+            break
         if not word.startswith("-"):
             rest.append(word)
             continue

@@ -53,6 +53,7 @@ def command(
 
     context = Context(state_dir, engine, directory, local=True, own=True)
     _check(context.root, group)
+    tcp = _tcp(listen, tls_cert, tls_key, tls_ca) if listen else None
     context.state.acquire("rorg run")
     loop = make_loop(
         context.root, context.state, context.engine(), lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line))
@@ -62,8 +63,7 @@ def command(
         "containers keep running when it stops"
     )
     server = make_server(loop, context.state, group)
-    if listen:
-        server.tcp = _tcp(listen, tls_cert, tls_key, tls_ca)
+    server.tcp = tcp
     with context.state.usable():
         server.start()
     note(f"API on {server.directory / 'rorg.sock'}")

@@ -15,6 +15,8 @@ def command(duration: For = None, reason: Reason = "", end: End = False, state_d
 
     if not end and not duration:
         raise Invalid("suspend", "it must end by itself", "--for 10m")
+    if end and duration:
+        raise Invalid("suspend", "--for and --end contradict each other", "one of both")
     robot = operating(Context(state_dir, None))
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
     echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")

@@ -18,8 +18,9 @@ def command(
     """Why a service is active: the chain from a root to it. Or why it is not."""
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
-    from rorg.cli.output import dump
+    from rorg.cli.output import check_form, dump
 
+    check_form(output, ("table", "json", "yaml"))
     # The running rorg knows, even while the manifests on the disk have a mistake.
     found = operating(Context(state_dir, engine)).why(service)
     if output != "table":

@@ -5,12 +5,12 @@ from __future__ import annotations
 import uuid
 
 from rorg.engines import ENGINES
-from rorg.engines.protocol import Engine
+from rorg.engines.protocol import RealEngine
 from rorg.errors import Invalid
 from rorg.store.state_dir import StateDir
 
 
-def make_engine(name: str, state: StateDir) -> Engine:
+def make_engine(name: str, state: StateDir) -> RealEngine:
     """The engine of that name, for the containers of this state directory's instance. Raises Invalid."""
     owner = state.instance(lambda: uuid.uuid4().hex)
     if name == "docker":

@@ -1,4 +1,5 @@
-"""What every engine speaks, by use: Lifecycle, Observation and Inspection. Engine is all of them."""
+"""What every engine speaks, by use: Lifecycle, Observation and Inspection. Engine is all of them; one
+with real programs is a RealEngine, which has Access too."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import builtins
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from rorg.core.observed import Container
@@ -119,6 +121,23 @@ class Inspection(Protocol):
         124, as timeout(1) does, or 137, and a last line that says why."""
 
 
+class Access(Protocol):
+    """A person inside one container: with a terminal, and with files. Paths inside that are not absolute begin at its
+    working directory."""
+
+    def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
+        """Runs a command inside with this process's standard outputs, and with its standard input if `stdin`; returns
+        its exit code, 127 where there is no such program. `terminal`: it has one, which is ours in raw mode. It ends
+        with this process. Called from the main thread."""
+
+    def fetch(self, container: str, path: str, place: Path) -> None:
+        """Copies a file or a directory out of it, as cp -r: into `place` where that is a directory, else to that name.
+        Modes and links are kept, and nothing is written beside `place`. Raises Invalid."""
+
+    def put(self, container: str, source: Path, path: str) -> None:
+        """Copies a file or a directory into it, likewise. Raises Invalid."""
+
+
 class Engine(Lifecycle, Observation, Inspection, Protocol):
     """Every method may be called from any thread. They raise Unreachable when the engine does not answer, and
     EngineError (with a stable `kind`) when it says no. Only containers with our owner label are ever returned."""
@@ -130,6 +149,10 @@ class Engine(Lifecycle, Observation, Inspection, Protocol):
     may be taken for the container's: no process, no file, no port."""
 
     def close(self) -> None: ...
+
+
+class RealEngine(Engine, Access, Protocol):
+    """An engine with real programs, which a person can look into; errors as those of Engine."""
 
 
 TERM_GRACE = 2.0

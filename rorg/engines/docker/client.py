@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 from urllib.parse import quote, urlencode, urlsplit
 
 from rorg.engines.docker.errors import Refused
@@ -28,7 +28,9 @@ once anyway."""
 
 CHUNK = 1 << 16
 """Bytes that are read at once."""
-Method = Literal["GET", "POST", "DELETE"]
+Method = Literal["GET", "HEAD", "POST", "PUT", "DELETE"]
+Body = Mapping[str, Any] | BinaryIO | None
+"""JSON, or a file that is sent as it is."""
 
 
 def engine_host(given: str | None) -> str:
@@ -61,6 +63,15 @@ class Client:
     def post(self, path: str, body: Mapping[str, Any] | None = None, timeout: float = API_TIMEOUT, **query: Any) -> Any:
         return self._call("POST", path, body, timeout, query)
 
+    def put(self, path: str, file: BinaryIO, /, **query: Any) -> None:
+        self._call("PUT", path, file, API_TIMEOUT, query)
+
+    def header(self, path: str, name: str, /, **query: Any) -> str:
+        """One header of what a GET would answer; empty where it has none of that name."""
+        with self._answer("HEAD", self._url(path, query), None, API_TIMEOUT) as answer:
+            answer.read()
+            return _checked(answer).getheader(name) or ""
+
     def delete(self, path: str, **query: Any) -> None:
         self._call("DELETE", path, None, API_TIMEOUT, query)
 
@@ -75,6 +86,7 @@ class Client:
         self,
         method: Method,
         path: str,
+        /,
         body: Mapping[str, Any] | None = None,
         timeout: float | None = None,
         **query: Any,
@@ -90,7 +102,7 @@ class Client:
         finally:
             connection.close()
 
-    def _call(self, method: Method, path: str, body: Mapping[str, Any] | None, timeout: float, query: Any) -> Any:
+    def _call(self, method: Method, path: str, body: Body, timeout: float, query: Any) -> Any:
         with self._answer(method, self._url(path, query), body, timeout) as answer:
             text = _checked(answer).read()
         return json.loads(text) if text else None
@@ -100,9 +112,7 @@ class Client:
         return f"/v{self.version}{quote(path, safe='/:@')}" + (f"?{urlencode(said)}" if said else "")
 
     @contextmanager
-    def _answer(
-        self, method: Method, url: str, body: Mapping[str, Any] | None, timeout: float
-    ) -> Iterator[http.client.HTTPResponse]:
+    def _answer(self, method: Method, url: str, body: Body, timeout: float) -> Iterator[http.client.HTTPResponse]:
         """On the connection of this thread, which is closed unless the answer is read to its end."""
         connection = self._connection(timeout)
         try:
@@ -139,6 +149,20 @@ class Stream:
         """Ends it, from any thread: whoever reads it sees its end."""
         with suppress(OSError):  # it has ended by itself
             self._taken.shutdown(socket.SHUT_RDWR)
+
+    def send(self, content: bytes) -> None:
+        """Says something to whom the stream leads, from any thread; waits while nobody takes it."""
+        writable = select.poll()
+        writable.register(self._taken, select.POLLOUT)
+        while content:
+            writable.poll()
+            with suppress(TimeoutError, BlockingIOError, ssl.SSLWantWriteError):  # the reader sets the time-out of both
+                content = content[self._taken.send(content) :]
+
+    def end_of_input(self) -> None:
+        """Says that nothing more is sent. TLS has no such word."""
+        if not isinstance(self._taken, ssl.SSLSocket):
+            self._taken.shutdown(socket.SHUT_WR)
 
     def read(self) -> bytes:
         """What is there, as it comes; empty at the end."""
@@ -197,9 +221,11 @@ def _tls() -> ssl.SSLContext:
     return context
 
 
-def _ask(connection: http.client.HTTPConnection, method: Method, url: str, body: Mapping[str, Any] | None) -> None:
-    headers = {"Content-Type": "application/json"} if body is not None else {}
-    connection.request(method, url, json.dumps(body).encode() if body is not None else None, headers)
+def _ask(connection: http.client.HTTPConnection, method: Method, url: str, body: Body) -> None:
+    if isinstance(body, Mapping):
+        connection.request(method, url, json.dumps(body).encode(), {"Content-Type": "application/json"})
+    else:
+        connection.request(method, url, body, {"Content-Type": "application/x-tar"} if body else {})
 
 
 def _checked(answer: http.client.HTTPResponse) -> http.client.HTTPResponse:

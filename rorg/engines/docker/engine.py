@@ -7,10 +7,12 @@ import os
 import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
-from rorg.engines.docker import log
+from rorg.engines.docker import archive, log
+from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
 from rorg.engines.docker.create import create_container
@@ -239,6 +241,18 @@ class DockerEngine:
     ) -> tuple[int, bytes]:
         with docker_errors(f"run {command[0]} in {container[:12]}"):
             return run(self.client, container, command, Output(timeout, stop), self.local)
+
+    def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
+        with docker_errors(f"run {command[0]} in {container[:12]}"):
+            return attach(self.client, container, command, terminal, stdin, self.local)
+
+    def fetch(self, container: str, path: str, place: Path) -> None:
+        with docker_errors(f"copy {path}"):
+            archive.fetch(self.client, container, path, place)
+
+    def put(self, container: str, source: Path, path: str) -> None:
+        with docker_errors(f"copy {source}"):
+            archive.put(self.client, container, source, path)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         found = {}

@@ -34,9 +34,9 @@ def run(client: Client, container: str, command: Sequence[str], output: Output, 
     made = _create(client, container, command, mark, output.timeout)
     try:
         _listen(client, made, output)
-        return int(_inspect(client, made)["ExitCode"] or 0), output.text()
+        return int(inspect(client, made)["ExitCode"] or 0), output.text()
     except Exceeded as why:
-        _end(client, container, made, mark, local)
+        end(client, container, made, mark, local)
         return why.code, output.text(why)
 
 
@@ -45,7 +45,8 @@ def _create(client: Client, container: str, command: Sequence[str], mark: str, t
     return str(client.post(f"/containers/{container}/exec", said, timeout + STARTING)["Id"])
 
 
-def _inspect(client: Client, made: str) -> dict[str, Any]:
+def inspect(client: Client, made: str) -> dict[str, Any]:
+    """How a command is."""
     return dict(client.get(f"/exec/{made}/json", STARTING))
 
 
@@ -58,11 +59,11 @@ def _listen(client: Client, made: str, output: Output) -> None:
                 output.take(text)
 
 
-def _end(client: Client, container: str, made: str, mark: str, local: bool) -> None:
+def end(client: Client, container: str, made: str, mark: str, local: bool) -> None:
     """Ends a command and what it began. One that has not begun yet is waited for, but not for long."""
     deadline = time.monotonic() + ENDING
     while time.monotonic() < deadline:
-        state = _inspect(client, made)
+        state = inspect(client, made)
         if state["ExitCode"] is not None and not state["Running"]:
             return
         if not local:

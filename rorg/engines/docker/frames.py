@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterator
 
 HEAD = 8
+STDOUT, STDERR = 1, 2
 
 
 class Frames:
@@ -15,9 +16,12 @@ class Frames:
     def __init__(self) -> None:
         self._head, self.left = b"", 0
         """How much of the frame under way is still to come."""
+        self.output = STDOUT
+        """To which output the program printed it: STDOUT or STDERR."""
 
     def texts(self, chunk: bytes) -> Iterator[bytes]:
-        """What the program printed, of the next piece of the stream. After each text, `left` says of its frame."""
+        """What the program printed, of the next piece of the stream. After each text, `left` and `output` say of its
+        frame."""
         while chunk:
             if self.left:
                 text, chunk = chunk[: self.left], chunk[self.left :]
@@ -27,4 +31,5 @@ class Frames:
             missing = HEAD - len(self._head)
             self._head, chunk = self._head + chunk[:missing], chunk[missing:]
             if len(self._head) == HEAD:
-                (self.left,), self._head = struct.unpack_from(">I", self._head, 4), b""
+                self.output, self.left = struct.unpack(">BxxxI", self._head)
+                self._head = b""

@@ -18,8 +18,9 @@ from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
+from rorg.engines.process.copying import copy
 from rorg.engines.process.events import Changes
-from rorg.engines.process.launch import hear_signals, launch, run_beside
+from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
@@ -228,3 +229,12 @@ class ProcessEngine:
         self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
     ) -> tuple[int, bytes]:
         return run_beside(self.records, self.records.read(container), command, timeout, stop)
+
+    def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
+        return run_attached(self.records, self.records.read(container), command, stdin)
+
+    def fetch(self, container: str, path: str, place: Path) -> None:
+        copy(os.path.join(folder_of(self.records.read(container)), path), str(place))
+
+    def put(self, container: str, source: Path, path: str) -> None:
+        copy(str(source), os.path.join(folder_of(self.records.read(container)), path))

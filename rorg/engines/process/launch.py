@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import threading
@@ -15,7 +16,7 @@ from rorg.engines.process.program import check_program
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
-from rorg.host.commands import Exceeded, Output, end, listen
+from rorg.host.commands import TURN, Exceeded, Output, end, listen
 from rorg.model.units import stamp
 from rorg.store.files import open_private
 from rorg.store.state_dir import read_json
@@ -49,7 +50,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     (records.folder(container) / "exit").unlink(missing_ok=True)
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
-    check_program(record["name"], _folder(record), command, environment["PATH"])
+    check_program(record["name"], folder_of(record), command, environment["PATH"])
     with open(_log_of(records, record), "ab") as log:
         log_from = log.tell()
         child = _supervised(record, command, environment, log)
@@ -76,7 +77,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
             stderr=subprocess.STDOUT,
             env=environment,
             start_new_session=True,
-            cwd=_folder(record),
+            cwd=folder_of(record),
             umask=UMASK,
         )
     except OSError as error:
@@ -101,7 +102,7 @@ def run_beside(
         child = subprocess.Popen(
             command,
             env=_environment(records, record),
-            cwd=_folder(record),
+            cwd=folder_of(record),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -116,6 +117,37 @@ def run_beside(
     except Exceeded as why:
         end(child, signal.SIGKILL)
         return why.code, output.text(why)
+
+
+def run_attached(records: Records, record: Record, command: Sequence[str], stdin: bool) -> int:
+    """Runs a command in the container's environment, with our own outputs and terminal; see Access.attach. Ctrl-C and
+    what else the terminal says is the command's; what we are told goes on to it."""
+    environment = _environment(records, record)
+    told: list[int] = []
+    # What is ignored would be ignored by the command too; a handler is not passed on.
+    before = {n: signal.signal(n, lambda *_: None) for n in (signal.SIGINT, signal.SIGQUIT)}
+    before[signal.SIGTERM] = signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
+    try:
+        child = subprocess.Popen(
+            command,
+            executable=shutil.which(command[0], path=environment["PATH"]) or command[0],
+            env=environment,
+            cwd=folder_of(record),
+            stdin=None if stdin else subprocess.DEVNULL,
+            umask=UMASK,
+        )
+        while True:
+            try:
+                code = child.wait(TURN)
+                return code if code >= 0 else 128 - code
+            except subprocess.TimeoutExpired:
+                while told:
+                    child.send_signal(told.pop())
+    except (FileNotFoundError, PermissionError) as error:
+        return 127 if isinstance(error, FileNotFoundError) else 126
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _environment(records: Records, record: Record) -> dict[str, str]:
@@ -146,6 +178,6 @@ def _image_path(records: Records, image: str) -> list[str]:
     return [str(folder) for folder in noted] if isinstance(noted, list) else []
 
 
-def _folder(record: Record) -> str:
-    """Where it begins."""
+def folder_of(record: Record) -> str:
+    """The working directory of a container's programs."""
     return str(record["spec"].get("working_dir") or "/")

@@ -1,0 +1,45 @@
+"""The texts of a tree's manifests, and whether another one may stand in the place of one of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rorg.errors import Invalid
+from rorg.manifest.documents import manifest_files
+from rorg.manifest.files import read_bytes
+from rorg.manifest.load import load
+from rorg.manifest.yaml_source import read_yaml
+
+
+def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
+    """(kind, name) -> file and content, of every manifest that can be read at all."""
+    found = {}
+    for path in manifest_files(root):
+        try:
+            content = read_bytes(path, root)
+        except OSError:  # it says so where manifests are loaded; or it has just gone
+            continue
+        document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
+        value = document.value if document else None
+        if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
+            found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
+    return found
+
+
+def check_name(kind: str, name: str, text: str) -> None:
+    """Raises Invalid for a text that declares something else. What cannot be read says so in the tree."""
+    document, _ = read_yaml(text, name)
+    value: Any = document.value if document else None
+    metadata = value.get("metadata") if isinstance(value, dict) else None
+    if isinstance(metadata, dict) and (value.get("kind"), metadata.get("name")) != (kind, name):
+        raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
+
+
+def check_tree(root: Path, path: Path, text: str | None, engine: str, what: str) -> None:
+    """Raises Invalid for mistakes that a text in the place of a file (None: no file) would bring into a tree that runs
+    on an engine."""
+    before = {str(d) for d in load(root, engine=engine).errors}
+    errors = [d for d in load(root, {path: text}, engine=engine).errors if str(d) not in before]
+    if errors:
+        raise Invalid(what, "; ".join(str(d).replace(f"{root}/", "") for d in errors[:5]))

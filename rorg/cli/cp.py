@@ -1,0 +1,43 @@
+"""rorg cp"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rorg.cli.options import Argument, EngineName, StateDirectory
+
+Place = Annotated[str, Argument(help="SERVICE:PATH, or a path of this machine; one of each.")]
+
+
+def command(
+    source: Place,
+    target: Place,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Copy files or directories out of a service or into it, as in `rorg cp navigation:/root/map.yaml .`"""
+    from rorg.cli.context import Context
+    from rorg.cli.inside import container_of
+    from rorg.errors import Invalid
+
+    what = f"copy {source} to {target}"
+    (from_service, origin), (to_service, place) = _parted(source), _parted(target)
+    if bool(from_service) == bool(to_service) or not (origin and place):
+        raise Invalid(what, "one of both is SERVICE:PATH, the other a path here", "`rorg cp SERVICE:/path .`")
+    if from_service and not Path(place).is_dir() and not Path(place).absolute().parent.is_dir():
+        raise Invalid(what, f"there is no directory {Path(place).parent}", "to make it first")
+    if to_service and not Path(origin).exists():
+        raise Invalid(what, f"there is no {origin}", "another path")
+    context = Context(state_dir, engine)
+    container = container_of(context, from_service or to_service, what)
+    if from_service:
+        context.engine().fetch(container.id, origin, Path(place))
+    else:
+        context.engine().put(container.id, Path(origin), place)
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """(service, path inside), or ("", path here): what has a / before the first colon is a path, as in ./a:b."""
+    service, colon, path = text.partition(":")
+    return (service, path) if colon and service and "/" not in service else ("", text)

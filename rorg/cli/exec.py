@@ -1,0 +1,37 @@
+"""rorg exec"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+from rorg.cli.options import Argument, EngineName, Option, StateDirectory
+
+Service = Annotated[str, Argument(help="A service that runs.", service=True)]
+NO_PROGRAM = 127
+
+
+def command(
+    service: Service,
+    command: Annotated[list[str], Argument(help="The command, after `--`.")],
+    interactive: Annotated[
+        bool, Option(names=("-i", "--interactive"), help="Pass standard input on; a terminal is passed on anyway.")
+    ] = False,
+    terminal: Annotated[
+        bool, Option(names=("-t", "--tty"), help="Insist on a terminal; without, it has one where this is one.")
+    ] = False,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Run a command inside a service, as in `rorg exec navigation -- rosnode list`; exits with the command's code."""
+    from rorg.cli.context import Context
+    from rorg.cli.inside import run_inside
+    from rorg.cli.output import note
+    from rorg.errors import Invalid
+
+    if not command[0]:
+        raise Invalid(f"run a command in {service}", "it has no name", f"`rorg exec {service} -- COMMAND`")
+    code = run_inside(Context(state_dir, engine), service, command, interactive, terminal)
+    if code == NO_PROGRAM:
+        note(f"rorg: {command[0]} in {service} gave 127: no such program; try `rorg shell {service}` to look around")
+    sys.exit(code)

@@ -1,0 +1,26 @@
+"""rorg shell"""
+
+from __future__ import annotations
+
+import sys
+
+from rorg.cli.exec import NO_PROGRAM, Service
+from rorg.cli.options import EngineName, StateDirectory
+
+BASH_OR_SH = ("/bin/sh", "-c", "if command -v bash >/dev/null 2>&1; then exec bash; else exec sh; fi")
+
+
+def command(
+    service: Service,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Open a shell inside a service: bash, or sh where there is none, with its environment and working directory."""
+    from rorg.cli.context import Context
+    from rorg.cli.inside import run_inside
+    from rorg.cli.output import note
+
+    code = run_inside(Context(state_dir, engine), service, BASH_OR_SH, True, False)
+    if code == NO_PROGRAM:
+        note(f"rorg: {service}: exit code 127; where it has no shell, try `rorg exec {service} -- COMMAND`")
+    sys.exit(code)

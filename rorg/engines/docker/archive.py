@@ -1,0 +1,119 @@
+"""Files in and out of a container, by the engine's archives. What comes out is not trusted: nothing is written beside
+the place that was named."""
+
+from __future__ import annotations
+
+import base64
+import json
+import posixpath
+import stat
+import tarfile
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rorg.engines.docker.client import API_TIMEOUT, Client
+from rorg.engines.docker.errors import Refused
+from rorg.engines.places import place_of, refused
+from rorg.errors import Invalid
+
+DIRECTORY, LINK = 1 << 31, 1 << 27
+"""Bits of a mode, as Go has them."""
+NEVER = stat.S_ISUID | stat.S_ISGID | stat.S_ISVTX
+"""Bits of a mode that are not taken out of a container: who it is of is another one then."""
+
+
+class Inside(NamedTuple):
+    """A path in a container, links followed."""
+
+    path: str
+    directory: bool
+
+
+def fetch(client: Client, container: str, path: str, place: Path) -> None:
+    """See Access.fetch. Raises the client's errors, and Invalid."""
+    found = _look(client, container, path)
+    if found is None:
+        raise Invalid(f"copy {path}", "there is no such file inside", "a path as the service sees it")
+    target = place_of(path, place, place.is_dir(), found.directory)
+    url = f"/containers/{container}/archive"
+    with (
+        refused(f"copy {path} to {target}"),
+        client.stream("GET", url, None, API_TIMEOUT, path=found.path) as stream,
+        tarfile.open(fileobj=stream.answer, mode="r|") as archive,
+    ):
+        unpack(archive, target, found.directory)
+
+
+def unpack(archive: tarfile.TarFile, target: Path, directory: bool) -> None:
+    """The first entry of an archive becomes `target`, all others are below it. Raises TarError for what leads out of
+    it, and OSError."""
+    folder, first = (target, ".") if directory else (Path(target.resolve().parent), target.resolve().name)
+    root: list[str] = []
+
+    def placed(name: str) -> str:
+        root[:] = root or [name]
+        inner = "." if name == root[0] else name.removeprefix(f"{root[0]}/")
+        return first if inner == "." else inner
+
+    def safe(member: tarfile.TarInfo, _: str) -> tarfile.TarInfo | None:
+        name = placed(member.name.rstrip("/"))
+        link = placed(member.linkname) if member.islnk() else member.linkname
+        checked = tarfile.data_filter(member.replace(name=name, linkname=link, deep=False), str(folder))
+        return checked.replace(mode=stat.S_IMODE(member.mode) & ~NEVER, deep=False)
+
+    if directory:
+        folder.mkdir(exist_ok=True)
+    archive.extractall(folder, filter=safe)
+
+
+def put(client: Client, container: str, source: Path, path: str) -> None:
+    """See Access.put. Raises the client's errors, and Invalid."""
+    found, directory = _look(client, container, path), source.is_dir()
+    if found and directory and not found.directory:
+        raise Invalid(f"copy {source} to {path}", "there is a file inside, and this is a directory", "another path")
+    whole = _absolute(client, container, path)
+    target = place_of(str(source), Path(found.path if found else whole), bool(found and found.directory), directory)
+    with refused(f"copy {source} to {path}"), tempfile.TemporaryFile() as file:
+        with tarfile.open(fileobj=file, mode="w") as archive:
+            archive.add(source.resolve(), arcname=target.name or ".", filter=_of_root)
+        file.seek(0)
+        try:
+            client.put(f"/containers/{container}/archive", file, path=str(target.parent), noOverwriteDirNonDir=True)
+        except Refused as no:
+            if no.status != 404:
+                raise
+            raise Invalid(f"copy {source} to {path}", f"there is no directory {target.parent} inside") from no
+
+
+def _of_root(member: tarfile.TarInfo) -> tarfile.TarInfo:
+    """Users of this machine mean nothing inside."""
+    return member.replace(uid=0, gid=0, uname="", gname="", deep=False)
+
+
+def _absolute(client: Client, container: str, path: str) -> str:
+    """A path inside; others begin at the working directory."""
+    if path.startswith("/"):
+        return path
+    folder = client.get(f"/containers/{container}/json")["Config"].get("WorkingDir") or "/"
+    return posixpath.join(folder, path)
+
+
+def _look(client: Client, container: str, path: str) -> Inside | None:
+    """What is there, without what it leads to; None where nothing is."""
+    place = posixpath.normpath(_absolute(client, container, path))
+    found = _stat(client, container, place)
+    if found and found["mode"] & LINK and found["linkTarget"]:
+        place = str(found["linkTarget"])
+        found = _stat(client, container, place)
+    return Inside(place, bool(found["mode"] & DIRECTORY)) if found else None
+
+
+def _stat(client: Client, container: str, path: str) -> dict[str, Any] | None:
+    try:
+        told = client.header(f"/containers/{container}/archive", "X-Docker-Container-Path-Stat", path=path)
+        return dict(json.loads(base64.b64decode(told)))
+    except Refused as no:
+        if no.status == 404:
+            return None
+        raise

@@ -1,0 +1,268 @@
+"""Wrong and odd command lines: each has its exit code, and one line that says the cause and a remedy."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from robots import RealRobot, write_tree
+
+from rorg.cli.commands import ALIASES, COMMANDS
+from rorg.cli.usage import LOOKING, one_slip, suggestion
+
+SERVICES = {"arm": {}, "navigation": {"needs": ["arm"]}, "base": {"always_on": True}}
+GROUPS = {"driving": {"services": ["navigation", "base"]}}
+HUGE = "9" * 400
+
+UNREAD = """
+relase arm; stpo arm; stat; st; dow; rm arm; delete service arm; kill arm; unhold arm; resume; list; version; help
+Get
+''; ' '; é; navigation; get-services; ../get; 'get services'; -; --; --nonsense; -x; --state-dir /x get; --yes
+--versio
+get --wach; get --watch=3; get -o; get -ojson -oyaml x y; get --output; get a b c; get -z; get --state-dir
+get --engine
+describe; describe arm arm; describe --deep arm; why; why ''; why arm arm; why --outptu json arm
+request; request --id x; request arm --ttl; request arm --ttl soon; request arm --ttl 5q; request arm --ttl -5s
+request arm --ttl 1e400s; request arm --priority 101; request arm --priority -1; request arm --priority 1.5
+request arm --priority HUGE; request arm --timeout x; request arm --timeout ''; request arm --wait=yes
+request arm --as
+release; release a b; release --all; release tour --as; start; stop; stop a b; start arm --ttl soon; up a b
+up --nosuch
+restart; restart a b; restart arm --timeout soon; restart --yes
+hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
+suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
+down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
+events -n 3
+logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; logs --follow; top x
+top --interval 0
+top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
+apply --timeout x
+apply --force; run a b; run --port 1; run --listen; graph a b; graph -x; build a b; build --image; init a b
+init --force x
+schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
+cp; cp a
+cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
+"""
+"""What is said of them is said before anything is looked at: exit code 2."""
+
+ALONE = {
+    2: """
+get nonsense; get sevices; get services nosuch; get groups nosuch; get images nosuch
+get requests nosuch
+get -o yml; get -o ''; get -o JSON; get --engine podman; get --engine ''x; get LINES; get --manifests nosuch
+get --manifests a-file; get --manifests empty; get --manifests broken
+describe amr; describe nosuch; describe services/arm; describe arm -o table2; why amr; why nosuch -o json; why é
+why ../arm
+why arm -o nosuch; request amr; request ''; request arm ''; request arm --id ''' '''; request arm --id a/b
+request arm --ttl 0s
+request arm --as nobody; request driving nosuch; request arm --engine x
+restart nosuch; restart ''; hold nosuch --for 10m; hold arm; hold arm --for 0s
+hold arm --for 10m --end
+hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; events -o nosuch
+logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
+validate ''x
+diff nosuch; diff a-file; diff empty; diff -o nosuch; apply nosuch --yes; apply empty --yes; run nosuch; run a-file
+run --listen x; run --listen 0.0.0.0:1; run --listen :0 --tls-cert a; graph nosuch; graph -o nosuch; graph empty
+build nosuch; build --image nosuch; schema a-file/x; completion tcsh; completion ''x; init a-file; init /proc/x
+exec nosuch -- ls; exec '' -- ls; exec arm -- ''; exec -it arm -- ls; exec driving -- ls; shell nosuch
+shell driving
+cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x /nosuch/y; cp nosuch:/x .
+edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
+edit arm --manifests nosuch
+edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
+""",
+    3: "wait arm; wait nosuch; request arm --wait; restart base --wait; events -f",
+    4: "exec arm -- ls; shell base; cp arm:/x .; cp a-file base:/x",
+    5: "down; apply; restart arm; init manifests; init manifests/../manifests",
+    0: "--version; --help; -h; get --help; ps -h; ls services; status -o name; get services arm; up --help\n"
+    "--help x; release nosuch; release ''; release é; stop nosuch",
+}
+"""Where no rorg runs, in a directory with manifests/, by exit code."""
+
+SERVED = {
+    2: """
+get nonsense; get services nosuch; get groups ''x; describe nosuch; describe é; why nosuch; why a/b; why ..
+why '%2e%2e'
+request nosuch; request a/b; request arm --as nobody; request arm --id a/b; request arm é
+restart nosuch; restart ..; hold nosuch --for 1m; hold arm --for 0s; wait nosuch; logs nosuch; diff nosuch
+exec nosuch -- ls; edit nosuch; edit groups/arm; get -o nosuch; why arm -o nosuch; events -o nosuch
+suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
+""",
+    4: "request navigation --id tour --wait --timeout 0; apply --wait --yes --timeout 0",
+    5: "run manifests; apply manifests --yes; down",
+    0: "release nosuch; release a/b; stop nosuch; ps; ls; status; why arm; start arm --id other; stop other; up -h",
+}
+"""Beside a running rorg."""
+
+
+def split(text: str) -> list[str]:
+    return [line for line in (part.strip(" \n") for part in text.replace("\n", ";").split(";")) if line]
+
+
+def words_of(line: str) -> list[str]:
+    return [{"HUGE": HUGE, "LONG": "x" * 100000, "LINES": "a\nb\x1b[2J"}.get(word, word) for word in shlex.split(line)]
+
+
+class Commands:
+    """Command lines, each in a fork of one process, without a terminal."""
+
+    def __init__(self, folder: Path, state: Path) -> None:
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).parent / "command_server.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={
+                **{k: v for k, v in os.environ.items() if k not in ("VISUAL", "EDITOR")},
+                "RORG_STATE_DIR": str(state),
+                "RORG_ENGINE": "process",
+            },
+        )
+
+    def __call__(self, words: list[str], **environment: str) -> tuple[int, str, str]:
+        told = {"words": words, "folder": str(self.folder), "environment": environment}
+        self.process.stdin.write(json.dumps(told) + "\n")
+        self.process.stdin.flush()
+        found = json.loads(self.process.stdout.readline())
+        return found["code"], found["out"], found["err"]
+
+    def close(self) -> None:
+        self.process.stdin.close()
+        self.process.stdout.close()
+        self.process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    found = tmp_path_factory.mktemp("lines")
+    write_tree(found / "manifests", SERVICES, groups=GROUPS)
+    write_tree(found / "broken", {"arm": {"nonsense": 1}})
+    (found / "empty").mkdir()
+    (found / "a-file").write_text("x")
+    return found
+
+
+@pytest.fixture(scope="module")
+def alone(folder):
+    found = Commands(folder, folder / "state")
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def served(folder, tmp_path_factory):
+    robot = RealRobot(tmp_path_factory.mktemp("served"), "process", None, with_server=True)
+    robot.declare(SERVICES, groups=GROUPS)
+    robot.wait(lambda: "base" in robot.active())
+    robot.settle()
+    found = Commands(folder, robot.state.path)
+    yield found
+    found.close()
+    robot.close()
+
+
+def held(line: str, code: int, told: tuple[int, str, str]) -> list[str]:
+    """What is wrong with an answer."""
+    got, out, err = told
+    # A tree with mistakes has a line for each; what is refused is shown before.
+    long = code in (4, 5) or any(word in line for word in ("broken", "empty"))
+    checks = {
+        f"exit code {got}, not {code}": got == code,
+        "a traceback": "Traceback" not in err + out and "internal error" not in err,
+        "no cause and remedy": not code or re.search(r"(?s)^rorg: cannot [^\n]*: .*; try ", err, re.MULTILINE),
+        "several lines": not code or long or len(err.splitlines()) == 1,
+        "data where there is an error": code in (0, 4) or not out,
+        "a control character": (err + out).replace("\n", "").isprintable(),
+    }
+    return [f"{line[:60]!r}: {why}: {err[:300]!r}" for why, fine in checks.items() if not fine]
+
+
+def all_held(run: Commands, lines: list[tuple[str, int]], **environment: str) -> None:
+    wrong = [w for line, code in lines for w in held(line, code, run(words_of(line), **environment))]
+    assert not wrong, "\n".join(wrong)
+
+
+def by_code(table: dict[int, str]) -> list[tuple[str, int]]:
+    return [(line, code) for code, text in table.items() for line in split(text)]
+
+
+def test_there_are_many():
+    assert len(split(UNREAD)) + len(by_code(ALONE)) + len(by_code(SERVED)) >= 300
+
+
+def test_lines_that_say_nothing_sensible(alone):
+    all_held(alone, [(line, 2) for line in split(UNREAD)])
+
+
+def test_lines_where_no_rorg_runs(alone):
+    all_held(alone, by_code(ALONE))
+
+
+def test_lines_beside_a_running_rorg(served):
+    all_held(served, by_code(SERVED))
+
+
+@pytest.mark.parametrize("columns", ["60", "200"])
+def test_neither_width_nor_colour_changes_what_is_piped(alone, served, columns):
+    lines = ["relase", "get --wach", "request arm --ttl 5q", "why", "get nonsense", "logs nosuch"]
+    for line in [*lines, "get services", "get -o wide", "why arm"]:
+        run = served if line in ("get services", "get -o wide", "why arm") else alone
+        plain = run(words_of(line))
+        assert run(words_of(line), COLUMNS=columns, NO_COLOR="1", TERM="dumb") == plain
+        assert run(words_of(line), COLUMNS=columns, TERM="xterm-256color", FORCE_COLOR="1") == plain
+
+
+# -- suggestions -----------------------------------------------------------------------------------------------
+
+SUGGESTED = {
+    "relase": "release",
+    "reelase": "release",
+    "stpo": "stop",
+    "stopp": "stop",
+    "strat": "start",
+    "stat": "status",
+    "st": "status",
+    "sta": "status",
+    "lgos": "logs",
+    "gett": "get",
+    "validat": "validate",
+    "explane": None,
+    "re": None,
+    "unhold": "request",
+    "unrequest": None,
+    "unstart": "status",
+    "x": None,
+}
+
+
+@pytest.mark.parametrize(("word", "name"), SUGGESTED.items())
+def test_the_nearest_safe_command_is_suggested(word, name):
+    assert suggestion(word).startswith(f"`rorg {name or '--help'}")
+
+
+def test_never_the_opposite_and_nothing_that_removes_without_saying_so():
+    opposites = [("start", "stop"), ("request", "release"), ("up", "down")]
+    letters = "abcdefghijklmnopqrstuvwxyz"
+    for first, second in [*opposites, *((b, a) for a, b in opposites)]:
+        slips = {
+            first[:i] + letter + first[i + cut :]
+            for i in range(len(first) + 1)
+            for letter in ("", *letters)
+            for cut in (0, 1)
+        }
+        for word in slips - {*COMMANDS, *ALIASES}:
+            if not one_slip(word, second):
+                assert f"`rorg {second}`" not in suggestion(word), word
+    for word in ("dow", "don", "donw", "delete", "rm", "remove", "uninstall"):
+        assert "remove" in suggestion(word), word
+    few = "adelnoprstuw"
+    for word in (f"{a}{b}{c}" for a in few for b in few for c in few if f"{a}{b}{c}" not in COMMANDS):
+        named = suggestion(word).partition("`rorg ")[2].partition("`")[0]
+        assert named == "--help" or " " in named or named in LOOKING or ", which is to " in suggestion(word), word
