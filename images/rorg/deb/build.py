@@ -143,17 +143,18 @@ def system_files(root: Path) -> None:
 
 def license_of(found: Distribution) -> str:
     """What a package says of itself."""
-    about = found.metadata
-    named = [c.rpartition(" :: ")[2] for c in about.get_all("Classifier", []) if c.startswith("License ::")]
-    return about.get("License-Expression") or ", ".join(named) or about.get("License") or "see there"
+    about = found.metadata.json
+    classes = [c.split(" :: ") for c in about.get("classifier", ())]
+    named = ", ".join(words[-1] for words in classes if words[0] == "License")
+    return str(about.get("license_expression") or named or about.get("license") or "see there")
 
 
-def settle(root: Path, epoch: int) -> None:
-    """Files as everybody may read them, of one time; then compiled, which writes down that time."""
-    for path in sorted(root.rglob("*")):
-        if not path.is_symlink():
-            path.chmod(0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644)
-            os.utime(path, (epoch, epoch))
+def compile_all(root: Path, epoch: int) -> None:
+    """What Python would write beside its files otherwise, where it may. It names their time, so they get theirs first;
+    dpkg-deb sees to that of all other files."""
+    for path in sorted((root / SITE).rglob("*")):
+        path.chmod(0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644)
+        os.utime(path, (epoch, epoch))
     mode = PycInvalidationMode.TIMESTAMP
     compileall.compile_dir(root / SITE, quiet=2, workers=0, stripdir=str(root), prependdir="/", invalidation_mode=mode)
 
@@ -191,8 +192,8 @@ def main() -> None:
         root = folder / "root"
         root.mkdir()
         environment(root, folder)
+        compile_all(root, epoch)
         system_files(root)
-        settle(root, epoch)
         made = target / control(root)
         target.mkdir(parents=True, exist_ok=True)
         options = ("--root-owner-group", "-Zxz", "-z2")
