@@ -81,3 +81,11 @@ def test_demo_interrupted(tmp_path, number):
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 130, output
     assert left_behind(tmp_path) == []
+
+
+def test_demo_without_git(tmp_path):
+    process = demo(tmp_path, "--engine", "process", PATH="/nowhere")
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 2, output
+    assert output.splitlines()[-1] == "rorg: cannot run the demo: git is not installed here; try again with git on PATH"
+    assert left_behind(tmp_path) == []

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
 from conftest import ROOT
 
 HARD = {
@@ -55,6 +60,34 @@ def test_the_unit_denies_what_rorg_does_not_need():
     assert unit["SystemCallFilter"] == ["@system-service", "~@privileged @resources", "@chown"]
     assert unit.keys() >= set(LIMITS)
     assert not unit.keys() & UNSET.keys()
+
+
+def test_a_machine_without_a_robot_starts_nothing_and_nothing_fails():
+    for name in ("rorg.service", "process.conf"):
+        assert directives(name)["ExecStart"][-1].startswith("rorg run /opt/robot/manifests "), "of any folder of PATH"
+    assert directives("rorg.service")["ConditionDirectoryNotEmpty"] == ["/opt/robot/manifests"]
+
+
+def test_directories_are_made_before_it_as_it_would_make_them():
+    unit, text = directives("rorg.service"), (ROOT / "images/rorg/tmpfiles.conf").read_text()
+    made = {line.split()[1]: line.split()[2:] for line in text.splitlines() if not line.startswith("#")}
+    assert made == {
+        "/run/" + unit["RuntimeDirectory"][0]: [unit["RuntimeDirectoryMode"][0], "root", "root", "-"],
+        "/var/lib/" + unit["StateDirectory"][0]: [unit["StateDirectoryMode"][0], "root", "root", "-"],
+    }
+
+
+def test_systemd_understands_it(tmp_path):
+    if not shutil.which("systemd-analyze"):
+        pytest.skip("no systemd here")
+    (tmp_path / "rorg.service.d").mkdir()
+    for name in ("rorg.service", "rorg.service.d/process.conf"):
+        text = (ROOT / "images/rorg" / Path(name).name).read_text()
+        (tmp_path / name).write_text(text.replace("ExecStart=rorg ", "ExecStart=/bin/true "))
+    said = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", tmp_path / "rorg.service"], capture_output=True, text=True
+    )
+    assert (said.returncode, said.stderr) == (0, "")
 
 
 def test_services_of_the_process_engine_inherit_nothing_of_that():

@@ -103,13 +103,20 @@ def cli() -> str:
     return text + "\n## Aliases\n\n| alias | command |\n|---|---|\n" + rows
 
 
-def exit_codes() -> str:
+def exit_meanings() -> list[tuple[int, str]]:
+    """The codes that commands end with, and what each says."""
     tree = ast.parse(Path(rorg.errors.__file__).read_text())
     body = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "Exit").body
+    return [
+        (ast.literal_eval(node.value), ast.literal_eval(after.value))  # type: ignore[attr-defined]
+        for node, after in itertools.pairwise(body)
+        if isinstance(node, ast.Assign)
+    ]
+
+
+def exit_codes() -> str:
     text = NOTE + "# Exit codes\n\n| code | meaning |\n|---|---|\n"
-    for node, after in itertools.pairwise(body):
-        if isinstance(node, ast.Assign):
-            text += f"| {ast.literal_eval(node.value)} | {ast.literal_eval(after.value)} |\n"  # type: ignore[attr-defined]
+    text += "".join(f"| {code} | {meaning} |\n" for code, meaning in exit_meanings())
     return text + "\nCtrl-C exits 130.\n"
 
 

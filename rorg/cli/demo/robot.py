@@ -87,7 +87,11 @@ class DemoRobot:
 
     def git(self, *args: str) -> str:
         identity = ["-c", "user.name=rorg demo", "-c", "user.email=demo@localhost", "-c", "commit.gpgsign=false"]
-        done = subprocess.run(["git", *identity, *args], cwd=self.folder / "robot", capture_output=True, text=True)
+        command = ["git", *identity, *args]
+        try:
+            done = subprocess.run(command, cwd=self.folder / "robot", capture_output=True, text=True)
+        except FileNotFoundError:
+            raise Invalid("run the demo", "git is not installed here", "again with git on PATH") from None
         if done.returncode:
             raise Invalid(f"git {args[0]}", done.stderr.strip())
         return done.stdout.strip()
