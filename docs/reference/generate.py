@@ -114,6 +114,7 @@ def cli() -> str:
         usage = " ".join(f"[{a.name.upper()}]" if not a.required else a.name.upper() for a in arguments)
         about = inspect.cleandoc(command.help or "")
         text += f"\n## rorg {name}\n\n{about}\n\n```\n" + f"rorg {name} [OPTIONS] {usage}".rstrip() + "\n```\n\n"
+        text += f"{command.epilog.replace('Example: ', 'Example: `')}`\n\n" if command.epilog else ""
         for parameter in [*arguments, *options]:
             names = (
                 ", ".join(f"`{o}`" for o in (*parameter.opts, *parameter.secondary_opts))

@@ -21,7 +21,10 @@ def command(
     wait: Wait = False,
     timeout: Timeout = 300.0,
 ) -> None:
-    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory."""
+    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory.
+
+    Example: rorg apply --yes --wait --timeout 5m
+    """
     from rorg.cli.context import Context
     from rorg.cli.differences import differences
 

@@ -11,7 +11,10 @@ from rorg.cli.output import check_form, dump, echo
 def command(
     directory: Directory = None, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
 ) -> None:
-    """Show what would be done, and why, without doing it. Exits 1 when there is anything."""
+    """Show what would be done, and why, without doing it. Exits 1 when there is anything.
+
+    Example: rorg diff manifests
+    """
     from rorg.cli.context import Context
     from rorg.cli.differences import differences
     from rorg.errors import Exit

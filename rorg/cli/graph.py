@@ -4,36 +4,47 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from rorg.cli.options import Directory, Option, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.options import FORMS, Directory, Option, StateDirectory
+from rorg.cli.output import check_form, echo, print_rows
 
 Edge = tuple[str, str, str]
 """From, to, and what it is: needs or requests."""
+DRAWN = ("dot", "mermaid")
+"""What programs draw pictures of."""
 
 
 def command(
     directory: Directory = None,
-    form: Annotated[str, Option(names=("-o", "--output"), help="text, dot, mermaid or json.")] = "text",
+    form: Annotated[
+        str,
+        Option(
+            names=("-o", "--output"), help="table, wide, name, yaml, json, dot or mermaid.", completes=(*FORMS, *DRAWN)
+        ),
+    ] = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Show who needs and who requests whom."""
-    from rorg.cli.context import Context
-    from rorg.cli.output import check_form, dump
+    """Show who needs and who requests whom.
 
-    check_form(form, ("text", "dot", "mermaid", "json"))
+    Example: rorg graph -o mermaid
+    """
+    from rorg.cli.context import Context
+
+    check_form(form, (*FORMS, *DRAWN))
     context = Context(state_dir, None, directory, local=True)
     catalog = context.catalog()
     edges = [(s.name, n, "needs") for s in catalog.services.values() for n in s.needs]
     for request in (*catalog.requests, *context.document().requests):
         edges += [(request.requester, m, "requests") for s in request.services for m in catalog.members(s)]
     edges = sorted(set(edges))
-    if form == "json":
-        dump(
-            {"services": sorted(catalog.services), "edges": [{"from": a, "to": b, "kind": k} for a, b, k in edges]},
-            form,
-        )
+    arrows = [{"from": a, "to": b, "kind": k} for a, b, k in edges]
+    if form in DRAWN:
+        echo("\n".join((_dot if form == "dot" else _mermaid)(catalog, edges)))
+    elif form == "wide":
+        print_rows(arrows, form, ("from", "kind", "to"))
     else:
-        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](catalog, edges)))
+        names = [{"name": name} for name in sorted(catalog.services)]
+        full = {"services": sorted(catalog.services), "edges": arrows}
+        print_rows(names, form, ("name",), full=full, text="\n".join(_text(catalog, edges)))
 
 
 def _text(catalog: Any, edges: list[Edge]) -> list[str]:

@@ -7,12 +7,11 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
+from rorg.cli.options import FORMS
 from rorg.cli.terminal import lines, printable
 from rorg.errors import Invalid
-
-FORMS = ("table", "wide", "name", "yaml", "json")
 
 
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
@@ -29,6 +28,26 @@ def echo(text: Any, end: str = "\n") -> None:
 def _write(text: str, end: str = "\n") -> None:
     """What rorg has made itself, and may have colours."""
     print(text, end=end, flush=True)
+
+
+def nobody_reads() -> NoReturn:
+    """Ends well: whoever read has seen enough, as `head` does."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(0)
+
+
+def end_with_reader() -> None:
+    """From now on the process ends well as soon as nobody reads its output any more, though it prints nothing."""
+    import select
+    import threading
+
+    def look() -> None:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        if any(event & select.POLLERR for _, event in poll.poll()):
+            os._exit(0)
+
+    threading.Thread(target=look, name="reader", daemon=True).start()
 
 
 def note(text: str) -> None:
@@ -58,16 +77,16 @@ def as_json(value: Any, indent: int | None = None) -> str:
     return json.dumps(value, indent=indent).replace("\x7f", "\\u007f")
 
 
-def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
+def cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
     """(lines of cells, the head first; the width of each column)."""
-    cells = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
-    return cells, [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    found = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
+    return found, [max(len(line[i]) for line in found) for i in range(len(columns))]
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """A plain table: upper-case heads, columns as wide as needed."""
-    cells, widths = _cells(rows, columns)
-    return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
+    found, widths = cells(rows, columns)
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in found)
 
 
 COLOURS = {
@@ -86,14 +105,14 @@ CODES = {"bold": "1", "dim": "2", "red": "31", "green": "32", "yellow": "33", "b
 
 def coloured_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], width: int) -> str | None:
     """The same with colours, for a terminal; None where it does not fit into `width` columns."""
-    cells, widths = _cells(rows, columns)
+    found, widths = cells(rows, columns)
     narrow = sum(widths) + 2 * (len(widths) - 1) > width
-    if narrow or not all(c.isascii() and c.isprintable() for line in cells for c in line):
+    if narrow or not all(c.isascii() and c.isprintable() for line in found for c in line):
         return None
-    styles = [["bold"] * len(columns), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
+    styles = [["bold"] * len(columns), *([COLOURS.get(c, "") for c in line] for line in found[1:])]
     return "\n".join(
         "  ".join(_styled(c.ljust(w), style) for c, w, style in zip(line, widths, of, strict=True)).rstrip()
-        for line, of in zip(cells, styles, strict=True)
+        for line, of in zip(found, styles, strict=True)
     )
 
 
@@ -116,9 +135,15 @@ def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title:
 
 
 def print_rows(
-    rows: Sequence[Mapping[str, Any]], form: str, columns: Sequence[str], wide: Sequence[str] = (), full: Any = None
+    rows: Sequence[Mapping[str, Any]],
+    form: str,
+    columns: Sequence[str],
+    wide: Sequence[str] = (),
+    full: Any = None,
+    text: str | None = None,
 ) -> None:
-    """Rows in any form. `full` is what YAML and JSON show instead of the rows."""
+    """Rows in any form. `full` is what YAML and JSON show instead of the rows; `text` is what people read instead of
+    the table, such as what was done. The first column is the name."""
     check_form(form)
     shown = [*columns, *(wide if form == "wide" else ())]
     if form in ("json", "yaml"):
@@ -126,6 +151,9 @@ def print_rows(
     elif form == "name":
         for row in rows:
             echo(printable(row[columns[0]]))
+    elif text is not None and form == "table":
+        if text:
+            echo(text)
     elif sys.stdout.isatty():
         _on_terminal(rows, shown)
     else:
