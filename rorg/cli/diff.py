@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory
-from rorg.cli.output import check_form, dump, echo
+from rorg.cli.output import check_form, echo, print_rows
 
 
 def command(
@@ -19,10 +19,10 @@ def command(
     from rorg.cli.differences import differences
     from rorg.errors import Exit
 
-    check_form(output, ("table", "json", "yaml"))
+    check_form(output)
     found = differences(Context(state_dir, engine, directory, local=True))
-    if output == "table":
+    if output in ("table", "wide"):
         echo(found.text, end="")
     else:
-        dump(found.plan, output)
+        print_rows(found.plan["actions"], output, ("service",), full=found.plan)
     sys.exit(int(Exit.OK if found.empty else Exit.DIFFERENCES))
