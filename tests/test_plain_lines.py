@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from rorg.cli import plain
-from rorg.cli.app import add
+from rorg.cli.app import about, add, app
 from rorg.cli.commands import COMMANDS, command_of
-from rorg.cli.options import Option
+from rorg.cli.options import Option, duration
 from rorg.cli.signature import parameters
 
 DECLARED = {name: parameters(command_of(name)) for name in COMMANDS}
@@ -61,9 +62,12 @@ PLAIN = [
     ("restart", ["arm", "-y", "--wait"]),
     ("hold", ["arm", "base", "--for", "10m"]),
     ("hold", ["arm", "--for", "90"]),
+    ("hold", ["arm", "--for", "10"]),
     ("hold", ["arm", "--end"]),
+    ("top", ["--interval", "500ms"]),
     ("suspend", ["--for", "1h", "--reason", "x"]),
     ("wait", ["arm", "--timeout", "5"]),
+    ("wait", ["arm", "--timeout", "1m30s", "-o", "json"]),
     ("diff", ["tree", "-o", "json"]),
     ("diff", ["-u", "--service", "arm"]),
     ("run-with", ["arm", "base", "--timeout", "5", "--", "sh", "-c", "x", "--", "--timeout", "7"]),
@@ -97,8 +101,10 @@ NOT_PLAIN = [
     ("request", ["arm", "--priority", "1.5"]),
     ("request", ["arm", "--timeout", "nan"]),
     ("hold", ["arm", "--for", "ten"]),
+    ("hold", ["arm", "--for", "10 m"]),
     ("events", ["--tail", "-1"]),
     ("top", ["--interval", "0.1"]),
+    ("top", ["--interval", "100ms"]),
     ("build", ["--image", "a", "--image", "b"]),
 ]
 
@@ -140,3 +146,28 @@ def test_no_command_but_those_of_typer_imports_it():
     folder = Path(plain.__file__).parent
     found = {p.name for p in folder.rglob("*.py") if "\nimport typer" in p.read_text()}
     assert found == {"app.py"}
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_help_shows_an_example_that_the_command_takes(name):
+    line = about(command_of(name))[1]
+    assert f"Example: {line}" in " ".join(CliRunner().invoke(app, [name, "--help"], terminal_width=200).output.split())
+    words = shlex.split(line.partition("<(")[2].rstrip(")") or line)
+    assert words[:2] == ["rorg", name]
+    assert by_typer(name, words[2:], {}) is not None, line
+
+
+def test_help_shows_units():
+    said = " ".join(CliRunner().invoke(app, ["request", "--help"], terminal_width=200).output.split())
+    assert "--timeout DURATION" in said
+    assert "10s, 5m" in said
+    assert "[default: (60s)]" in said
+
+
+@pytest.mark.parametrize("text", ["10", "10s", "0.5", "500ms", "1m30s", "", "10 s", "-1", "nan", "1e3", "1_0", "٣"])
+def test_a_duration_needs_no_unit_and_seconds_are_meant(text):
+    if text in ("10", "10s", "0.5", "500ms", "1m30s"):
+        assert duration(text) == {"10": 10, "10s": 10, "0.5": 0.5, "500ms": 0.5, "1m30s": 90}[text]
+    else:
+        with pytest.raises(ValueError, match="is not a duration"):
+            duration(text)

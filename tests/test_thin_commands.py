@@ -104,63 +104,6 @@ def test_a_command_that_the_running_rorg_answers_imports_nothing_heavy(robot, li
     assert heavy(imported(robot, *line.split())) == []
 
 
-def test_completion_imports_nothing_heavy(robot):
-    assert heavy(imported(robot, **bash("rorg why nav"))) == []
-
-
-# -- completion ------------------------------------------------------------------------------------------------
-
-
-def bash(line: str) -> dict[str, str]:
-    words = line.split(" ")
-    return {"_RORG_COMPLETE": "complete_bash", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
-
-
-def zsh(line: str) -> dict[str, str]:
-    return {"_RORG_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": line}
-
-
-def fish(line: str, action: str = "get-args") -> dict[str, str]:
-    return {"_RORG_COMPLETE": "complete_fish", "_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": action}
-
-
-COMPLETED = [
-    ("rorg why ", {"base", "developer", "driving", "navigation", "roscore", "spare"}),
-    ("rorg why n", {"navigation"}),
-    ("rorg request base nav", {"navigation"}),
-    ("rorg hold --for 10m base s", {"spare"}),
-    ("rorg run-with base s", {"spare"}),
-    ("rorg why x", set()),
-    ("rorg why base s", set()),
-    ("rorg restart --w", {"--wait"}),
-    ("rorg rele", {"release"}),
-    ("rorg get ser", set()),
-]
-
-
-@pytest.mark.parametrize(("line", "names"), COMPLETED, ids=lambda v: v if isinstance(v, str) else "")
-@pytest.mark.parametrize("running", [True, False], ids=["running", "alone"])
-def test_shells_complete_names(robot, line, names, running):
-    if not running:
-        robot.stop()
-    assert set(rorg(robot, **bash(line)).stdout.split()) == names
-    assert {said.split("\t")[0] for said in rorg(robot, **fish(line)).stdout.splitlines()} - {""} == names
-    said = rorg(robot, **zsh(line)).stdout
-    assert all(f'"{name}"' in said for name in names)
-    assert said.startswith("_arguments" if names else "_files")
-    assert rorg(robot, **fish(line, "is-args"), code=0 if names else 1).stdout == ""
-
-
-def test_names_are_found_in_every_way_of_writing_a_manifest(tmp_path):
-    from rorg.cli.completing import _declared
-
-    write_tree(tmp_path, {"arm": {}})
-    (tmp_path / "one.yaml").write_text("kind: Group\nmetadata: {description: x, name: seeing}\nspec: {}\n")
-    (tmp_path / "two.yaml").write_text("kind: Service\nmetadata:\n  description: 'name of'\n  name: 'base'\n")
-    (tmp_path / "services/bad.yaml").write_text("x: [\n")
-    assert set(_declared(tmp_path)) == {"arm", "seeing", "base", "developer"}
-
-
 # -- diff and apply --------------------------------------------------------------------------------------------
 
 

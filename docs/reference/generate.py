@@ -92,6 +92,7 @@ def cli() -> str:
         usage += "".join(f" -- {p.name.upper()}..." for p in parameters(command_of(name)) if p.rest)
         about = inspect.cleandoc(command.help or "")
         text += f"\n## rorg {name}\n\n{about}\n\n```\n" + f"rorg {name} [OPTIONS] {usage}".rstrip() + "\n```\n\n"
+        text += f"{command.epilog.replace('Example: ', 'Example: `')}`\n\n" if command.epilog else ""
         for parameter in [*arguments, *options]:
             names = (
                 ", ".join(f"`{o}`" for o in (*parameter.opts, *parameter.secondary_opts))

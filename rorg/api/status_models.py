@@ -66,6 +66,13 @@ class PlanView(BaseModel):
     summary: str
 
 
+class BudgetView(BaseModel):
+    """What services may use in all; null for all that the machine has."""
+
+    cpu: float | None = Field(description="Cores.")
+    memory: int | None = Field(description="Bytes.")
+
+
 class PressureView(BaseModel):
     """What is done against overload."""
 
@@ -73,6 +80,7 @@ class PressureView(BaseModel):
     measures: list[str] = Field(description="In force, mildest first.")
     helpless: bool = Field(description="Nothing that rorg runs would help.")
     shed: dict[str, str] = Field(description="Services that had to make room, each with the reason.")
+    budget: BudgetView | None = Field(default=None, description="Of the Policy.")
 
 
 class RunView(BaseModel):

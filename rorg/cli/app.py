@@ -13,7 +13,8 @@ import typer.main
 from typer.core import TyperCommand
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
-from rorg.cli.options import Argument
+from rorg.cli.options import Argument, Option, duration
+from rorg.cli.output import nobody_reads
 from rorg.cli.signature import Parameter, parameters, parted
 from rorg.cli.signature import call as calling
 
@@ -60,7 +61,10 @@ def add(
 ) -> None:
     """The command with typer's declarations in place of ours. `run` is called instead of it, if given."""
     after: dict[str, list[str]] = {}
-    to.command(name or None, cls=_class(command, after), hidden=hidden)(_typed(command, run, after))
+    example = about(command)[1]
+    to.command(
+        name or None, cls=_class(command, after), hidden=hidden, epilog=f"Example: {example}" if example else None
+    )(_typed(command, run, after))
 
 
 def _typed(
@@ -69,9 +73,12 @@ def _typed(
     declared = [p for p in parameters(command) if not p.rest]
 
     def call(**values: Any) -> None:
-        run(**values, **after) if run else calling(command, {**values, **after})
+        try:
+            run(**values, **after) if run else calling(command, {**values, **after})
+        except BrokenPipeError:  # typer takes it for a failure
+            nobody_reads()
 
-    call.__doc__ = command.__doc__
+    call.__doc__ = about(command)[0]
     call.__annotations__ = {p.name: Annotated[p.hint, _typers(p)] for p in declared}
     call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
@@ -108,39 +115,39 @@ def _class(command: Callable[..., Any], after: dict[str, list[str]]) -> type[Typ
     return Parted
 
 
+def about(command: Callable[..., Any]) -> tuple[str, str]:
+    """(what a command does, an example line) of its docstring, whose last paragraph is "Example: rorg ..."."""
+    text, _, example = inspect.cleandoc(command.__doc__ or "").partition("\n\nExample: ")
+    return text, " ".join(example.split())
+
+
 def _typers(parameter: Parameter) -> Any:
     declared = parameter.declared
     if isinstance(declared, Argument):
-        complete = _services if declared.service else None
-        return typer.Argument(help=declared.help, show_default=declared.show_default, autocompletion=complete)
+        return typer.Argument(help=declared.help, show_default=declared.show_default)
+    timed = declared.parser is duration and parameter.default is not None
     return typer.Option(
         *declared.names,
         help=declared.help,
-        show_default=declared.show_default,
+        show_default=f"{parameter.default:g}s" if timed and declared.show_default else declared.show_default,
         envvar=declared.envvar,
         metavar=declared.metavar,
-        parser=_told(declared.parser) if declared.parser else None,
-        min=declared.least,
-        max=declared.most,
+        parser=_told(declared) if declared.parser else None,
+        min=None if declared.parser else declared.least,
+        max=None if declared.parser else declared.most,
     )
 
 
-def _services(incomplete: str) -> list[str]:
-    from rorg.cli.completing import services
+def _told(option: Option) -> Callable[[Any], Any]:
+    """A parser whose complaint is one about the command line. It is given the default too, which is no text."""
 
-    return services(incomplete)
-
-
-def _told(parser: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A parser whose complaint is one about the command line."""
-
-    def parse(text: str) -> Any:
+    def parse(text: Any) -> Any:
         try:
-            return parser(text)
+            return option.read(text) if isinstance(text, str) else text
         except ValueError as error:
             raise typer.BadParameter(str(error)) from error
 
-    parse.__name__ = parser.__name__
+    parse.__name__ = getattr(option.parser, "__name__", "value")
     return parse
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rorg.cli.options import Directory, EngineName, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import confirm, note
+from rorg.cli.options import Directory, EngineName, Output, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import check_form, confirm, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -20,12 +20,17 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
+    output: Output = "table",
 ) -> None:
-    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory."""
+    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory.
+
+    Example: rorg apply --yes --wait --timeout 5m
+    """
     from rorg.cli.context import Context
     from rorg.cli.differences import differences, warn_of_other_tree
     from rorg.errors import Refused
 
+    check_form(output)
     context = Context(state_dir, engine, directory, local=True)
     owner = {"what": "rorg run"} if context.remote else context.state.owner()
     if owner is None:
@@ -48,6 +53,7 @@ def command(
         carry_out(context, shown.tree, shown.decision, wait, timeout)
     else:
         _through(context, owner, shown, wait, timeout)
+    print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
 
 
 def _consent(yes: bool) -> None:

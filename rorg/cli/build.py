@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, OwnStateDirectory
+from rorg.cli.options import Directory, EngineName, Option, Output, OwnStateDirectory
 
 
 def command(
     directory: Directory = None,
-    only: Annotated[list[str], Option(names=("--image",), help="Only this image and what it stands on.")] = [],  # noqa: B006
+    only: Annotated[
+        list[str], Option(names=("--image",), help="Only this image and what it stands on.", completes="images")
+    ] = [],  # noqa: B006
     state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
+    output: Output = "table",
 ) -> None:
-    """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails."""
+    """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails.
+
+    Example: rorg build --image navigation
+    """
     from rorg.cli.context import Context
-    from rorg.cli.output import missing, note
+    from rorg.cli.output import check_form, missing, note, print_rows
     from rorg.errors import NotReady
     from rorg.images.build import build
 
+    check_form(output)
     context = Context(state_dir, engine, directory, local=True, own=True)
     catalog = context.catalog()
     for name in only:
@@ -26,6 +33,9 @@ def command(
             raise missing("image", name, catalog.images)
     used = {s.spec["image"] for s in catalog.services.values() if s.spec}
     results = build(catalog, only or sorted({*catalog.images, *used}), make_builder(context, catalog), note)
+    if output != "table":
+        rows = [{"image": r.image, "outcome": r.outcome, "message": r.message} for r in results]
+        print_rows(rows, output, ("image", "outcome"), ("message",), full=rows)
     failed = [r.image for r in results if r.outcome in ("failed", "skipped")]
     if failed:
         raise NotReady(

@@ -1,101 +1,164 @@
-"""What a shell offers after TAB. Names of services are answered here, by the running rorg or by a glance at the
-manifests; all the rest is typer's."""
+"""What a shell offers after TAB: commands and options by their declarations, names by the running rorg or by a glance
+at the manifests. The scripts that ask are in `completion.py`."""
 
 from __future__ import annotations
 
-import os
 import re
-import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
-from rorg.cli.options import Argument
-from rorg.cli.plain import words_before
-from rorg.cli.signature import parameters
+from rorg.cli.options import DIRECTORIES, FILES, GROUPS, NAMES_OF_KIND, REQUESTS, SERVICES, Argument, Option
+from rorg.cli.signature import Parameter, parameters
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
 
 PATIENCE = 1.0
 """Seconds that a shell waits for names at the most."""
+MOST = 1 << 16
+"""Characters of a manifest that are glanced at."""
 NAME = re.compile(r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+)""", re.MULTILINE)
-KIND = re.compile(r"^kind:\s*(Service|Group)\b", re.MULTILINE)
+KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
+FOLDERS = {"service": "services", "group": "groups", "image": "images", "profile": "profiles", "policy": "policies"}
+"""Kind of a manifest, in small letters, and its folder."""
 
 
-def answered() -> bool:
-    """Prints the names of services that may follow, as the shell takes them; False where something else may follow."""
-    line = _line(os.environ)
-    if line is None:
-        return False
-    shell, words, incomplete = line
-    if (
-        not words
-        or words[0] not in (*COMMANDS, *ALIASES)
-        or incomplete.startswith("-")
-        or not _is_service(words[0], words[1:])
-    ):
-        return False
-    found = services(incomplete)
-    if shell == "zsh":
-        print("_arguments '*: :((" + "\n".join(f'"{name}"' for name in found) + "))'" if found else "_files")
-    elif os.environ.get("_TYPER_COMPLETE_FISH_ACTION") == "is-args":
-        sys.exit(not found)  # where nothing is offered, fish offers files
-    elif found:
-        print("\n".join(found))
-    return True
+class Given(NamedTuple):
+    """What the line says before the word that is begun."""
+
+    arguments: list[str]
+    options: dict[str, str]
+    """By the name of the parameter; a flag's text is empty."""
+    awaited: Parameter | None
+    """The option whose value is begun."""
 
 
-def _line(environment: Any) -> tuple[str, list[str], str] | None:
-    """(shell, words after `rorg`, the word that is begun); None for lines with quotes and for other shells."""
-    shell = environment["_RORG_COMPLETE"].removeprefix("complete_")
+def answer(shell: str, words: Sequence[str]) -> str:
+    """What may stand for the last of the words after `rorg`, in lines as the shell's script takes them."""
+    words = _joined(words) if shell == "bash" else list(words) or [""]
+    begun = words[-1]
+    prefix, offered = "", {n: "" for n in COMMANDS} if not begun.startswith("-") else {"--help": "", "--version": ""}
+    if len(words) > 1:
+        if words[0] not in (*COMMANDS, *ALIASES):
+            return ""
+        prefix, offered = _after_command(words[0], words[1:])
+    begun = begun[len(prefix) :]
     if shell == "bash":
-        text, number = environment.get("COMP_WORDS", ""), environment.get("COMP_CWORD", "")
-        words = text.split()
-        if not number.isdigit() or set(text) & set("\"'\\"):
-            return None
-        return shell, words[1 : int(number)], words[int(number)] if int(number) < len(words) else ""
-    text = environment.get("_TYPER_COMPLETE_ARGS", "")
-    if shell not in ("zsh", "fish") or set(text) & set("\"'\\") or not text:
-        return None
-    words = text.split()[1:]
-    begun = words.pop() if words and not text.endswith(" ") else ""
-    return shell, words, begun
+        prefix = ""  # what is before the = is a word of its own there
+    found = {prefix + word: about for word, about in offered.items() if word.startswith((begun, ":"))}
+    return "\n".join(_line(shell, word, about) for word, about in found.items() if word.isprintable())
 
 
-def _is_service(command: str, words: list[str]) -> bool:
-    """Whether the next word of a command is the name of a service."""
+def _joined(words: Sequence[str]) -> list[str]:
+    """Bash takes --output=json for three words."""
+    found: list[str] = []
+    glue = False
+    for word in words:
+        if found and (glue or (word == "=" and found[-1].startswith("--"))):
+            found[-1] += word
+        else:
+            found.append(word)
+        glue = word == "=" and found[-1].startswith("--")
+    return found or [""]
+
+
+def _line(shell: str, word: str, about: str) -> str:
+    if word.startswith(":") or shell == "bash" or not about:
+        return word.replace(":", "\\:") if shell == "zsh" and not word.startswith(":") else word
+    text = " ".join(about.split())
+    return f"{word}\t{text}" if shell == "fish" else word.replace(":", "\\:") + ":" + text
+
+
+def _after_command(command: str, words: list[str]) -> tuple[str, dict[str, str]]:
+    """(what of the word that is begun stands already, what may follow it with a word about each)."""
     declared = parameters(command_of(command))
-    before = words_before(declared, words)
-    if before is None:
-        return False
-    arguments = [(p.declared.service, p.many) for p in declared if isinstance(p.declared, Argument) and not p.rest]
-    if before >= len(arguments):
-        arguments = [(service, many) for service, many in arguments[-1:] if many]
-        before = 0
-    return any(service for service, _ in arguments[before : before + 1])
+    options = {n: p for p in declared if isinstance(p.declared, Option) for n in p.declared.names}
+    begun, given = words[-1], _given(options, words[:-1])
+    name, equals, _ = begun.partition("=")
+    if given.awaited:
+        return "", _values(given.awaited, given)
+    if equals and name in options:
+        return name + equals, _values(options[name], given)
+    if begun.startswith("-"):
+        free = {n: p for n, p in options.items() if p.many or p.name not in given.options}
+        return "", {**{n: p.declared.help for n, p in free.items()}, "--help": "Show help and end."}
+    arguments = [p for p in declared if isinstance(p.declared, Argument) and not p.rest]
+    at = len(given.arguments)
+    if at >= len(arguments) and not (arguments and arguments[-1].many):
+        return "", {}
+    taken = set(given.arguments) if arguments[min(at, len(arguments) - 1)].many else set()
+    found = _values(arguments[min(at, len(arguments) - 1)], given)
+    return "", {word: about for word, about in found.items() if word not in taken}
 
 
-def services(incomplete: str) -> list[str]:
-    """Names of services and groups that begin so. Whatever goes wrong, nothing is said: a shell asks."""
+def _given(options: dict[str, Parameter], words: Sequence[str]) -> Given:
+    given = Given([], {}, None)
+    awaited: Parameter | None = None
+    for word in words:
+        name, equals, value = word.partition("=")
+        found = options.get(name)
+        if awaited:
+            given.options[awaited.name], awaited = word, None
+        elif found:
+            given.options[found.name] = value
+            awaited = None if found.flag or equals else found
+        elif not word.startswith("-"):
+            given.arguments.append(word)
+    return given._replace(awaited=awaited)
+
+
+def _values(parameter: Parameter, given: Given) -> dict[str, str]:
+    """What a parameter declares to complete it."""
+    completes = parameter.declared.completes
+    if not isinstance(completes, str):
+        return dict.fromkeys(completes, "")
+    if completes in (FILES, DIRECTORIES):
+        return {completes: ""}
+    kind = given.arguments[0] if completes == NAMES_OF_KIND and given.arguments else completes
+    return dict.fromkeys(_names(kind, given), "")
+
+
+def _names(kind: str, given: Given) -> Iterable[str]:
+    """Names of a kind. Whatever goes wrong, nothing is said: a shell asks."""
     try:
         from rorg.cli.context import Context
 
-        context = Context(None, None)
-        client = context.client()
-        if client is None:
-            names = _declared(context.root)
-        else:
-            client.timeout, client.patience = PATIENCE, 0.0
-            names = [s["service"] for s in client.services()] + [g["name"] for g in client.groups()]
+        state, tree = given.options.get("state_dir"), given.options.get("directory")
+        context = Context(Path(state) if state else None, None, Path(tree) if tree else None)
+        return (_served if context.client() else _glanced)(context, kind)
     except Exception:
-        return []
-    return [name for name in names if name.startswith(incomplete)]
+        return ()
 
 
-def _declared(root: Path) -> list[str]:
+def _served(context: Context, kind: str) -> list[str]:
+    client = context.serving("complete")
+    client.timeout, client.patience = PATIENCE, 0.0
+    if kind in (REQUESTS, "request"):
+        return [r["id"] for r in client.requests() if kind == "request" or not r["standing"]]
+    if kind in (SERVICES, "service", "svc"):
+        return [s["service"] for s in client.services()] + [g["name"] for g in client.groups()]
+    if kind in (GROUPS, "group"):
+        return [g["name"] for g in client.groups()]
+    one = next((k for k, folder in FOLDERS.items() if kind in (k, folder)), "")
+    return [m["name"] for m in client.manifests() if m["kind"].lower() == one]
+
+
+def _glanced(context: Context, kind: str) -> list[str]:
+    if kind in (REQUESTS, "request"):
+        return [r.id for r in context.document().requests]
+    one = next((k for k, folder in FOLDERS.items() if kind in (k, folder)), "service")
+    return declared(context.root, ("service", "group") if one == "service" else (one,))
+
+
+def declared(root: Path, kinds: Sequence[str]) -> list[str]:
     """Names in the manifests, by a glance: reading them whole takes longer than a shell should wait."""
-    found = ["developer"]
-    for path in sorted((*root.glob("*.yaml"), *root.glob("services/*.yaml"), *root.glob("groups/*.yaml"))):
-        text = path.read_text(encoding="utf-8", errors="replace")
-        name = NAME.search(text)
-        if KIND.search(text) and name:
+    found = ["developer"] if "service" in kinds else []
+    for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{FOLDERS[k]}/*.yaml")))):
+        with path.open(encoding="utf-8", errors="replace") as file:
+            text = file.read(MOST)
+        kind, name = KIND.search(text), NAME.search(text)
+        if kind and name and kind[1].lower() in kinds:
             found.append(name[1])
     return found

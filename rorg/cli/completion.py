@@ -7,10 +7,57 @@ from typing import Annotated
 from rorg.cli.options import Argument
 from rorg.cli.output import check_form, echo
 
+BASH = """
+_rorg() {
+    local IFS=$'\\n' found
+    found=($(_RORG_COMPLETE=bash "$1" "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null))
+    COMPREPLY=()
+    case "${found[0]-}" in
+        :files) compopt -o default ;;
+        :directories) compopt -o dirnames ;;
+        *) COMPREPLY=("${found[@]}") ;;
+    esac
+}
+complete -F _rorg rorg
+"""
+ZSH = """
+#compdef rorg
+_rorg() {
+    local -a found
+    found=("${(@f)$(_RORG_COMPLETE=zsh rorg "${(@Q)words[2,CURRENT]}" 2>/dev/null)}")
+    case "$found[1]" in
+        :files) _files ;;
+        :directories) _files -/ ;;
+        ?*) _describe rorg found ;;
+    esac
+}
+if [ "$funcstack[1]" = _rorg ]; then _rorg "$@"; else compdef _rorg rorg; fi
+"""
+FISH = """
+function __rorg_complete
+    set -l begun (commandline -ct)
+    set -l words (commandline -opc) "$begun" # an empty one is a word too
+    set -l found (env _RORG_COMPLETE=fish rorg $words[2..-1] 2>/dev/null)
+    switch "$found[1]"
+        case ':files'
+            __fish_complete_path (commandline -ct)
+        case ':directories'
+            __fish_complete_directories (commandline -ct)
+        case '*'
+            printf '%s\\n' $found
+    end
+end
+complete --command rorg --no-files --arguments '(__rorg_complete)'
+"""
+SCRIPTS = {"bash": BASH, "zsh": ZSH, "fish": FISH}
+"""Each hands the words of the line to rorg, the last one begun, and gets what may stand for it (`completing.py`): a
+word a line, or :files or :directories, which the shell knows better."""
 
-def command(shell: Annotated[str, Argument(help="bash, zsh or fish.")]) -> None:
-    """Print the completion script of a shell; for bash: source <(rorg completion bash)."""
-    from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
-    check_form(shell, ("bash", "zsh", "fish"))
-    echo(get_completion_script(prog_name="rorg", complete_var="_RORG_COMPLETE", shell=shell))
+def command(shell: Annotated[str, Argument(help="bash, zsh or fish.", completes=("bash", "zsh", "fish"))]) -> None:
+    """Print the completion script of a shell.
+
+    Example: source <(rorg completion bash)
+    """
+    check_form(shell, tuple(SCRIPTS))
+    echo(SCRIPTS[shell].strip())

@@ -16,7 +16,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Copy files or directories out of a service or into it, as in `rorg cp navigation:/root/map.yaml .`"""
+    """Copy files or directories out of a service or into it.
+
+    Example: rorg cp navigation:/root/map.yaml .
+    """
     from rorg.cli.context import Context
     from rorg.cli.inside import container_of
     from rorg.errors import Invalid

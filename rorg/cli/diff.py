@@ -30,7 +30,10 @@ def command(
         str, Option(names=("-o", "--output"), help="table: a line a service; wide: every step; yaml or json.")
     ] = "table",
 ) -> None:
-    """Show what would be done, and why, without doing it. Exits 1 when there is anything."""
+    """Show what would be done, and why, without doing it. Exits 1 when there is anything.
+
+    Example: rorg diff manifests
+    """
     from rorg.cli.context import Context
     from rorg.cli.differences import differences, warn_of_other_tree
     from rorg.errors import Exit, Invalid

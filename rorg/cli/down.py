@@ -22,7 +22,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and remove everything of this robot, in order, and forget it; of its files the manifests stay."""
+    """Stop and remove everything of this robot, in order, and forget it; of its files the manifests stay.
+
+    Example: rorg down --yes
+    """
     from rorg.cli.context import Context
     from rorg.errors import Unreachable
 

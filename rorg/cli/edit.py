@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from rorg.cli.options import Argument, EngineName, Option, StateDirectory
+from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
 
 MARK = "# rorg: "
 """How lines begin that are for whoever edits, and not of the manifest."""
@@ -15,13 +15,16 @@ KINDS = {"svc": "Service"}
 
 def command(
     manifest: Annotated[
-        str, Argument(help="KIND/NAME, such as group/driving; NAME alone for a service.", service=True)
+        str, Argument(help="KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
     ],
     directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Edit a manifest in $VISUAL or $EDITOR; it is checked with the whole tree, written in one step and committed."""
+    """Edit a manifest in $VISUAL or $EDITOR; it is checked with the whole tree, written in one step and committed.
+
+    Example: rorg edit navigation
+    """
     import shutil
     import tempfile
 

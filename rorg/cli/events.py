@@ -17,20 +17,42 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure."""
+    """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure. JSON comes a
+    line an event, YAML a document an event.
+
+    Example: rorg events -f --tail 100
+    """
     from rorg.cli.context import Context
-    from rorg.cli.output import as_json, check_form
-    from rorg.cli.terminal import entry, printable
+    from rorg.cli.output import check_form, end_with_reader
     from rorg.store.journal import Journal
 
-    check_form(output, ("table", "json"))
+    check_form(output)
     context = Context(state_dir, None)
     needed = follow or not context.state.readable
     client = context.serving("follow events" if follow else "read events") if needed else context.client()
     found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
+    if follow:
+        end_with_reader()
     for event in found:
-        at = f"{printable(event['at'][:19].replace('T', ' '))}  "
-        echo(as_json(event) if output == "json" else entry(at, event["message"]))
+        echo(_text(event, output))
+
+
+def _text(event: Any, output: str) -> str:
+    """An event in one of the forms; its name is its number."""
+    from rorg.cli.output import as_json
+    from rorg.cli.terminal import entry, printable
+
+    if output == "json":
+        return as_json(event)
+    if output == "yaml":
+        import yaml
+
+        return "---\n" + str(yaml.safe_dump(dict(event), sort_keys=False)).rstrip()
+    if output == "name":
+        return str(event["seq"])
+    at = printable(event["at"][:19].replace("T", " "))
+    more = f"  {event['kind']:<12}  {event.get('service') or '-'}" if output == "wide" else ""
+    return entry(f"{at}{more}  ", event["message"])
 
 
 def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:

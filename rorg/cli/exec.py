@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from typing import Annotated
 
-from rorg.cli.options import Argument, EngineName, Option, StateDirectory
+from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
 
-Service = Annotated[str, Argument(help="A service that runs.", service=True)]
+Service = Annotated[str, Argument(help="A service that runs.", completes=SERVICES)]
 NO_PROGRAM = 127
 
 
@@ -23,7 +23,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Run a command inside a service, as in `rorg exec navigation -- rosnode list`; exits with the command's code."""
+    """Run a command inside a service; exits with the command's code.
+
+    Example: rorg exec navigation -- rosnode list
+    """
     from rorg.cli.context import Context
     from rorg.cli.inside import run_inside
     from rorg.cli.output import note

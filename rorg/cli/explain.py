@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Argument, Directory, Output, StateDirectory
+from rorg.cli.options import SERVICES, Argument, Directory, Output, StateDirectory
 from rorg.cli.output import echo
 
 if TYPE_CHECKING:
@@ -22,14 +22,19 @@ CHANGES = {
 def command(
     what: Annotated[
         str,
-        Argument(help="A field, such as service.idle.linger, or a service; services/NAME for sure.", service=True),
+        Argument(
+            help="A field, such as service.idle.linger, or a service; services/NAME for sure.", completes=SERVICES
+        ),
     ],
     directory: Directory = None,
     state_dir: StateDirectory = None,
     output: Output = "table",
 ) -> None:
     """Explain a field of manifests: meaning, type, default, example. Or a service: every value that holds for it, with
-    the manifest, profile, policy or default that it comes from."""
+    the manifest, profile, policy or default that it comes from.
+
+    Example: rorg explain service.spec.idle.linger
+    """
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, dump, table
     from rorg.manifest.field_paths import find

@@ -4,31 +4,43 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, Option, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.options import FORMS, Directory, Option, StateDirectory
+from rorg.cli.output import check_form, echo, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
 
 Graph = dict[str, Any]
 """`services`, `always_on`, and `edges` with from, to and kind: needs or requests."""
+DRAWN = ("dot", "mermaid")
+"""What programs draw pictures of."""
 
 
 def command(
     directory: Directory = None,
-    form: Annotated[str, Option(names=("-o", "--output"), help="text, dot, mermaid or json.")] = "text",
+    form: Annotated[
+        str,
+        Option(
+            names=("-o", "--output"), help="table, wide, name, yaml, json, dot or mermaid.", completes=(*FORMS, *DRAWN)
+        ),
+    ] = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Show who needs and who requests whom."""
-    from rorg.cli.context import Context
-    from rorg.cli.output import check_form, dump
+    """Show who needs and who requests whom.
 
-    check_form(form, ("text", "dot", "mermaid", "json"))
+    Example: rorg graph -o mermaid
+    """
+    from rorg.cli.context import Context
+
+    check_form(form, (*FORMS, *DRAWN))
     found = _graph(Context(state_dir, None, directory, local=True))
-    if form == "json":
-        dump(found, form)
+    if form in DRAWN:
+        echo("\n".join((_dot if form == "dot" else _mermaid)(found)))
+    elif form == "wide":
+        print_rows(found["edges"], form, ("from", "kind", "to"))
     else:
-        echo("\n".join({"text": _text, "dot": _dot, "mermaid": _mermaid}[form](found)))
+        names = [{"name": name} for name in found["services"]]
+        print_rows(names, form, ("name",), full=found, text="\n".join(_text(found)))
 
 
 def _graph(context: Context) -> Graph:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rorg.cli.options import End, EngineName, For, Reason, ServiceNames, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory
+from rorg.cli.output import check_form, print_rows
 
 
 def command(
@@ -11,15 +11,20 @@ def command(
     duration: For = None,
     reason: Reason = "",
     end: End = False,
+    output: Output = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Keep services from being active, whoever requests them, for a time; it ends by itself."""
+    """Keep services from being active, whoever requests them, for a time; it ends by itself.
+
+    Example: rorg hold arm --for 10m --reason calibration
+    """
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration, format_seconds
 
+    check_form(output)
     if not end and not duration:
         raise Invalid(f"hold {', '.join(services)}", "it must end by itself", "--for 10m")
     if end and duration:
@@ -27,4 +32,6 @@ def command(
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
     names = operating(Context(state_dir, engine)).hold(body)
-    echo(f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}"))
+    text = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
+    rows = [{"service": n, "held": not end, "seconds": None if end else duration, "reason": reason} for n in names]
+    print_rows(rows, output, ("service", "held", "seconds", "reason"), text=text)

@@ -19,7 +19,10 @@ NEXT = """{name} is a robot of three services{git}. Next:
 def command(
     directory: Annotated[Path, Argument(help="Where; it is made if it is not there.", show_default=False)] = Path("."),
 ) -> None:
-    """Write a first robot, ready to run: three services with comments, schemas for editors, in git."""
+    """Write a first robot, ready to run: three services with comments, schemas for editors, in git.
+
+    Example: rorg init robot
+    """
     from rorg.cli.output import note
     from rorg.errors import Invalid, Refused
     from rorg.manifest.schema import write

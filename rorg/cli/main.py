@@ -35,15 +35,16 @@ def __getattr__(name: str) -> Any:
 def run() -> None:
     """Entry point. An uncaught exception is a bug and exits 70, never 1, which means differences."""
     try:
-        _complete() if "_RORG_COMPLETE" in os.environ else _command(sys.argv[1:])
+        (_complete if "_RORG_COMPLETE" in os.environ else _command)(sys.argv[1:])
     except RorgError as error:
         _complain("\n".join([f"rorg: {error}", *getattr(error, "__notes__", ())]))
         sys.exit(int(error.code))
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        from rorg.cli.output import nobody_reads
+
+        nobody_reads()
     except Exception as bug:
         _told_by_the_api(bug)
         if os.environ.get("RORG_TRACEBACK"):
@@ -76,17 +77,11 @@ def _command(words: list[str]) -> None:
     run_typed(words)
 
 
-def _complete() -> None:
-    """Says to a shell what may follow."""
-    from rorg.cli.completing import answered
+def _complete(words: list[str]) -> None:
+    """Says to a shell what may stand for the last word of a line."""
+    from rorg.cli.completing import answer
 
-    if not answered():
-        from typer.completion import completion_init  # type: ignore[attr-defined]
-
-        from rorg.cli.app import app
-
-        completion_init()
-        app(prog_name="rorg")
+    print(answer(os.environ["_RORG_COMPLETE"], words))
 
 
 def _complain(text: str) -> None:

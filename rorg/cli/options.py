@@ -7,14 +7,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from rorg.engines import ENGINES
+
+FORMS = ("table", "wide", "name", "yaml", "json")
+"""Of output."""
+SERVICES, GROUPS, REQUESTS = "services", "groups", "requests"
+"""What completes a word: names of services and groups; of groups; ids of requests that can be released. Kinds of
+manifests do too, such as images."""
+NAMES_OF_KIND = "names of kind"
+"""Names of the kind that the first argument says."""
+FILES, DIRECTORIES = ":files", ":directories"
+"""Of the shell."""
+
 
 class Argument(NamedTuple):
     """A word of the command line that has no name."""
 
     help: str
     show_default: bool = True
-    service: bool = False
-    """It is the name of a service or a group, which shells complete."""
+    completes: str | tuple[str, ...] = ()
+    """What a shell offers for it: words, or one of the constants above."""
     rest: bool = False
     """All words after `--`, as they are."""
 
@@ -32,13 +44,24 @@ class Option(NamedTuple):
     """Makes its value of its text; raises ValueError."""
     least: float | None = None
     most: float | None = None
+    completes: str | tuple[str, ...] = ()
+    """What a shell offers for its value, as of an argument."""
+
+    def read(self, text: str) -> Any:
+        """The value of its text, by its parser. Raises ValueError."""
+        value: Any = self.parser(text) if self.parser else text
+        if self.least is not None and value < self.least:
+            raise ValueError(f"{text} is too little; {self.least:g} at the least")
+        if self.most is not None and value > self.most:
+            raise ValueError(f"{text} is too much; {self.most:g} at the most")
+        return value
 
 
 def duration(text: str) -> float:
-    """Seconds of "10m" or "1m30s". Raises ValueError."""
+    """Seconds of "10s", "1m30s" or "10". Raises ValueError."""
     from rorg.model.units import parse_duration
 
-    return parse_duration(text)
+    return parse_duration(f"{text}s" if text.replace(".", "", 1).isdecimal() and text.isascii() else text)
 
 
 Directory = Annotated[
@@ -46,11 +69,13 @@ Directory = Annotated[
     Argument(
         help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
         show_default=False,
+        completes=DIRECTORIES,
     ),
 ]
 STATE_DIR = Option(
     names=("--state-dir",),
     show_default=False,
+    completes=DIRECTORIES,
     help="State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for others "
     "~/.local/state/rorg.",
 )
@@ -58,6 +83,7 @@ SOCKET = Option(
     names=("--socket",),
     show_default=False,
     metavar="PATH",
+    completes=FILES,
     help="Socket of the running rorg: all that is needed where one runs. Default: RORG_SOCKET, else that of the state "
     "directory, else /run/rorg/rorg.sock.",
 )
@@ -68,14 +94,23 @@ OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.hel
 """Of a command that does not."""
 EngineName = Annotated[
     str | None,
-    Option(names=("--engine",), envvar="RORG_ENGINE", show_default=False, help="docker or process. Default: docker."),
+    Option(
+        names=("--engine",),
+        envvar="RORG_ENGINE",
+        show_default=False,
+        help="docker or process. Default: docker.",
+        completes=ENGINES,
+    ),
 ]
-Output = Annotated[str, Option(names=("-o", "--output"), help="table, wide, name, yaml or json.")]
+Output = Annotated[str, Option(names=("-o", "--output"), help="table, wide, name, yaml or json.", completes=FORMS)]
 Yes = Annotated[bool, Option(names=("--yes", "-y"), help="Do not ask.")]
 Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is ready; exit 4 if it does not get so.")]
-Timeout = Annotated[float, Option(names=("--timeout",), help="Seconds to wait at the most.")]
-ServiceName = Annotated[str, Argument(help="A service or a group.", service=True)]
-ServiceNames = Annotated[list[str], Argument(help="Services or groups.", service=True)]
+Timeout = Annotated[
+    float,
+    Option(names=("--timeout",), parser=duration, metavar="DURATION", help="How long to wait at the most: 10s, 5m."),
+]
+ServiceName = Annotated[str, Argument(help="A service or a group.", completes=SERVICES)]
+ServiceNames = Annotated[list[str], Argument(help="Services or groups.", completes=SERVICES)]
 Rest = Annotated[list[str], Argument(help="A program and its arguments, after `--`.", rest=True)]
 For = Annotated[
     float | None,

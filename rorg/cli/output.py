@@ -7,12 +7,11 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
+from rorg.cli.options import FORMS
 from rorg.cli.terminal import lines, printable
 from rorg.errors import Invalid
-
-FORMS = ("table", "wide", "name", "yaml", "json")
 
 
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
@@ -29,6 +28,26 @@ def echo(text: Any, end: str = "\n") -> None:
 def _write(text: str, end: str = "\n") -> None:
     """What rorg has made itself, and may have colours."""
     print(text, end=end, flush=True)
+
+
+def nobody_reads() -> NoReturn:
+    """Ends well: whoever read has seen enough, as `head` does."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(0)
+
+
+def end_with_reader() -> None:
+    """From now on the process ends well as soon as nobody reads its output any more, though it prints nothing."""
+    import select
+    import threading
+
+    def look() -> None:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        if any(event & select.POLLERR for _, event in poll.poll()):
+            os._exit(0)
+
+    threading.Thread(target=look, name="reader", daemon=True).start()
 
 
 def note(text: str) -> None:
@@ -58,10 +77,10 @@ def as_json(value: Any, indent: int | None = None) -> str:
     return json.dumps(value, indent=indent).replace("\x7f", "\\u007f")
 
 
-def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
+def cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
     """(lines of cells, the head first; the width of each column)."""
-    cells = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
-    return cells, [max(_width(line[i]) for line in cells) for i in range(len(columns))]
+    found = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
+    return found, [max(_width(line[i]) for line in found) for i in range(len(columns))]
 
 
 def _width(text: str) -> int:
@@ -79,8 +98,8 @@ def _padded(text: str, width: int) -> str:
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """A plain table: upper-case heads, columns as wide as needed."""
-    cells, widths = _cells(rows, columns)
-    return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in cells)
+    found, widths = cells(rows, columns)
+    return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in found)
 
 
 COLOURS = {
@@ -107,16 +126,16 @@ def coloured_table(
     """The same with colours, for a terminal of `width` columns. Where it does not fit, the last of the columns that may
     go `below` go there, each to a line of its own under its row. Nothing is ever cut."""
     beside, under = list(columns), list[str]()
-    cells, widths = _cells(rows, beside)
+    found, widths = cells(rows, beside)
     while sum(widths) + 2 * (len(widths) - 1) > width and (movable := [c for c in beside if c in below]):
         beside.remove(movable[-1])
         under.insert(0, movable[-1])
-        cells, widths = _cells(rows, beside)
-    styles = [["bold"] * len(beside), *([COLOURS.get(c, "") for c in line] for line in cells[1:])]
+        found, widths = cells(rows, beside)
+    styles = [["bold"] * len(beside), *([COLOURS.get(c, "") for c in line] for line in found[1:])]
     lines: list[str] = []
-    for index, (line, of) in enumerate(zip(cells, styles, strict=True)):
-        cell = (_styled(_padded(c, w), style if colours else "") for c, w, style in zip(line, widths, of, strict=True))
-        lines.append("  ".join(cell).rstrip())
+    for index, (line, of) in enumerate(zip(found, styles, strict=True)):
+        shown = (_styled(_padded(c, w), style if colours else "") for c, w, style in zip(line, widths, of, strict=True))
+        lines.append("  ".join(shown).rstrip())
         row: Mapping[str, Any] = rows[index - 1] if index else {}
         lines += [f"    {c}: {printable(row[c])}" for c in under if row.get(c) not in ("", "-", None)]
     return "\n".join(lines)
@@ -147,9 +166,11 @@ def print_rows(
     wide: Sequence[str] = (),
     full: Any = None,
     below: Sequence[str] = (),
+    text: str | None = None,
 ) -> None:
-    """Rows in any form. `full` is what YAML and JSON show instead of the rows; `below`: columns that a terminal that is
-    too narrow shows in lines of their own."""
+    """Rows in any form. `full` is what YAML and JSON show instead of the rows; `text` is what people read instead of
+    the table, such as what was done; `below`: columns that a terminal that is too narrow shows in lines of their own.
+    The first column is the name."""
     check_form(form)
     shown = [*columns, *(wide if form == "wide" else ())]
     if form in ("json", "yaml"):
@@ -157,6 +178,9 @@ def print_rows(
     elif form == "name":
         for row in rows:
             echo(printable(row[columns[0]]))
+    elif text is not None and form == "table":
+        if text:
+            echo(text)
     elif sys.stdout.isatty():
         colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
         _write(coloured_table(rows, shown, _terminal_width(), below, colours))

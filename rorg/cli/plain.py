@@ -34,14 +34,6 @@ def read(declared: Sequence[Parameter], words: Sequence[str], environment: Mappi
     return found
 
 
-def words_before(declared: Sequence[Parameter], words: Sequence[str]) -> int | None:
-    """How many arguments are given already, options apart; None where that is not plain."""
-    try:
-        return len(_split(declared, words)[1])
-    except _NotPlain:
-        return None
-
-
 def _split(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """(texts of the options that are named, which a flag has none of; words that are no options)."""
     options = {n: p for p in declared if isinstance(p.declared, Option) for n in p.declared.names}
@@ -93,7 +85,7 @@ def _value(parameter: Parameter, text: str) -> Any:
     declared = parameter.declared
     if isinstance(declared, Option) and declared.parser:
         try:
-            return declared.parser(text)
+            return declared.read(text)
         except ValueError:
             raise _NotPlain from None
     if parameter.type in NUMBERS:

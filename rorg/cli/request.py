@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory, Timeout, Wait, duration
-from rorg.cli.output import echo, note
+from rorg.cli.options import EngineName, Option, Output, ServiceNames, StateDirectory, Timeout, Wait, duration
+from rorg.cli.output import check_form, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.operating import Operating
@@ -41,6 +41,7 @@ def command(
             help=("Raises what it asks for, where not everything can run. Default: that of the services."),
         ),
     ] = None,
+    output: Output = "table",
     wait: Wait = False,
     rollback: Annotated[
         bool,
@@ -53,7 +54,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Ask for services; they run, with all that they need, until the request is released."""
+    """Ask for services; they run, with all that they need, until the request is released.
+
+    Example: rorg request navigation --id tour --ttl 10m --wait
+    """
     from rorg_client import check_id
 
     from rorg.cli.context import Context
@@ -61,6 +65,7 @@ def command(
     from rorg.errors import Invalid
     from rorg.model.units import format_duration
 
+    check_form(output)
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
@@ -74,7 +79,9 @@ def command(
     lease = format_duration(ttl) if ttl else None
     asked = Asked(robot, name, requester, rollback)
     robot.put_request(name, requester, {"services": chosen, "reason": reason, "priority": priority, "ttl": lease})
-    echo(f"request '{name}' of {requester}: {', '.join(chosen)}")
+    row = {"id": name, "requester": requester, "services": chosen, "priority": priority, "ttl": ttl, "reason": reason}
+    text = f"request '{name}' of {requester}: {', '.join(chosen)}"
+    print_rows([row], output, ("id", "requester", "services"), ("priority", "ttl", "reason"), text=text)
     if wait:
         with asked:
             robot.wait(chosen, timeout)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from rorg.cli.options import EngineName, ServiceName, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import confirm, echo
+from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.output import check_form, confirm, print_rows
 
 
 def command(
@@ -13,14 +13,19 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 60.0,
+    output: Output = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and start a service (or each of a group) that is active. Drivers ask first."""
+    """Stop and start a service (or each of a group) that is active. Drivers ask first.
+
+    Example: rorg restart navigation --wait --timeout 30s
+    """
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
     from rorg.errors import Unconfirmed
 
+    check_form(output)
     robot = operating(Context(state_dir, engine))
     if wait:
         robot.waiting(f"wait for {service}")
@@ -29,7 +34,8 @@ def command(
     except Unconfirmed as asked:
         _confirm(service, asked.why)
         names = robot.restart(service, force=True)
-    echo(f"restart of {', '.join(names)} asked for")
+    text = f"restart of {', '.join(names)} asked for"
+    print_rows([{"service": name} for name in names], output, ("service",), text=text)
     if wait:
         robot.wait([n for n in names if robot.why(n)[0]["wanted"]], timeout)
 

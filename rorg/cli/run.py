@@ -41,7 +41,10 @@ def command(
     tls_key: Pem = None,
     tls_ca: Pem = None,
 ) -> None:
-    """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API."""
+    """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API.
+
+    Example: rorg run manifests
+    """
     import time
 
     from rorg.api.server import make_server

@@ -36,10 +36,13 @@ def command(
     ] = None,
     state_dir: StateDirectory = None,
 ) -> None:
-    """Request services for as long as a command runs: rorg run-with navigation -- rosbag record /tf
+    """Request services for as long as a command runs.
 
     The command begins when the services, and all that they need, are ready. The exit code is the command's, 128 and
-    the signal's number where a signal ended it. Whatever ends this program, the request ends with it."""
+    the signal's number where a signal ended it. Whatever ends this program, the request ends with it.
+
+    Example: rorg run-with navigation -- rosbag record /tf
+    """
     from rorg_client import Error as ClientError
 
     from rorg.cli.context import Context

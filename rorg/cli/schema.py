@@ -11,7 +11,10 @@ from rorg.cli.options import Argument
 def command(
     directory: Annotated[Path, Argument(help="Where; it is made if it is not there.")] = Path("schemas"),
 ) -> None:
-    """Write the JSON schemas of manifests: an editor completes and checks by them."""
+    """Write the JSON schemas of manifests: an editor completes and checks by them.
+
+    Example: rorg schema schemas
+    """
     from rorg.cli.output import note
     from rorg.errors import Invalid
     from rorg.manifest.schema import write

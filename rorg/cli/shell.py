@@ -15,7 +15,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Open a shell inside a service: bash, or sh where there is none, with its environment and working directory."""
+    """Open a shell inside a service: bash, or sh where there is none, with its environment and working directory.
+
+    Example: rorg shell navigation
+    """
     from rorg.cli.context import Context
     from rorg.cli.inside import run_inside
     from rorg.cli.output import note

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from rorg.cli.options import End, For, Reason, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.options import End, For, Output, Reason, StateDirectory
+from rorg.cli.output import check_form, print_rows
 
 
-def command(duration: For = None, reason: Reason = "", end: End = False, state_dir: StateDirectory = None) -> None:
-    """Change nothing for a time, whatever is asked for; what would be done is still shown. It ends by itself."""
+def command(
+    duration: For = None,
+    reason: Reason = "",
+    end: End = False,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+) -> None:
+    """Change nothing for a time, whatever is asked for; what would be done is still shown. It ends by itself.
+
+    Example: rorg suspend --for 1h --reason maintenance
+    """
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration, format_seconds
 
+    check_form(output)
     if not end and not duration:
         raise Invalid("suspend", "it must end by itself", "--for 10m")
     if end and duration:
         raise Invalid("suspend", "--for and --end contradict each other", "one of both")
     robot = operating(Context(state_dir, None))
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
-    echo("no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}")
+    text = "no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}"
+    found = {"suspended": not end, "seconds": None if end else duration, "reason": reason}
+    print_rows([{"name": "rorg", **found}], output, ("name", "suspended", "seconds", "reason"), full=found, text=text)

@@ -14,12 +14,15 @@ def command(
 ) -> None:
     """Check manifests: everything that is wrong, with file:line:column. With --engine also what that one cannot do: on
     process, directories and programs that are missing. Where there are no manifests, the running rorg tells what is
-    wrong with its own."""
+    wrong with its own.
+
+    Example: rorg validate manifests
+    """
     from rorg.cli.context import Context, known_engine
     from rorg.cli.output import check_form
     from rorg.manifest.documents import manifest_files
 
-    check_form(output, ("table", "json", "yaml"))
+    check_form(output)
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
@@ -60,10 +63,10 @@ def _followed(told: dict[str, Any], output: str) -> None:
 
 def _tell(found: list[dict[str, Any]], output: str) -> None:
     from rorg.cli.differences import line
-    from rorg.cli.output import dump, note
+    from rorg.cli.output import note, print_rows
 
     if output != "table":
-        dump(found, output)
+        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy"))
     for diagnostic in found if output == "table" else ():
         note(line(diagnostic))
 

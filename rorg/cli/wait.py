@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from rorg.cli.options import ServiceNames, StateDirectory, Timeout
-from rorg.cli.output import echo
+from rorg.cli.options import Output, ServiceNames, StateDirectory, Timeout
+from rorg.cli.output import check_form, print_rows
 
 
-def command(services: ServiceNames, timeout: Timeout = 60.0, state_dir: StateDirectory = None) -> None:
-    """Return when services, and all that they need, are ready; exit 4 with the reason if they do not get so."""
+def command(
+    services: ServiceNames, timeout: Timeout = 60.0, output: Output = "table", state_dir: StateDirectory = None
+) -> None:
+    """Return when services, and all that they need, are ready; exit 4 with the reason if they do not get so.
+
+    Example: rorg wait navigation --timeout 30s
+    """
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
 
+    check_form(output)
     robot = operating(Context(state_dir, None))
     robot.waiting(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)
-    echo(f"{', '.join(services)} ready")
+    rows = [{"service": name, "ready": True} for name in services]
+    print_rows(rows, output, ("service", "ready"), text=f"{', '.join(services)} ready")

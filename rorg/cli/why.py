@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.output import check_form, print_rows
 from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
@@ -15,19 +15,26 @@ if TYPE_CHECKING:
 def command(
     service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
 ) -> None:
-    """Why a service is active: the chain from a root to it. Or why it is not."""
+    """Why a service is active: the chain from a root to it. Or why it is not.
+
+    Example: rorg why navigation
+    """
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
-    from rorg.cli.output import check_form, dump
 
-    check_form(output, ("table", "json", "yaml"))
+    check_form(output)
     # The running rorg knows, even while the manifests on the disk have a mistake.
     found = operating(Context(state_dir, engine)).why(service)
-    if output != "table":
-        dump(found[0] if len(found) == 1 else found, output)
-        return
-    for entry in found:
-        echo("\n".join(_lines(entry)))
+    rows = [
+        {**e, "waits": "; ".join(e["waits"]), "because": " < ".join(c["service"] for c in e["chain"])} for e in found
+    ]
+    print_rows(
+        rows,
+        output,
+        ("service", "wanted", "state", "because", "waits"),
+        full=found[0] if len(found) == 1 else found,
+        text="\n".join(line for entry in found for line in _lines(entry)),
+    )
 
 
 def _lines(entry: Why) -> list[str]:

@@ -203,11 +203,12 @@ def request_json(request: Request) -> dict[str, Any]:
 
 
 def pressure_json(decision: Decision) -> dict[str, Any]:
-    """Measures in force, mildest first, and what was shed."""
-    state = decision.memory.pressure
+    """Measures in force, mildest first, and what was shed; the budget that they keep to."""
+    state, budget = decision.memory.pressure, decision.situation.desired.catalog.policy.budget
     return {
         "reason": state.reason,
         "measures": [m for m in MEASURES if state.in_force(m)],
         "helpless": state.helpless,
         "shed": {s.service: s.reason for s in state.shed},
+        "budget": {"cpu": budget.cpu, "memory": budget.memory} if budget else None,
     }

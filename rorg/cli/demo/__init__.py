@@ -14,7 +14,10 @@ def command(
     keep: Annotated[bool, Option(names=("--keep",), help="Leave everything as it is at the end.")] = False,
     svg: Annotated[str | None, Option(names=("--svg",), help="Save standby and tour as a picture.")] = None,
 ) -> None:
-    """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind."""
+    """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind.
+
+    Example: rorg demo --engine process --speed 2
+    """
     import signal
 
     from rorg.cli.demo.robot import DemoRobot, choose_engine

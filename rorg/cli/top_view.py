@@ -1,0 +1,230 @@
+"""The screen of `rorg top` as values: what services use, what a key changes, and the lines that come of both."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rorg.cli.output import COLOURS, cells
+from rorg.cli.terminal import printable
+from rorg.model.units import format_memory
+
+if TYPE_CHECKING:
+    from rorg_client.types import Usage
+
+SORTS = {"c": "cpu", "m": "memory", "n": "service"}
+DEEDS = {"l": "logs", "+": "request", "-": "release", "r": "restart"}
+KEYS = (
+    ("up, down, j, k", "choose a service"),
+    ("c, m, n", "sort by CPU, memory, name"),
+    ("/", "show only names with a text; Enter keeps it, Escape drops it"),
+    ("l", "follow its log; Ctrl-C comes back"),
+    ("+", "request it"),
+    ("-", "release the requests that name it, after a question"),
+    ("r", "restart it, after a question"),
+    ("q", "quit"),
+    ("?", "this page"),
+)
+HINT = "? keys  q quit  c m n sort  / filter  + request  r restart"
+COLUMNS = ("service", "state", "cpu", "memory", "priority", "why")
+DROPPED = ("why", "priority", "state", "memory", "cpu")
+"""Columns that go where there is no room, in this order. Names stay, and are never cut."""
+LEAST_WHY = 12
+"""Characters of the last column, which is cut, below which it goes."""
+
+
+class Deed(NamedTuple):
+    """What a person wants done to a service: logs, request, release, restart; or quit."""
+
+    verb: str
+    service: str = ""
+    force: bool = False
+    """It has been asked about: a release of these requests, a restart though it touches a driver."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a person has chosen."""
+
+    sort: str = "cpu"
+    filter: str = ""
+    typing: bool = False
+    """The filter is being typed."""
+    selected: str = ""
+    question: str = ""
+    asked: Deed | None = None
+    """What is done when the question is answered with y."""
+    message: str = ""
+    help: bool = False
+
+    def rows(self, services: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Those that are shown, in their order."""
+        found = [row for row in services if self.filter in row["service"]]
+        return sorted(found, key=lambda r: (0 if self.sort == "service" else -r[self.sort], r["service"]))
+
+    def chosen(self, names: Sequence[str]) -> str:
+        """The service that keys are about; the first one where the one chosen is gone."""
+        return self.selected if self.selected in names else next(iter(names), "")
+
+
+def pressed(view: View, key: str, names: Sequence[str]) -> tuple[View, Deed | None]:
+    """What a key makes of the view, and what it asks for. `names` are the services shown."""
+    if view.asked:
+        return replace(view, asked=None, question="", message=""), view.asked if key in ("y", "Y") else None
+    if view.typing:
+        return _typed(view, key), None
+    if view.help:
+        return replace(view, help=False), None
+    view, chosen = replace(view, message=""), view.chosen(names)
+    if key == "q":
+        return view, Deed("quit")
+    if key in SORTS:
+        return replace(view, sort=SORTS[key]), None
+    if key in ("up", "k", "down", "j") and names:
+        step = 1 if key in ("down", "j") else -1
+        return replace(view, selected=names[min(max(0, names.index(chosen) + step), len(names) - 1)]), None
+    if key == "/":
+        return replace(view, typing=True, filter=""), None
+    if key == "?":
+        return replace(view, help=True), None
+    if key == "escape":
+        return replace(view, filter=""), None
+    if key in DEEDS and chosen:
+        return _asked(replace(view, selected=chosen), Deed(DEEDS[key], chosen))
+    return view, None
+
+
+def _typed(view: View, key: str) -> View:
+    if key == "enter":
+        return replace(view, typing=False)
+    if key == "escape":
+        return replace(view, typing=False, filter="")
+    if key == "backspace":
+        return replace(view, filter=view.filter[:-1])
+    return replace(view, filter=view.filter + key) if len(key) == 1 and key.isprintable() else view
+
+
+def _asked(view: View, deed: Deed) -> tuple[View, Deed | None]:
+    """A restart is asked about at once; a release when it is known what it would release."""
+    if deed.verb == "restart":
+        return ask(view, f"Restart {deed.service}?", deed), None
+    return view, deed
+
+
+def ask(view: View, question: str, deed: Deed) -> View:
+    """Asks before it is done."""
+    return replace(view, question=question, asked=deed)
+
+
+def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
+    """What all services, and the machine, use: `cpu` in cores between the two looks, `memory` in bytes; busiest
+    first."""
+    seconds = max(now["at"] - before["at"], 0.001)
+    rows = []
+    for name, service in status["services"].items():
+        use = now["services"].get(name)
+        if use is None and service["state"] == "meta":
+            continue
+        old = before["services"].get(name, use)
+        cores = max(0.0, use["cpu_seconds"] - old["cpu_seconds"]) / seconds if use and old else 0.0
+        rows.append(
+            {
+                "service": name,
+                "state": service["state"],
+                "cpu": round(cores, 3),
+                "memory": use["memory"] if use else 0,
+                "priority": service["effective_priority"],
+                "why": service["why"],
+                "alive": use is not None,
+            }
+        )
+    rows.sort(key=lambda r: (-r["cpu"], r["service"]))
+    machine = now["machine"]
+    cores = (machine["cpu_seconds"] - before["machine"]["cpu_seconds"]) / seconds
+    return {
+        "services": rows,
+        "alive": sum(row["alive"] for row in rows),
+        "machine": {**machine, "cpu": round(cores, 3)},
+        "pressure": status["pressure"],
+    }
+
+
+# -- drawing ---------------------------------------------------------------------------------------------------
+
+
+def header(found: Mapping[str, Any]) -> list[str]:
+    """The machine, its budget and what is done against pressure; a line each."""
+    machine, pressure = found["machine"], found["pressure"]
+    budget = pressure.get("budget") or {}
+    parts = [
+        f"CPU {budget['cpu']:g} cores" if budget.get("cpu") else "",
+        f"memory {format_memory(budget['memory'])}" if budget.get("memory") else "",
+    ]
+    measures = f"{pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else "none"
+    return [
+        f"{found['alive']} alive; CPU {machine['cpu']:.2f} of {machine['cores']:g} cores, memory "
+        f"{format_memory(machine['memory'])} of {format_memory(machine['memory_total'])}",
+        f"waiting for CPU {machine['cpu_some']:.0f} %, for memory {machine['memory_some']:.0f} %; "
+        f"budget {', '.join(filter(None, parts)) or 'none'}; pressure: {measures}",
+    ]
+
+
+def cells_of(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as people read it."""
+    return {**row, "cpu": f"{row['cpu']:.2f}", "memory": format_memory(row["memory"]), "why": row["why"] or "-"}
+
+
+def fitting(rows: Sequence[Mapping[str, Any]], width: int) -> tuple[str, ...]:
+    """The columns that there is room for."""
+    shown = list(COLUMNS)
+    for dropped in DROPPED:
+        widths = dict(zip(shown, cells(rows, shown)[1], strict=True))
+        if "why" in widths:
+            widths["why"] = min(widths["why"], LEAST_WHY)
+        if sum(widths.values()) + 2 * (len(widths) - 1) <= width:
+            break
+        shown.remove(dropped)
+    return tuple(shown)
+
+
+def frame(view: View, found: Mapping[str, Any] | None, width: int, height: int) -> list[list[tuple[str, str]]]:
+    """The lines of the screen: pieces of text, each with its style. At most `height` of them."""
+    if view.help:
+        return [[(f"{key:<16}", "bold"), (text, "")] for key, text in KEYS][:height]
+    text, style = _last_line(view)
+    last = [[(line, style)] for line in textwrap.wrap(text, width) or [""]][:height]
+    if found is None:
+        return last
+    head = [[(line, "bold")] for text in header(found) for line in textwrap.wrap(printable(text), width)]
+    rows = view.rows(found["services"])
+    names = [row["service"] for row in rows]
+    chosen = view.chosen(names)
+    room = max(1, height - len(head) - 1 - len(last))
+    at = names.index(chosen) if chosen else 0
+    first = max(0, min(at - room // 2, len(rows) - room))
+    told = [cells_of(row) for row in rows]
+    shown = fitting(told, width)
+    lines, widths = cells(told, shown)
+    table = [_row(lines[0], widths, "bold")]
+    for line in lines[1 + first : 1 + first + room]:
+        table.append(_row(line, widths, "reverse" if line[0] == chosen else ""))
+    return [*head[: max(0, height - len(table) - len(last))], *table, *last][:height]
+
+
+def _row(line: Sequence[str], widths: Sequence[int], style: str) -> list[tuple[str, str]]:
+    return [
+        (f"{cell:<{width}}  " if i < len(widths) - 1 else cell, style or COLOURS.get(cell, ""))
+        for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+    ]
+
+
+def _last_line(view: View) -> tuple[str, str]:
+    if view.asked:
+        return f"{printable(view.question)} [y/N]", "bold yellow"
+    if view.typing:
+        return f"filter: {printable(view.filter)}_", "bold"
+    if view.message:
+        return printable(view.message), "yellow"
+    return (f"filter: {printable(view.filter)}  " if view.filter else "") + HINT, "dim"
