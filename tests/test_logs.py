@@ -17,15 +17,17 @@ from conftest import wait_for
 from robots import RealRobot
 
 COUNTS = """
-import pathlib, sys, time
+import pathlib, signal, sys, time
 name, file = sys.argv[1], pathlib.Path(sys.argv[2])
 while True:
+    signal.pthread_sigmask(signal.SIG_BLOCK, (2, 15))
     number = int(file.read_text()) + 1 if file.exists() else 1
     file.write_text(str(number))
     print(name, number, flush=True)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (2, 15))
     time.sleep(0.02)
 """
-"""A program whose lines count on from run to run."""
+"""A program whose lines count on from run to run; no stop comes between a number and its line."""
 
 
 def counting(name: str, folder: Path, **more: object) -> dict:
