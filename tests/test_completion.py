@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Annotated
 
 import pytest
 from robots import write_tree
-from test_thin_commands import GROUPS, heavy, imported, robot, rorg  # noqa: F401
+from test_thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
 
 from rorg.cli.commands import COMMANDS, command_of
-from rorg.cli.completing import answer, declared
-from rorg.cli.options import Argument, Option
+from rorg.cli.completing import after, answer, declared
+from rorg.cli.options import NAMES_OF_KIND, Argument, Option
 from rorg.cli.signature import parameters
 
 OFFERED = [
@@ -62,6 +63,29 @@ def test_bash_breaks_words_at_equals_signs(robot):  # noqa: F811
 @pytest.mark.parametrize("line", ["why nav", "release ", "get -o ", "request --"])
 def test_an_answer_imports_nothing_heavy(robot, line):  # noqa: F811
     assert heavy(imported(robot, *line.split(" "), _RORG_COMPLETE="bash")) == []
+
+
+def test_names_of_the_kind_that_is_named_before(robot, monkeypatch):  # noqa: F811
+    def command(
+        kind: Annotated[str, Argument(help="", completes=("services", "requests"))],
+        name: Annotated[str, Argument(help="", completes=NAMES_OF_KIND)],
+    ) -> None: ...
+
+    monkeypatch.setenv("RORG_STATE_DIR", str(robot.state.path))
+    robot.client().request("navigation", id="tour", ttl=None)
+    expected = {
+        "requests": {"tour"},
+        "request": {"tour"},
+        "group": {"driving"},
+        "groups": {"driving"},
+        "svc": {*SERVICES, "driving", "developer"},
+        "nonsense": set(),
+        "images": set(),
+    }
+    for stop in (lambda: None, robot.stop):
+        stop()
+        for kind, names in expected.items():
+            assert set(after(parameters(command), [kind, ""])[1]) == names, kind
 
 
 def test_bash_itself_completes(robot, tmp_path):  # noqa: F811

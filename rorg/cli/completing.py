@@ -21,8 +21,15 @@ MOST = 1 << 16
 """Characters of a manifest that are glanced at."""
 NAME = re.compile(r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+)""", re.MULTILINE)
 KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
-FOLDERS = {"service": "services", "group": "groups", "image": "images", "profile": "profiles", "policy": "policies"}
-"""Kind of a manifest, in small letters, and its folder."""
+KINDS = {
+    "service": (SERVICES, "service", "svc"),
+    "group": (GROUPS, "group"),
+    "image": ("images", "image"),
+    "profile": ("profiles", "profile"),
+    "policy": ("policies", "policy"),
+    "request": (REQUESTS, "request"),
+}
+"""Kind in small letters, and what a line calls it; the first is the folder of its manifests."""
 
 
 class Given(NamedTuple):
@@ -43,7 +50,7 @@ def answer(shell: str, words: Sequence[str]) -> str:
     if len(words) > 1:
         if words[0] not in (*COMMANDS, *ALIASES):
             return ""
-        prefix, offered = _after_command(words[0], words[1:])
+        prefix, offered = after(parameters(command_of(words[0])), words[1:])
     begun = begun[len(prefix) :]
     if shell == "bash":
         prefix = ""  # what is before the = is a word of its own there
@@ -71,10 +78,10 @@ def _line(shell: str, word: str, about: str) -> str:
     return f"{word}\t{text}" if shell == "fish" else word.replace(":", "\\:") + ":" + text
 
 
-def _after_command(command: str, words: list[str]) -> tuple[str, dict[str, str]]:
-    """(what of the word that is begun stands already, what may follow it with a word about each)."""
-    declared = parameters(command_of(command))
-    options = {n: p for p in declared if isinstance(p.declared, Option) for n in p.declared.names}
+def after(taken: Sequence[Parameter], words: Sequence[str]) -> tuple[str, dict[str, str]]:
+    """Of a command that takes these: (what of the word that is begun stands already, what may follow it with a word
+    about each)."""
+    options = {n: p for p in taken if isinstance(p.declared, Option) for n in p.declared.names}
     begun, given = words[-1], _given(options, words[:-1])
     name, equals, _ = begun.partition("=")
     if given.awaited:
@@ -84,13 +91,13 @@ def _after_command(command: str, words: list[str]) -> tuple[str, dict[str, str]]
     if begun.startswith("-"):
         free = {n: p for n, p in options.items() if p.many or p.name not in given.options}
         return "", {**{n: p.declared.help for n, p in free.items()}, "--help": "Show help and end."}
-    arguments = [p for p in declared if isinstance(p.declared, Argument) and not p.rest]
+    arguments = [p for p in taken if isinstance(p.declared, Argument) and not p.rest]
     at = len(given.arguments)
     if at >= len(arguments) and not (arguments and arguments[-1].many):
         return "", {}
-    taken = set(given.arguments) if arguments[min(at, len(arguments) - 1)].many else set()
-    found = _values(arguments[min(at, len(arguments) - 1)], given)
-    return "", {word: about for word, about in found.items() if word not in taken}
+    argument = arguments[min(at, len(arguments) - 1)]
+    named = given.arguments if argument.many else ()
+    return "", {word: about for word, about in _values(argument, given).items() if word not in named}
 
 
 def _given(options: dict[str, Parameter], words: Sequence[str]) -> Given:
@@ -127,7 +134,8 @@ def _names(kind: str, given: Given) -> Iterable[str]:
 
         state, tree = given.options.get("state_dir"), given.options.get("directory")
         context = Context(Path(state) if state else None, None, Path(tree) if tree else None)
-        return (_served if context.client() else _glanced)(context, kind)
+        one = next((k for k, words in KINDS.items() if kind in words), "")
+        return (_served if context.client() else _glanced)(context, one) if one else ()
     except Exception:
         return ()
 
@@ -135,27 +143,25 @@ def _names(kind: str, given: Given) -> Iterable[str]:
 def _served(context: Context, kind: str) -> list[str]:
     client = context.serving("complete")
     client.timeout, client.patience = PATIENCE, 0.0
-    if kind in (REQUESTS, "request"):
-        return [r["id"] for r in client.requests() if kind == "request" or not r["standing"]]
-    if kind in (SERVICES, "service", "svc"):
+    if kind == "request":
+        return [r["id"] for r in client.requests() if not r["standing"]]
+    if kind == "service":
         return [s["service"] for s in client.services()] + [g["name"] for g in client.groups()]
-    if kind in (GROUPS, "group"):
+    if kind == "group":
         return [g["name"] for g in client.groups()]
-    one = next((k for k, folder in FOLDERS.items() if kind in (k, folder)), "")
-    return [m["name"] for m in client.manifests() if m["kind"].lower() == one]
+    return [m["name"] for m in client.manifests() if m["kind"].lower() == kind]
 
 
 def _glanced(context: Context, kind: str) -> list[str]:
-    if kind in (REQUESTS, "request"):
+    if kind == "request":
         return [r.id for r in context.document().requests]
-    one = next((k for k, folder in FOLDERS.items() if kind in (k, folder)), "service")
-    return declared(context.root, ("service", "group") if one == "service" else (one,))
+    return declared(context.root, ("service", "group") if kind == "service" else (kind,))
 
 
 def declared(root: Path, kinds: Sequence[str]) -> list[str]:
     """Names in the manifests, by a glance: reading them whole takes longer than a shell should wait."""
     found = ["developer"] if "service" in kinds else []
-    for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{FOLDERS[k]}/*.yaml")))):
+    for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{KINDS[k][0]}/*.yaml")))):
         with path.open(encoding="utf-8", errors="replace") as file:
             text = file.read(MOST)
         kind, name = KIND.search(text), NAME.search(text)
