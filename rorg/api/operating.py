@@ -69,5 +69,5 @@ def _add_suspension(app: FastAPI, operations: Operations) -> None:
 
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
-        """Go on with what is asked for."""
+        """End a suspension."""
         return accepted(await asyncio.wrap_future(operations.suspend(caller, None, "")))

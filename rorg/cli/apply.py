@@ -62,7 +62,7 @@ def _consent(yes: bool) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise Refused("apply the plan", "nobody was asked", "--yes")
+        raise Refused("apply the plan", "it needs confirmation, and there is no terminal", "--yes")
     if not confirm("Apply?"):
         raise Refused("apply the plan", "you said no")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from rorg.cli.options import Argument
-from rorg.cli.output import check_form, echo
+from rorg.cli.output import echo
+from rorg.errors import Invalid
 
 BASH = """
 _rorg() {
@@ -59,5 +60,6 @@ def command(shell: Annotated[str, Argument(help="bash, zsh or fish.", completes=
 
     Example: source <(rorg completion bash)
     """
-    check_form(shell, tuple(SCRIPTS))
+    if shell not in SCRIPTS:
+        raise Invalid(f"complete for {shell}", "there is no script for that shell", "one of " + ", ".join(SCRIPTS))
     echo(SCRIPTS[shell].strip())

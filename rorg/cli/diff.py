@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
 from rorg.cli.output import check_form, dump, echo
+from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
     from rorg.cli.differences import Differences
@@ -27,7 +28,12 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Annotated[
-        str, Option(names=("-o", "--output"), help="table: a line a service; wide: every step; yaml or json.")
+        str,
+        Option(
+            names=("-o", "--output"),
+            help="table: a line a service; wide: every step; name, yaml or json.",
+            completes=FORMS,
+        ),
     ] = "table",
 ) -> None:
     """Show what would be done, and why, without doing it. Exits 1 when there is anything.
@@ -38,7 +44,7 @@ def command(
     from rorg.cli.differences import differences, warn_of_other_tree
     from rorg.errors import Exit, Invalid
 
-    check_form(output, ("table", "wide", "json", "yaml"))
+    check_form(output)
     if service and output == "wide":
         raise Invalid("show every step of one service", "steps are those of the whole plan", "-o table, or -u")
     context = Context(state_dir, engine, directory, local=True)
@@ -48,6 +54,9 @@ def command(
         found = _only(found, service)
     if output in ("json", "yaml"):
         dump(_full(found, unified), output)
+    elif output == "name":
+        for entry in found.services:
+            echo(printable(entry["service"]))
     elif unified:
         echo("".join(found.unified.values()), end="")
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory
+from rorg.cli.options import GROUPS, SERVICES, Argument, EngineName, Option, Output, StateDirectory
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -37,13 +37,21 @@ def command(
             help="A kind (services, groups, images, profiles, policies, requests), or names of services and groups; "
             "names may follow a kind.",
             show_default=False,
+            completes=SERVICES,
         ),
     ] = None,
     label: Annotated[
         str, Option(names=("-l", "--selector"), help="Services with these labels: site=lab,arm.", metavar="LABELS")
     ] = "",
-    group: Annotated[str, Option(names=("--group",), help="Services of this group.")] = "",
-    sort_by: Annotated[str, Option(names=("--sort-by",), help="name, state, age, restarts or priority.")] = "name",
+    group: Annotated[str, Option(names=("--group",), help="Services of this group.", completes=GROUPS)] = "",
+    sort_by: Annotated[
+        str,
+        Option(
+            names=("--sort-by",),
+            help="name, state, age, restarts or priority.",
+            completes=("name", "state", "age", "restarts", "priority"),
+        ),
+    ] = "name",
     directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
@@ -59,8 +67,10 @@ def command(
     from pathlib import Path
 
     from rorg.cli.context import Context
-    from rorg.cli.output import print_rows
+    from rorg.cli.output import end_with_reader, print_rows
 
+    if watch:
+        end_with_reader()
     words = list(what or ())
     named = bool(words) and words[0] in KINDS
     kind = KINDS[words.pop(0)] if named else "services"

@@ -20,7 +20,7 @@ AGAIN = 0.3
 
 def command(
     services: ServiceNames,
-    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Go on with what comes.")] = False,
+    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new lines.")] = False,
     tail: Annotated[int | None, Option(names=("-n", "--tail"), least=0, help="Last lines of each, as 100.")] = None,
     since: Annotated[str, Option(names=("--since",), help="Lines since then: 10m, or 2026-01-31T12:00:00Z.")] = "",
     timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,

@@ -17,7 +17,7 @@ from rorg.errors import Invalid
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
     """Raises Invalid for an output format that there is not."""
     if form not in allowed:
-        raise Invalid(f"print as '{form}'", "there is no such form", "one of " + ", ".join(allowed))
+        raise Invalid("print that", f"unknown output format '{form}'", "one of " + ", ".join(allowed))
 
 
 def echo(text: Any, end: str = "\n") -> None:

@@ -45,6 +45,6 @@ def _confirm(service: str, why: str) -> None:
     from rorg.errors import Refused
 
     if not sys.stdin.isatty():
-        raise Refused(f"restart {service}", f"{why} and nobody was asked", "--yes")
+        raise Refused(f"restart {service}", f"{why}; it needs confirmation, and there is no terminal", "--yes")
     if not confirm(f"{why}. Restart?"):
         raise Refused(f"restart {service}", "you said no")
