@@ -50,11 +50,24 @@ LINES = {
     "run": ["run nowhere"],
     "build": ["build robot --engine process"],
     "demo": ["demo --help"],
+    "explain": ["explain service.spec.idle"],
+    "edit": ["edit base"],
+    "run-with": ["run-with navigation -- true"],
+    "exec": ["exec base -- true"],
+    "shell": ["shell base"],
+    "cp": ["cp base:/etc/hostname ."],
     "down": ["down --yes"],
 }
 """What a member says, command by command; `down` comes last."""
-CODES = {"run nowhere": {2}, "logs base": {0, 5}, "describe base": {0, 5}, "diff {tree}": {0, 1}}
-"""Exit codes other than 0. What the socket cannot do is refused with the reason."""
+CODES = {
+    "run nowhere": {2},
+    "diff {tree}": {0, 1},
+    "edit base": {2},
+    "exec base -- true": {5},
+    "shell base": {5},
+    "cp base:/etc/hostname .": {5},
+}
+"""Exit codes other than 0: what goes to the engine is refused with the reason, and an editor wants a terminal."""
 
 
 _OURS = [str(Path(module.__file__).parents[1]) for module in (rorg, rorg_client)]

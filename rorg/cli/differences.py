@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,10 +47,6 @@ class Differences(NamedTuple):
 
 def differences(context: Context, unified: bool = False) -> Differences:
     """Raises Invalid where the tree has errors, and Unreachable."""
-    if context.directory and not context.directory.is_dir():
-        raise Invalid(
-            f"read manifests in {context.directory}", "no such directory", "the directory that holds services/"
-        )
     found = _told(context, unified)
     if found is None:
         return _computed(context, unified)
@@ -119,6 +116,9 @@ def _computed(context: Context, unified: bool) -> Differences:
     from rorg.daemon.wiring import make_tree
     from rorg.manifest.load import unusable
 
+    if context.directory and not os.path.isdir(context.directory):
+        what = f"read manifests in {context.directory}"
+        raise Invalid(what, "no such directory", "the directory that holds services/")
     tree = make_tree(context.root, context.state, context.engine_name)
     tree.read_now()
     if not tree.loaded:

@@ -42,8 +42,9 @@ def find(state_dir: Path | None, own: bool = False) -> Place:
     remote = os.environ.get("RORG_SOCKET") or os.environ.get("RORG_ADDRESS") or ""
     if own or state_dir or not remote:
         remote, state = "", StateDir(named or default_state_dir())
-        if not (own or named or state.owner()) and os.path.exists(StateDir(MACHINE).run / NAME):
-            state = StateDir(MACHINE)
+        machine = StateDir(MACHINE)
+        if not (own or named or state.owner()) and os.path.exists(machine.run / NAME):
+            state, remote = machine, "" if machine.owner() else str(machine.run / NAME)
     else:
         state = StateDir(named or default_state_dir())
     path = state.run / NAME
