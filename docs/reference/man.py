@@ -65,7 +65,7 @@ def command(name: str, declared: Any) -> list[str]:
 def page() -> str:
     """All of rorg(1)."""
     group: Any = typer.main.get_command(app)
-    commands = group.commands.items()
+    commands = [(name, declared) for name, declared in group.commands.items() if not declared.hidden]
     summary, _, more = str(group.help).partition(":")
     variables = {p.envvar: p.help for _, c in commands for p in c.params if isinstance(p.envvar, str)}
     lines = [f'.TH RORG 1 "" "rorg {plain(__version__)}" "User Commands"']

@@ -53,7 +53,7 @@ class Metered:
     async def _one(self, scope: Any, receive: Any, send: Any) -> None:
         account: Account = scope["state"]["account"]
         account.charge(_price(scope))
-        if not scope["path"].startswith(THREADS):
+        if not in_threads(scope["path"]):
             await self.app(scope, receive, send)
             return
         async with account.threads:
@@ -63,6 +63,11 @@ class Metered:
                 await self.app(scope, receive, send)
             finally:
                 account.charge(clock() - began)
+
+
+def in_threads(path: str) -> bool:
+    """Whether a call works in a thread of its own."""
+    return path.startswith(THREADS) or path.endswith("/description")
 
 
 def _price(scope: Any) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import FORMS, SERVICES, Directory, EngineName, Option, StateDirectory
 from rorg.cli.output import check_form, dump, echo
 from rorg.cli.terminal import printable
 
@@ -16,7 +16,14 @@ if TYPE_CHECKING:
 def command(
     directory: Directory = None,
     service: Annotated[
-        str, Option(names=("--service",), show_default=False, help="Only of this service.", metavar="SERVICE")
+        str,
+        Option(
+            names=("--service",),
+            show_default=False,
+            help="Only of this service.",
+            metavar="SERVICE",
+            completes=SERVICES,
+        ),
     ] = "",
     unified: Annotated[
         bool,

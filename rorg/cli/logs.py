@@ -24,7 +24,9 @@ def command(
     tail: Annotated[int | None, Option(names=("-n", "--tail"), least=0, help="Last lines of each, as 100.")] = None,
     since: Annotated[str, Option(names=("--since",), help="Lines since then: 10m, or 2026-01-31T12:00:00Z.")] = "",
     timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,
-    output: Annotated[str, Option(names=("-o", "--output"), help="table or json.")] = "table",
+    output: Annotated[
+        str, Option(names=("-o", "--output"), help="table or json.", completes=("table", "json"))
+    ] = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:

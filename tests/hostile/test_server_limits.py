@@ -24,7 +24,7 @@ from test_deployment import certificate
 
 from rorg.api import limits
 from rorg.api.limits import Account
-from rorg.api.metering import THREADS
+from rorg.api.metering import in_threads
 from rorg.client import Client, NotReady, Refused
 from rorg.core.requests import mistakes, problems
 from rorg.errors import TooMany
@@ -382,7 +382,7 @@ def test_what_works_in_threads_is_known(near):
     """It is charged by its time, since no step of it is seen."""
     unseen = [r.path for r in near.server.app.routes if hasattr(r, "dependant") and not iscoroutinefunction(r.endpoint)]
     assert unseen
-    assert all(path.startswith(THREADS) for path in unseen)
+    assert all(map(in_threads, unseen))
 
 
 def test_one_requester_cannot_make_the_file_of_all_large(near, monkeypatch):
