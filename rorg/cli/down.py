@@ -60,8 +60,8 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
         note(table(rows, ("name", "state", "remark")))
     kept = "kept" if keep_requests else "forgotten"
     note(
-        f"{len(rows)} services are stopped and removed, {requests} requests are {kept}; then rorg ends. "
-        "The manifests stay as they are."
+        f"to be stopped and removed: {len(rows)} service{'s' * (len(rows) != 1)}; requests {kept}: {requests}; "
+        "then rorg ends, and the manifests stay"
     )
     if yes:
         return
