@@ -1,22 +1,25 @@
 #!/bin/sh
-# All tests: tests/all.sh PYTEST FOLDER. In three runs beside each other, since most tests wait most of the time: those
+# All tests: tests/all.sh PYTEST FOLDER. In four runs beside each other, since most tests wait most of the time: those
 # that need Docker, which share one engine; of the others those of hostile input and of properties, which compute, at a
-# lower priority; and the rest. What the last two print is in FOLDER, and shown at the end. Ends as pytest does; where a
-# run did not come to its end, RORG_TEST_FAILED, which would tell what failed, is taken away.
+# lower priority; and the rest in two halves by name. What is printed by all but the first is in FOLDER, and shown at the
+# end. Ends as pytest does; where a run did not come to its end, RORG_TEST_FAILED, which would tell what failed, is taken
+# away.
 pytest=$1 logs=$2
 mkdir -p "$logs"
 nice -n 5 "$pytest" -m "not docker" tests/hostile tests/test_properties.py >"$logs/hostile" 2>&1 &
 hostile=$!
-"$pytest" -m "not docker" --ignore tests/hostile --ignore tests/test_properties.py >"$logs/others" 2>&1 &
-others=$!
-trap 'kill -INT $hostile $others' INT TERM
+"$pytest" -m "not docker" tests/test_[a-d]*.py >"$logs/first" 2>&1 &
+first=$!
+"$pytest" -m "not docker" tests/test_[!a-d]*.py --deselect tests/test_properties.py >"$logs/second" 2>&1 &
+second=$!
+trap 'kill -INT $hostile $first $second' INT TERM
 "$pytest" -m docker
 codes=$?
-wait $others
-codes="$codes $?"
-wait $hostile
-codes="$codes $?"
-cat "$logs/others" "$logs/hostile"
+for run in $first $second $hostile; do
+  wait $run
+  codes="$codes $?"
+done
+cat "$logs/first" "$logs/second" "$logs/hostile"
 for code in $codes; do
   case $code in
   0) ;;

@@ -21,8 +21,9 @@ def command(
     """
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, dump
+    from rorg.cli.terminal import printable
 
-    check_form(output, ("table", "yaml", "json"))
+    check_form(output)
     context = Context(state_dir, engine)
     context.view()  # says what is not in force, as above `rorg get`
     client = context.client()
@@ -32,8 +33,11 @@ def command(
         found: list[dict[str, Any]] = client.do(calls.description(service))
     else:
         found = _here(context, service)
-    if output != "table":
+    if output in ("json", "yaml"):
         dump(found[0] if len(found) == 1 else found, output)
+        return
+    if output == "name":
+        echo("\n".join(printable(entry["name"]) for entry in found))
         return
     import yaml
 

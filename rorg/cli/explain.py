@@ -39,14 +39,18 @@ def command(
     from rorg.cli.output import check_form, dump, table
     from rorg.manifest.field_paths import find
 
-    check_form(output, ("table", "json", "yaml"))
+    check_form(output)
     kind, slash, name = what.rpartition("/")
     place = None if slash else find(what)
     if place:
-        dump(_as_json(place), output) if output != "table" else echo(_page(place))
+        page = place.path if output == "name" else _page(place)
+        dump(_as_json(place), output) if output in ("json", "yaml") else echo(page)
         return
     found = _service(Context(state_dir, None, directory, local=True), what, kind, name)
-    if output != "table":
+    if output == "name":
+        echo("\n".join(value.field for value in found))
+        return
+    if output in ("json", "yaml"):
         dump({"service": name, "values": [value.as_json() for value in found]}, output)
         return
     echo(table([{"field": v.field, "value": v.text, "source": v.source} for v in found], ("field", "value", "source")))
