@@ -110,6 +110,8 @@ def _cease(view: View, service: Service, earlier: Earlier, leaving: Collection[s
     if not view.active(name) or name not in view.desired.catalog.services:
         return FREE
     for dependant in view.desired.dependants.get(name, ()):
+        if view.starting(dependant):
+            return (), Waiting(name, f"not wanted, but {dependant} needs it and is being started")
         if view.active(dependant):
             if not earlier.moving(dependant):
                 return (), Waiting(name, f"not wanted, but {dependant} needs it and is still active")

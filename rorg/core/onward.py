@@ -103,8 +103,8 @@ def plan_on(kept: Planned | None, situation: Situation, touched: Collection[str]
         planner.leaving = leaving = leave_at_once(situation, planner.exclusive)
     planner.plans = {**kept.plans}
     locks = {n for n in situation.desired.interlocks if _lock(kept.situation, n) != _lock(situation, n)}
-    near = {n for name in changed for n in neighbours(situation, name)}
     calls = kept.situation.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
+    near = {n for name in (changed | calls) & situation.desired.dependants.keys() for n in neighbours(situation, name)}
     looked_at = _again(planner, kept, changed | near | locks | calls | (leaving ^ kept.leaving) | kept.restless)
     return _renewed(kept, planner, looked_at, leaving)
 

@@ -34,5 +34,10 @@ class View:
     def current(self, service: str) -> Container | None:
         return next(iter(self.containers.get(service, ())), None)
 
+    def starting(self, service: str) -> bool:
+        """Whether a call is under way upon which it is active."""
+        flight = self.s.memory.in_flight.get(service)
+        return flight is not None and flight.action.verb in ("start", "resume")
+
     def active(self, service: str) -> bool:
         return any(c.active for c in self.containers.get(service, ()))
