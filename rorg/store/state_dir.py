@@ -111,7 +111,7 @@ class StateDir:
         with self.usable():
             write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
         self._lock = descriptor
-        with locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
+        with self.usable(), locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
             clear_leftovers(self.path)
 
     def release(self) -> None:

@@ -152,7 +152,7 @@ def said(*words: str) -> tuple[int, str]:
             code = 0
         except SystemExit as end:
             code = int(end.code or 0)
-    return code, out.buffer.getvalue().decode()
+    return code, out.buffer.getvalue().decode(errors="replace")  # a log is passed on as it is
 
 
 def commands_answer(case: Case, tree: Path, state: Path) -> None:
@@ -264,3 +264,12 @@ def test_an_rorg_without_its_wakeup_socket_reads_the_file_all_the_same(tmp_path)
         robot.wait(lambda: robot.active() == {"camera"})
     finally:
         robot.close()
+
+
+@pytest.mark.parametrize("name", ["lock", ".requests.lock", "instance.lock"])
+def test_an_odd_lock_is_told_with_its_path(tmp_path, name):
+    state = StateDir(tmp_path / "state").prepare()
+    (state.path / name).symlink_to(name)
+    with pytest.raises(Invalid, match=name):
+        state.acquire("rorg run") if name != "instance.lock" else state.instance(lambda: "id")
+    state.release()
