@@ -75,6 +75,7 @@ def test_a_wait_ends_at_once_where_it_cannot_succeed(robot, name):
 def test_a_program_that_is_there_by_the_next_request_is_tried_at_once(robot, tmp_path):
     program = tmp_path / "program"
     robot.declare({**SERVICES, "slow": {}, "later": {"command": [str(program)]}})
+    wait_for(lambda: any(s["service"] == "later" for s in robot.client().services()))
     rorg(robot, "request", "later", "--wait", code=4)
     rorg(robot, "release", "later")
     program.write_text("#!/bin/sh\nexec sleep 1000\n")
