@@ -242,6 +242,18 @@ def docker_robot(request, tmp_path):
 
 
 @pytest.fixture
+def process_engine(tmp_path):
+    """Without a robot; what it runs is ended."""
+    from rorg.engines.process.engine import ProcessEngine
+
+    found = ProcessEngine("me", tmp_path / "process")
+    yield found
+    for container in found.list():
+        found.stop(container.id, "SIGKILL", 5.0)
+        found.remove(container.id)
+
+
+@pytest.fixture
 def slice_of_its_own(dockerd):
     """A control group: for tests that measure what they start, and nothing else of the machine."""
     from slices import Slice

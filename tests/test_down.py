@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 
+import commands
 import psutil
 import pytest
 from conftest import wait_for
@@ -38,17 +37,7 @@ def robot(tmp_path):
 
 def rorg(robot: RorgProcess, *words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
     """From a directory that is no robot's: of this one no more is named than its state."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        cwd=robot.folder,
-        env={**os.environ, "RORG_STATE_DIR": str(robot.state), "RORG_ENGINE": "process"},
-    )
-    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done
+    return commands.rorg(*words, code=code, cwd=robot.folder, RORG_STATE_DIR=str(robot.state), RORG_ENGINE="process")
 
 
 def pids(robot: RorgProcess) -> set[int]:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import commands
 import docker
 import jsonschema
 import pytest
@@ -23,18 +24,9 @@ IDENTITY = {
 }
 
 
-def rorg(folder, *words: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *words],
-        cwd=folder,
-        env={**os.environ, **IDENTITY, "RORG_STATE_DIR": str(folder / "state"), **environment},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=90,
-    )
-    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done
+def rorg(folder: Path, *words: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
+    environment = {**IDENTITY, "RORG_STATE_DIR": str(folder / "state"), **environment}
+    return commands.rorg(*words, code=code, cwd=folder, **environment)
 
 
 def test_it_is_valid_and_in_git(tmp_path):

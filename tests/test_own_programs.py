@@ -51,12 +51,8 @@ def tree(tmp_path) -> Path:
 
 
 @pytest.fixture
-def engine(tmp_path):
-    found = ProcessEngine("me", tmp_path / "process")
-    yield found
-    for container in found.list():
-        found.stop(container.id, "SIGKILL", 5.0)
-        found.remove(container.id)
+def engine(process_engine):
+    return process_engine
 
 
 def begin(engine: ProcessEngine, spec: dict) -> str:

@@ -15,17 +15,12 @@ from conftest import wait_for
 from robots import RealRobot
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
-from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.process.log import KEPT, SLACK, read_log, trim_log
 
 
 @pytest.fixture
-def engine(tmp_path):
-    found = ProcessEngine("me", tmp_path / "process")
-    yield found
-    for container in found.list():
-        found.stop(container.id, "SIGKILL", 5.0)
-        found.remove(container.id)
+def engine(process_engine):
+    return process_engine
 
 
 def start(engine, *command: str) -> str:

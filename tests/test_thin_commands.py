@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 
+import commands
 import pytest
 from robots import RealRobot, write_tree
 
@@ -36,16 +37,8 @@ def robot(tmp_path):
 
 
 def rorg(robot: RealRobot, *words: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process", **environment},
-    )
-    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process", **environment}
+    return commands.rorg(*words, code=code, **environment)
 
 
 def imported(robot: RealRobot, *words: str, code: int = 0, **environment: str) -> set[str]:

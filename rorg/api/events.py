@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel
 from starlette.types import Receive, Scope, Send
 
 from rorg.api.callers import Who, needs, still
@@ -49,16 +50,19 @@ class Lines(StreamingResponse):
             hangup.cancel()
 
 
+def answering_lines(model: type[BaseModel]) -> dict[str, Any]:
+    """How a route is declared that answers Lines, each one like the model."""
+    return {
+        "response_class": Lines,
+        "responses": {200: {"model": model, "description": "Lines of JSON, each one like this."}},
+        "openapi_extra": {"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
+    }
+
+
 def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The route."""
 
-    @app.get(
-        "/v1/events",
-        dependencies=[needs("events")],
-        response_class=Lines,
-        responses={200: {"model": EventView, "description": "Lines of JSON, each one like this."}},
-        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
-    )
+    @app.get("/v1/events", dependencies=[needs("events")], **answering_lines(EventView))
     async def events(
         request: Request,
         caller: Who,

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from rorg.api.models import PutRequest
+from rorg.api.body_models import PutRequest
 from rorg.errors import Invalid
 from rorg.model.catalog import Request
 from rorg.model.units import parse_duration, parse_lease

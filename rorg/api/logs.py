@@ -13,7 +13,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response
 
 from rorg.api.callers import needs, still
-from rorg.api.events import Lines, either, from_any_thread
+from rorg.api.events import Lines, answering_lines, either, from_any_thread
 from rorg.api.limits import MOST_LOGS
 from rorg.api.operations import Operations
 from rorg.api.status_models import LogView
@@ -80,13 +80,7 @@ def add_logs(app: FastAPI, operations: Operations, changed: Callable[[], asyncio
     """The route."""
     readers = Readers()
 
-    @app.get(
-        "/v1/services/{name}/logs",
-        dependencies=[needs("logs")],
-        response_class=Lines,
-        responses={200: {"model": LogView, "description": "Lines of JSON, each one like this."}},
-        openapi_extra={"responses": {"200": {"content": {Lines.media_type: {"schema": {"type": "object"}}}}}},
-    )
+    @app.get("/v1/services/{name}/logs", dependencies=[needs("logs")], **answering_lines(LogView))
     async def logs(
         request: Request,
         name: str,

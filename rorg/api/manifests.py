@@ -13,10 +13,11 @@ from fastapi import FastAPI, Query
 from fastapi import Path as Parameter
 from fastapi.responses import JSONResponse, Response
 
+from rorg.api.body_models import PutManifest
 from rorg.api.callers import Who, needs
 from rorg.api.manifest_change import ManifestChange, digest, recover
 from rorg.api.manifest_texts import check_name, check_tree, manifests_of
-from rorg.api.models import ManifestView, PutManifest
+from rorg.api.models import ManifestView
 from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages

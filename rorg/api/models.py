@@ -1,59 +1,10 @@
-"""What the API takes and gives, as pydantic models: they are the OpenAPI document too."""
+"""What the API answers, as pydantic models: they are the OpenAPI document too."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
-
-Short = Annotated[str, Field(max_length=500)]
-ServiceName = Annotated[str, Field(min_length=1, max_length=64)]
-
-
-class Body(BaseModel):
-    """What callers send; unknown fields are refused."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class PutRequest(Body):
-    """What is requested."""
-
-    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
-    reason: Short = ""
-    priority: Annotated[int, Field(ge=0, le=100)] | None = None
-    ttl: Annotated[str, Field(max_length=20)] | None = Field(default=None, description="Lease, such as 10s.")
-
-
-class HoldBody(Body):
-    """For how long, and why."""
-
-    duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
-    reason: Short = ""
-
-
-class HoldsBody(Body):
-    """Several services at once: for how long, and why."""
-
-    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
-    duration: Annotated[str, Field(max_length=20)] | None = Field(
-        default=None, description="How long, such as 10m; null ends their holds."
-    )
-    reason: Short = ""
-
-
-class ConfirmBody(Body):
-    """A person's word that services go."""
-
-    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
-        description="Exactly what is to go: services and groups whose removal is withheld."
-    )
-
-
-class DownBody(Body):
-    """How a robot is taken down."""
-
-    keep_requests: bool = Field(False, description="Keep what was requested for the next time that rorg runs.")
+from pydantic import BaseModel, Field
 
 
 class RequestView(BaseModel):
@@ -257,14 +208,6 @@ class ManifestView(BaseModel):
     file: str = Field(description="Relative to the tree.")
     digest: str
     generation: int | None = Field(default=None, description="Of the change that this answers.")
-
-
-class PutManifest(Body):
-    """A manifest to write, and the version that it takes the place of."""
-
-    text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
-    base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
-    message: Short = ""
 
 
 class Differences(BaseModel):

@@ -8,9 +8,10 @@ from fastapi import FastAPI
 from fastapi.responses import Response
 
 from rorg.api.bodies import accepted
+from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody
 from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import seconds_of
-from rorg.api.models import ConfirmBody, DownBody, Held, HoldBody, HoldsBody
+from rorg.api.models import Held
 from rorg.api.operations import Operations
 
 

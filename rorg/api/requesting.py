@@ -10,9 +10,10 @@ from fastapi import FastAPI
 from fastapi.responses import JSONResponse, Response
 
 from rorg.api.bodies import Id, accepted
+from rorg.api.body_models import PutRequest
 from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import request_of
-from rorg.api.models import PutRequest, RequestView
+from rorg.api.models import RequestView
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller
 

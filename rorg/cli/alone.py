@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Any
 
 from rorg.api import changes, views
+from rorg.api.body_models import HoldBody, HoldsBody, PutRequest
 from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import read, request_of, seconds_of
-from rorg.api.models import HoldBody, HoldsBody, PutRequest
 from rorg.cli.context import Context, hopeless, unready
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import check_form, confirm, note, print_rows
+from rorg.cli.output import check_form, consent, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -44,8 +43,8 @@ def command(
         note(f"To be removed on your word, though they are named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
         raise Refused("apply the plan", f"rorg is {shown.suspended}", "`rorg suspend --end`")
-    if not shown.empty:
-        _consent(yes)
+    if not (shown.empty or yes):
+        consent("apply the plan", "Apply?")
     if owner is None:
         from rorg.cli.carrying_out import carry_out
 
@@ -54,17 +53,6 @@ def command(
     else:
         _through(context, owner, shown, wait, timeout)
     print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
-
-
-def _consent(yes: bool) -> None:
-    from rorg.errors import Refused
-
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise Refused("apply the plan", "it needs confirmation, and there is no terminal", "--yes")
-    if not confirm("Apply?"):
-        raise Refused("apply the plan", "you said no")
 
 
 def _confirm_here(context: Context, shown: Differences) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import EngineName, Option, StateDirectory, Timeout, Yes
-from rorg.cli.output import confirm, note, table
+from rorg.cli.output import consent, note, table
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -54,8 +53,6 @@ def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
 
 def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes: bool) -> None:
     """Shows what goes, and asks. Raises Refused."""
-    from rorg.errors import Refused
-
     if rows:
         note(table(rows, ("name", "state", "remark")))
     kept = "kept" if keep_requests else "forgotten"
@@ -63,12 +60,8 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
         f"to be stopped and removed: {len(rows)} service{'s' * (len(rows) != 1)}; requests {kept}: {requests}; "
         "then rorg ends, and the manifests stay"
     )
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise Refused("take the robot down", "it needs confirmation, and there is no terminal", "--yes")
-    if not confirm("Take this robot down?"):
-        raise Refused("take the robot down", "you said no")
+    if not yes:
+        consent("take the robot down", "Take this robot down?")
 
 
 def _until_gone(context: Context, timeout: float) -> None:

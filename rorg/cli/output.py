@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from rorg.cli.options import FORMS
 from rorg.cli.terminal import lines, printable
-from rorg.errors import Invalid
+from rorg.errors import Invalid, Refused
 
 
 def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
@@ -60,6 +60,14 @@ def confirm(question: str) -> bool:
     """Asks the person at the terminal; no answer is a no."""
     print(f"{printable(question)} [y/N]: ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def consent(what: str, question: str, why: str = "it needs confirmation") -> None:
+    """Asks the person at the terminal whether `what` is to be done. Raises Refused for a no, and without a terminal."""
+    if not sys.stdin.isatty():
+        raise Refused(what, f"{why}, and there is no terminal", "--yes")
+    if not confirm(question):
+        raise Refused(what, "you said no")
 
 
 def dump(value: Any, form: str) -> None:

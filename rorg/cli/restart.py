@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import check_form, confirm, print_rows
+from rorg.cli.output import check_form, consent, print_rows
 
 
 def command(
@@ -32,19 +30,9 @@ def command(
     try:
         names = robot.restart(service, force=yes)
     except Unconfirmed as asked:
-        _confirm(service, asked.why)
+        consent(f"restart {service}", f"{asked.why}. Restart?", f"{asked.why}; it needs confirmation")
         names = robot.restart(service, force=True)
     text = f"restart of {', '.join(names)} asked for"
     print_rows([{"service": name} for name in names], output, ("service",), text=text)
     if wait:
         robot.wait([n for n in names if robot.why(n)[0]["wanted"]], timeout)
-
-
-def _confirm(service: str, why: str) -> None:
-    """Asks the person at the terminal. Raises Refused."""
-    from rorg.errors import Refused
-
-    if not sys.stdin.isatty():
-        raise Refused(f"restart {service}", f"{why}; it needs confirmation, and there is no terminal", "--yes")
-    if not confirm(f"{why}. Restart?"):
-        raise Refused(f"restart {service}", "you said no")
