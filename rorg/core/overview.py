@@ -42,8 +42,14 @@ class Overview:
 
     def entries(self) -> list[Entry]:
         """One for each service that the plan names, in its order."""
-        names = dict.fromkeys([*(a.service for a in self.plan.actions), *(w.service for w in self.plan.waitings)])
-        return [self._entry(name) for name in names]
+        actions: dict[str, list[Action]] = {}
+        waits: dict[str, list[str]] = {}
+        for action in self.plan.actions:
+            actions.setdefault(action.service, []).append(action)
+        for waiting in self.plan.waitings:
+            waits.setdefault(waiting.service, []).append(waiting.reason)
+        names = dict.fromkeys([*actions, *waits])
+        return [self._entry(name, actions.get(name, []), waits.get(name, [])) for name in names]
 
     def as_json(self) -> list[dict[str, Any]]:
         """With the line for people in each."""
@@ -80,9 +86,7 @@ class Overview:
                 found[entry.service] = text
         return found
 
-    def _entry(self, name: str) -> Entry:
-        actions = [a for a in self.plan.actions if a.service == name]
-        waits = [w.reason for w in self.plan.waitings if w.service == name]
+    def _entry(self, name: str, actions: list[Action], waits: list[str]) -> Entry:
         telling, changes = _telling(actions), self._changes(name)
         if actions and not any(_by_change(a, changes) for a in telling):
             changes = ()
