@@ -149,6 +149,13 @@ class Image:
     directory: str
     """Where the import command runs."""
     where: Where = Where("")
+    target: str = ""
+    """The stage that is built; empty for the last one."""
+    platform: str = ""
+    """os/architecture; empty for the engine's own."""
+    bases: tuple[str, ...] = ()
+    """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
+    RUN --mount=from that names no stage of its own."""
 
 
 @dataclass(frozen=True, slots=True)
