@@ -245,11 +245,12 @@ def test_all_of_a_long_journal_is_told_to_who_reads_it(robot):
 
 @pytest.mark.parametrize("kind", ["reads", "changes", "unknown names", "no HTTP"])
 def test_a_service_that_floods_is_told_to_wait_and_others_are_not(robot, kind):
-    said = robot.log()
+    said, began = robot.log(), time.monotonic()
     with flood(robot.socket("alpha"), FLOODS[kind]) as statuses:
         wait_for(lambda: kind in ("no HTTP", "reads") or 429 in statuses, 30)
         robot.others()
-    assert robot.log() - said < 20_000
+    # What is let through is told, so many lines a second.
+    assert robot.log() - said < 20_000 + 4_000 * (time.monotonic() - began)
     assert set(statuses) <= {200, 204, 400, 409, 422, 429}
     with connect(robot.socket("alpha")) as connection:
         wait_for(lambda: (connection.sendall(FLOODS["reads"](0)), answer(connection)[9:12] == b"200")[1], 10)
@@ -271,9 +272,10 @@ def test_who_asks_too_often_hears_when_to_come_again(robot):
 
 @pytest.mark.parametrize("kind", ["reads", "changes"])
 def test_a_request_is_acted_on_nearly_as_soon_beside_a_flood(robot, kind):
-    """In turns, so that both have the same machine; what is left for chance is much (tests/bench has the figure)."""
+    """In turns, so that both have the same machine. What is left for chance is much, since a machine whose cores are
+    busy makes both wait for their turn (tests/bench has the figure)."""
     quiet, loud = beside(robot, kind, rounds=3, each=6)
-    assert median(loud) < 4 * median(quiet) + 0.05
+    assert median(loud) < 4 * median(quiet) + 0.5
 
 
 def beside(robot, kind: str, rounds: int, each: int) -> tuple[list[float], list[float]]:
