@@ -18,6 +18,7 @@ from rorg.core.decide import Inputs, decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
 from rorg.core.memory import InFlight, Memory, ProbeResult, Progress
+from rorg.core.missing import Missing
 from rorg.core.observed import Container, Observed
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
@@ -45,6 +46,7 @@ KEYS = {
     "plan",
     "overview",
     "contents",
+    "images",
     "dropped",
     "policy",
     "holds",
@@ -171,6 +173,7 @@ def test_plan(path, tmp_path):
             suspended=suspended,
             wall=wall,
             load=quiet,
+            images={r: Missing(**m) for r, m in case.get("images", {}).items()},
         )
     )
     assert decision.plan.text() == case["plan"]

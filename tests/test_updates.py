@@ -496,13 +496,13 @@ def test_only_files_that_changed_are_read_again(tmp_path):
     (config / "gone").symlink_to("nowhere")
     catalog, contents = load_or_raise(tmp_path), Contents()
     first = contents.of(catalog, tmp_path)
-    assert contents.read == 20
+    assert contents.files.read == 20
     assert first["nav"] == first["twin"]
     assert contents.of(catalog, tmp_path) == first
-    assert contents.read == 20
+    assert contents.files.read == 20
     (config / "3.yaml").write_text("x")
     second = contents.of(catalog, tmp_path)
-    assert contents.read == 21
+    assert contents.files.read == 21
     assert second != first
     (config / "3.yaml").write_text("3")
     assert contents.of(catalog, tmp_path) == first

@@ -14,9 +14,12 @@ from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
 from rorg.daemon.snapshot import restore, snapshot
+from rorg.engines import WITH_IMAGES
 from rorg.engines.protocol import Engine
 from rorg.errors import Unreachable
 from rorg.host.contents import Contents
+from rorg.images.records import Records
+from rorg.images.references import References
 from rorg.model.catalog import Catalog
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
@@ -42,7 +45,9 @@ class Place(Protocol):
 
 def decision(place: Place, catalog: Catalog) -> Decision:
     """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-    return decision_for(place, desire(catalog, str(place.state.run), Contents().of(catalog, place.root)))
+    known = place.engine_name in WITH_IMAGES
+    images = References(Records(place.state.path)).of(catalog).references if known else {}
+    return decision_for(place, desire(catalog, str(place.state.run), Contents().of(catalog, place.root), images))
 
 
 def decision_for(place: Place, desired: Desired) -> Decision:

@@ -14,6 +14,7 @@ from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
 from rorg.core.memory import Memory, ProbeResults
+from rorg.core.missing import Missing
 from rorg.core.observed import Observed
 from rorg.core.onward import busy, plan_on
 from rorg.core.outcomes import begin, forget
@@ -59,6 +60,8 @@ class Inputs:
     """Service -> since when somebody waits for it, by the clock of `now`: its readiness must have been told since."""
     confirmed: tuple[str, ...] = ()
     """What a person has confirmed to be removed, though it was named."""
+    images: Mapping[str, Missing] = field(default_factory=dict)
+    """By reference, those from which no container can be made now."""
     cache: Cache | None = None
     """Of the last pass; whatever has changed since is found anew."""
 
@@ -182,6 +185,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         shed=eviction.shed,
         closed=eviction.closed,
         suspended=suspended,
+        images=inputs.images,
         withheld=withheld,
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)

@@ -10,6 +10,7 @@ from typing import Any
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
 from rorg.model.catalog import RUN, Catalog, Probe
+from rorg.model.image_names import declared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +40,15 @@ class Desired:
 
 
 def desire(
-    catalog: Catalog, run: str = "/run/rorg", contents: Mapping[str, Mapping[str, str]] | None = None
+    catalog: Catalog,
+    run: str = "/run/rorg",
+    contents: Mapping[str, Mapping[str, str]] | None = None,
+    images: Mapping[str, str] | None = None,
 ) -> Desired:
-    """Digests and orders of a catalog. `run` is the directory of rorg's sockets."""
+    """Digests and orders of a catalog. `run` is the directory of rorg's sockets; `images`: Image of the tree -> the
+    reference that means its content. So the digest of a service's container changes with the content of its image."""
     contents = contents or {}
-    catalog = _located(catalog, run)
+    catalog = _from_images(_located(catalog, run), images or {})
     services = catalog.services
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     dependants: dict[str, list[str]] = {name: [] for name in services}
@@ -79,6 +84,18 @@ def desire(
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
         contents=contents,
     )
+
+
+def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
+    """With services made from what images contain, rather than from what they are called."""
+    found = {
+        name: replace(service, spec={**service.spec, "image": images[image]})
+        for name, service in catalog.services.items()
+        if service.spec is not None and (image := declared(service.spec.get("image", ""), images))
+    }
+    said = digest({"manifests": catalog.fingerprint, "images": sorted(images.values())})
+    fingerprint = said.partition(":")[2][:16] if images else catalog.fingerprint
+    return replace(catalog, services={**catalog.services, **found}, fingerprint=fingerprint)
 
 
 def _located(catalog: Catalog, run: str) -> Catalog:

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from typing import Protocol
 
 from rorg.core.digest import rules_of
+from rorg.core.images import held_back
 from rorg.core.memory import Progress
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step
@@ -31,6 +32,10 @@ class Earlier(Protocol):
 def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     """`leaving` are unwanted services that do not linger."""
     name, memory = service.name, view.s.memory.of(service.name)
+    if step.verb == "create":
+        held = held_back(view, service, step.fields, view.active(name))
+        if held:
+            return (), held
     tried = memory.attempts.get(step.verb)
     if tried and tried.at and tried.at > view.now:
         wait = format_seconds(tried.at - view.now)

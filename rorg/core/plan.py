@@ -78,8 +78,8 @@ class Waiting:
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), preempted or
-    suspended; empty for what only takes its time."""
+    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), deferred
+    (the Policy leaves it for later), preempted or suspended; empty for what only takes its time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ class _Reconciled:
         ]
         current = next(((c, d) for c, d in pairs if not d.recreate), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale])
+        swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale], _changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
@@ -138,7 +138,6 @@ class _Reconciled:
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """`old` is to be gone back to if the new one does not come up."""
         spec = self.service.spec or {}
-        fields = tuple(sorted({f for _, d in stale for f in d.recreate}))
         made_from = self.desired.digests[self.name]
         marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), old.id if old else "")
         before = old or next((c for c, _ in stale), None)
@@ -146,7 +145,7 @@ class _Reconciled:
             "create",
             None,
             "changed" if stale else "no container",
-            fields,
+            _changed(stale),
             {
                 "name": name,
                 "spec": spec,
@@ -220,3 +219,8 @@ class _Reconciled:
         if action == "remove":
             return away(container, why, self.service, volumes=True)
         return [stop(container, why, self.service)]
+
+
+def _changed(stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:
+    """Options in which containers are otherwise than declared."""
+    return tuple(sorted({field for _, difference in stale for field in difference.recreate}))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
+from rorg.core.missing import Missing
 from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
 
@@ -46,5 +47,7 @@ class Situation:
     """Why nothing below `admit` is started now; empty when everything may be."""
     suspended: str = ""
     """Why nothing is done at all now."""
+    images: Mapping[str, Missing] = field(default_factory=dict)
+    """By reference, those from which no container can be made now."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

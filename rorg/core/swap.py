@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from rorg.core.backoff import STALLED_AFTER
+from rorg.core.images import held_back
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.rollout import asks, candidate, patience
@@ -14,9 +15,17 @@ from rorg.model.units import format_seconds
 
 
 class Swap:
-    """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others."""
+    """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others,
+    and `changed` the options in which they are otherwise."""
 
-    def __init__(self, view: View, service: Service, new: Container | None, stale: Sequence[Container]) -> None:
+    def __init__(
+        self,
+        view: View,
+        service: Service,
+        new: Container | None,
+        stale: Sequence[Container],
+        changed: Collection[str],
+    ) -> None:
         self.view, self.service, self.step = view, service, view.s.memory.of(service.name)
         self.update = self.step.update
         self.new: Container | None = None
@@ -24,8 +33,9 @@ class Swap:
         self.old: Container | None = None
         """What is kept, to be gone back to."""
         tried = self.step.attempts.get("create")
-        self.denied = new is None and bool(tried and tried.at and tried.at > view.now)
-        """It cannot be created now."""
+        held = new is None and held_back(view, service, changed, view.active(service.name)) is not None
+        self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
+        """It cannot, or must not, be created now."""
         self.failed = ""
         """Why the edition that is desired is not tried again, in words."""
         if self.update.failed and self.update.failed == view.desired.editions[service.name]:

@@ -45,6 +45,7 @@ class Loop:
         self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
         self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
+        self.images = parts.images
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
@@ -178,6 +179,7 @@ class Loop:
             renewals=renewals,
             asked=self._asked_for(),
             confirmed=document.removals,
+            images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             cache=self.decision.cache if self.decision else None,
         )
 
@@ -222,6 +224,8 @@ class Loop:
     def _take_outcomes(self) -> None:
         if outcomes := self.workers.take():
             self.memory = finish(self.memory, outcomes, self.clock())
+            if self.images and any(o.missing for o in outcomes):
+                self.images.check()
 
     # -- what the loop's parts ask -----------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from rorg.daemon.generations import Generations
+from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
@@ -42,6 +43,8 @@ class Collaborators:
     leases: Leases
     recorder: Recorder
     publisher: Publisher
+    images: ImageManager | None
+    """None where an image is no more than a name."""
     generations: Generations
     wakes: Wakes
     threads: tuple[Thread, ...]

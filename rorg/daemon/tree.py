@@ -14,6 +14,7 @@ from rorg.core.desired import Desired, desire
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
+from rorg.images.references import Content, References
 from rorg.manifest.documents import manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
@@ -29,6 +30,8 @@ MOUNTS_REST = 0.5
 Stats = tuple[tuple[str | int, ...], ...]
 """Of files: name, time, size and inode."""
 Stamp = tuple[Stats, Stats, Stats]
+MOST_CONTEXT_FILES = 20_000
+"""Of all contexts together that are looked at for changes; a change behind them is seen with the next one before."""
 MOST_FOLDERS = 4000
 """Directories that are watched: the kernel has few watches, and others need some too."""
 
@@ -42,8 +45,12 @@ class Tree:
         run: str = "/run/rorg",
         clock: Callable[[], float] = time.monotonic,
         engine: str = "",
+        references: References | None = None,
     ) -> None:
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
+        self.references = references
+        self.images = Content()
+        """Of the last good tree."""
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
@@ -92,21 +99,23 @@ class Tree:
         return (
             _stats(manifests),
             _stats(sorted(self._inputs.files)),
-            _stats([*strays, *_below(sorted(self._inputs.mounted))]),
+            _stats([*strays, *_below(sorted(self._inputs.mounted)), *_contexts(self._inputs.contexts)]),
         )
 
     def folders(self) -> list[Path]:
-        """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to."""
+        """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to; what
+        images are built from may lie beside the tree."""
         top, found = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
             found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
         found += sorted(path.parent for path in self._inputs.files)
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
+        contexts = [path for path in _contexts(self._inputs.contexts) if os.path.isdir(path)]
         inside = (
             p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
         )
-        return list(itertools.islice(inside, MOST_FOLDERS))
+        return list(itertools.islice(itertools.chain(inside, contexts), MOST_FOLDERS))
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
@@ -161,21 +170,25 @@ class Tree:
         return stamps[-1], loaded
 
     def _take(self, loaded: Loaded) -> None:
-        loaded, desired = self._desired(loaded)
+        loaded, desired, images = self._desired(loaded)
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
         if desired is not None:
-            self.desired, self.loaded = desired, True
+            self.desired, self.images, self.loaded = desired, images, True
             self._revision = None
 
-    def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None]:
-        """What a tree asks for; None, with the reason, where it has errors, or where nobody thought of what it says."""
-        if loaded.catalog is None:
-            return loaded, None
+    def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None, Content]:
+        """What a tree asks for, and from which images; None, with the reason, where it has errors, or where nobody
+        thought of what it says."""
+        catalog, images = loaded.catalog, Content()
+        if catalog is None:
+            return loaded, None, images
         try:
-            return loaded, desire(loaded.catalog, self.run, self._contents.of(loaded.catalog, self.root))
+            if self.references:
+                images = self.references.of(catalog)
+            return loaded, desire(catalog, self.run, self._contents.of(catalog, self.root), images.references), images
         except Exception as bug:
-            return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None
+            return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None, images
 
 
 def _below(places: Iterable[Path]) -> Iterator[Path]:
@@ -185,6 +198,18 @@ def _below(places: Iterable[Path]) -> Iterator[Path]:
         for folder, folders, files in os.walk(place):
             folders[:] = sorted(f for f in folders if not f.startswith("."))
             yield from (Path(folder, name) for name in (*folders, *sorted(files)))
+
+
+def _contexts(places: Iterable[Path]) -> Iterator[Path]:
+    """What images are built from, as far as it can be watched; version control is no part of it."""
+    return itertools.islice((path for place in sorted(places) for path in _context(place)), MOST_CONTEXT_FILES)
+
+
+def _context(place: Path) -> Iterator[Path]:
+    yield place
+    for folder, folders, files in os.walk(place):
+        folders[:] = sorted(f for f in folders if not (f == ".git" and folder == str(place)))
+        yield from (Path(folder, name) for name in (*folders, *sorted(files)))
 
 
 def _stats(paths: Iterable[Path]) -> Stats:

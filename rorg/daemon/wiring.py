@@ -21,10 +21,13 @@ from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
-from rorg.engines.protocol import Engine
+from rorg.engines import WITH_IMAGES
+from rorg.engines.protocol import Engine, Images
 from rorg.host.clock import booted_at, wall_clock
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
+from rorg.images.records import Records
+from rorg.images.references import References
 from rorg.probes.prober import Prober
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
@@ -39,7 +42,8 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
 
 def make_tree(root: Path, state: StateDir, engine: str) -> Tree:
     """A tree of this robot's, for the engine of this name, not read yet."""
-    return Tree(root.resolve(), str(state.run), engine=engine)
+    references = References(Records(state.path)) if engine in WITH_IMAGES else None
+    return Tree(root.resolve(), str(state.run), engine=engine, references=references)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
@@ -60,7 +64,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
-    threads = (prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
+    images = _image_manager(engine, owner, state, recorder, wakes)
+    threads = (*((images,) if images else ()), prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -74,12 +79,22 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         leases=Leases(state.requests, recorder),
         recorder=recorder,
         publisher=publisher,
+        images=images,
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
         threads=threads,
     )
     loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _image_manager(
+    engine: Engine, owner: str, state: StateDir, recorder: Recorder, wakes: Wakes
+) -> ImageManager | None:
+    if not isinstance(engine, Images):
+        return None
+    records = Records(state.path)
+    return ImageManager(engine, supply_for(engine, owner, state), records, recorder, wakes.wake)
 
 
 def _sampler(engine: Engine, loop: Callable[[], Loop], wakes: Wakes) -> Sampler:

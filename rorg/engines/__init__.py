@@ -2,3 +2,5 @@
 
 ENGINES = ("docker", "process")
 """Names to choose from."""
+WITH_IMAGES = ("docker",)
+"""Those for which an image is more than a name."""

@@ -1,5 +1,5 @@
-"""What every engine speaks, by use: Lifecycle, Observation and Inspection. Engine is all of them; one
-with real programs is a RealEngine, which has Access too."""
+"""What every engine speaks, by use: Lifecycle, Observation and Inspection, which are an Engine, and Images where it has
+any. One with real programs is a RealEngine, which has Access too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
@@ -92,6 +92,14 @@ class Observation(Protocol):
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """By container id; those that do not run are left out, and all where the engine is on another machine."""
+
+
+@runtime_checkable
+class Images(Protocol):
+    """What containers are made from, where that is more than a name."""
+
+    def missing_images(self, references: Collection[str]) -> set[str]:
+        """Those of these from which no container can be made, since they are not on the engine's machine."""
 
 
 class Inspection(Protocol):

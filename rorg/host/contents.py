@@ -8,38 +8,36 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from rorg.host.file_digests import FileDigests
 from rorg.model.catalog import Catalog, Spec
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
 """Of one mount. What is bigger is data, not configuration: its changes are the service's own affair."""
-Facts = tuple[int, int, int, int]
 
 
 class Contents:
     """Remembers digests of files by what stat says of them, so that only what changed is read again."""
 
     def __init__(self) -> None:
-        self._known: dict[str, tuple[Facts, str]] = {}
-        self.read = 0
-        """Files read so far."""
+        self.files = FileDigests()
 
     def of(self, catalog: Catalog, root: Path) -> dict[str, dict[str, str]]:
         """Service -> path below the tree -> digest of what is there. Services that do not care are left out."""
-        base, known, found = str(root.resolve()), self._known, {}
-        self._known, mounts = {}, {}
+        base, found, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
+        self.files.begin()
         for name, service in catalog.services.items():
             if service.spec is None or service.on_change == "none":
                 continue
             for source in mounted(service.spec, base):
                 if source not in mounts:
-                    mounts[source] = self._digest(source, known)
+                    mounts[source] = self._digest(source)
             there = {os.path.relpath(s, base): d for s in mounted(service.spec, base) if (d := mounts[s])}
             if there:
                 found[name] = there
         return found
 
-    def _digest(self, source: str, known: Mapping[str, tuple[Facts, str]]) -> str:
+    def _digest(self, source: str) -> str:
         """ "" for what cannot be told."""
         files, size = [], 0
         for path, facts in _walk(source):
@@ -49,27 +47,10 @@ class Contents:
                 return ""
         digest = hashlib.sha256()
         for path, facts in sorted(files, key=lambda f: f[0]):
-            said = self._said(path, facts, known)
+            said = self.files.of(path, facts)
             runs = bool(facts.st_mode & stat.S_IXUSR)
             digest.update(f"{os.path.relpath(path, source)}\0{runs}\0{said}\0".encode(errors="surrogateescape"))
         return digest.hexdigest()[:16] if files else "empty"
-
-    def _said(self, path: str, facts: os.stat_result, known: Mapping[str, tuple[Facts, str]]) -> str:
-        try:
-            return os.readlink(path) if stat.S_ISLNK(facts.st_mode) else self._file(path, facts, known)
-        except OSError as error:
-            return f"unreadable: {error.errno}"
-
-    def _file(self, path: str, facts: os.stat_result, known: Mapping[str, tuple[Facts, str]]) -> str:
-        key = (facts.st_mtime_ns, facts.st_ctime_ns, facts.st_size, facts.st_ino)
-        if path not in known or known[path][0] != key:
-            self.read += 1
-            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-            with open(descriptor, "rb") as file:
-                self._known[path] = key, hashlib.file_digest(file, "sha256").hexdigest()
-        else:
-            self._known[path] = known[path]
-        return self._known[path][1]
 
 
 def mounted(spec: Spec, base: str) -> list[str]:

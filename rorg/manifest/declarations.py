@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
-from rorg.model.catalog import Budget, Image, Policy, Request, Thresholds
+from rorg.model.catalog import Budget, Image, ImagePolicy, Policy, Request, Thresholds
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
@@ -23,6 +23,7 @@ def policy_of(spec: Any) -> Policy:
         dict(spec.resources),
         spec.purge_ros,
         spec.removals,
+        ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
     )
 
 

@@ -20,12 +20,15 @@ class Inputs:
     """Read with the manifests: env_file, Dockerfiles; and programs and their directories that are missing."""
     mounted: frozenset[Path] = frozenset()
     """Files and directories of the tree that services mount to read. What they may write is their own."""
+    contexts: frozenset[Path] = frozenset()
+    """Directories that images are built from, wherever they are."""
 
 
 def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     """Those of all services and images, with what any profile may add to a service."""
     files: set[Path] = set()
     mounted: set[Path] = set()
+    contexts: set[Path] = set()
     profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]
     for source in by_kind.get("Service", {}).values():
         spec: Any = source.spec
@@ -40,8 +43,10 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         image: Any = source.spec
         if image.context is not None:
             files.add(source.directory / image.context / image.dockerfile)
+            contexts.add(real(source.directory / image.context))
     top = real(root)
-    return Inputs(frozenset(files), frozenset(p for path in mounted if (p := real(path)).is_relative_to(top)))
+    inside = frozenset(p for path in mounted if (p := real(path)).is_relative_to(top))
+    return Inputs(frozenset(files), inside, frozenset(contexts))
 
 
 def _sources(options: Any) -> Iterator[str]:

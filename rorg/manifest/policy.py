@@ -91,6 +91,27 @@ class Pressure(Strict):
         return self
 
 
+class Images(Strict):
+    """When images are had, when a new one comes into use, and how many are kept."""
+
+    pull: Literal["missing", "never"] = field(
+        "Whether a running rorg pulls an image that is not on the machine and that no Image of the tree declares.",
+        "never",
+        "missing",
+    )
+    build: Literal["missing", "never"] = field(
+        "Whether a running rorg builds an Image of the tree that has changed; never leaves it to `rorg build`.",
+        "never",
+        "missing",
+    )
+    update: Literal["at_once", "when_ceased"] = field(
+        "When a service that is active gets the image that was built anew.", "when_ceased", "at_once"
+    )
+    keep: Annotated[int, Field(ge=1, le=100)] = field(
+        "States of the manifests whose images `rorg image prune` keeps for a rollback.", 10, 5
+    )
+
+
 class PolicySpec(Strict):
     """Settings of the loop, for the whole machine."""
 
@@ -112,6 +133,10 @@ class PolicySpec(Strict):
     resources: Units = field("How many of each exclusive resource there are.", {"gpu": 2}, dict)
     interlock: Interlock | None = field(
         "For drivers and protected services that have none of their own.", {"file": "/run/robot/may-restart"}
+    )
+    images: Images | None = field(
+        "When images are had, when a new one comes into use, and how many are kept.",
+        {"pull": "never", "update": "when_ceased"},
     )
     removals: Literal["ask", "auto"] = field(
         "What becomes of a service that is not declared any more though a request, a need or a group names it: it "

@@ -219,6 +219,20 @@ class Thresholds:
 
 
 @dataclass(frozen=True, slots=True)
+class ImagePolicy:
+    """When images are had, when a new one comes into use, and how many are kept."""
+
+    pull: str = "missing"
+    """missing or never: what becomes of an external image that is not on the machine."""
+    build: str = "missing"
+    """The same for an Image of the tree."""
+    update: str = "at_once"
+    """at_once or when_ceased: when a service that runs gets an image that was built anew."""
+    keep: int = 5
+    """States of the manifests whose images stay for a rollback."""
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     """What is said of the whole machine."""
 
@@ -233,6 +247,7 @@ class Policy:
     purge_ros: bool = True
     removals: str = "ask"
     """ask or auto."""
+    images: ImagePolicy = ImagePolicy()
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
 from rorg.engines.docker.create import create_container
 from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.exec import run
+from rorg.engines.docker.images import missing_images
 from rorg.engines.docker.live import update_body
 from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
@@ -104,6 +105,10 @@ class DockerEngine:
             brief=True,
             **from_labels(row.get("Labels") or {}),
         )
+
+    def missing_images(self, references: Collection[str]) -> set[str]:
+        with docker_errors("list images"):
+            return missing_images(self.client, references)
 
     def inspect(self, container: str, timeout: float = API_TIMEOUT) -> Container | None:
         try:

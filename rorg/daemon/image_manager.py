@@ -1,0 +1,193 @@
+"""Has what services are made from: an image that is not on the machine is built or pulled beside the loop, which goes
+on meanwhile. Nothing that runs is touched before its new image is there."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol
+
+from rorg.core.desired import Desired
+from rorg.core.missing import Missing
+from rorg.daemon.recorder import Recorder
+from rorg.engines.protocol import Images
+from rorg.errors import RorgError, Unreachable
+from rorg.images.order import Result
+from rorg.images.records import Records
+from rorg.images.references import Content
+from rorg.model.catalog import ImagePolicy
+
+SOON = 1.0
+"""Seconds until an engine that does not answer is asked again."""
+AGAIN, MOST = 30.0, 3600.0
+"""Seconds until an image that could not be had is tried again; twice as long each time, up to MOST."""
+HAD = ("built", "imported", "pulled", "present")
+LOOKED_FOR = Missing("is being looked for")
+NOTHING: Mapping[str, Missing] = {}
+
+
+class Supply(Protocol):
+    """Gets images (see images/supply.py). `ended` is told of each as soon as it is had, or cannot be."""
+
+    def __call__(
+        self,
+        desired: Desired,
+        content: Content,
+        missing: Iterable[str],
+        ended: Callable[[Result], None],
+        stop: threading.Event,
+    ) -> None: ...
+
+
+class ImageManager:
+    """A thread of its own. `wake` is called when something has become known."""
+
+    def __init__(
+        self, engine: Images, supply: Supply, records: Records, recorder: Recorder, wake: Callable[[], None]
+    ) -> None:
+        self.engine, self.supply, self.records, self.recorder, self.wake = engine, supply, records, recorder, wake
+        self._changed = threading.Condition()
+        self._halt = threading.Event()
+        """Set when what is being had is wanted no more."""
+        self._desired: Desired | None = None
+        self._content = Content()
+        self._asked = self._stopping = False
+        self._there: set[str] = set()
+        self._missing: Mapping[str, Missing] = NOTHING
+        self._failures = 0
+        """Attempts in a row of which something failed."""
+        self._pause: float | None = None
+        """Seconds until the next attempt; None for none."""
+        self._thread = threading.Thread(target=self._run, name="images", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        with self._changed:
+            self._stopping = True
+            self._halt.set()
+            self._changed.notify()
+
+    def look(self, desired: Desired, content: Content) -> Mapping[str, Missing]:
+        """Reference -> why nothing can be made from it now. Asks no engine: what is not known to be there is looked for
+        beside the loop."""
+        with self._changed:
+            if desired is not self._desired:
+                self._desired, self._content, self._failures = desired, content, 0
+                wanted = used(desired)
+                self._missing = {r: self._missing.get(r, LOOKED_FOR) for r in sorted(wanted - self._there)}
+                if self._missing:
+                    self._ask()
+            return self._missing
+
+    def check(self) -> None:
+        """Looks anew for all that is wanted: something was built, pulled or removed by others."""
+        with self._changed:
+            self._there.clear()
+            self._failures = 0
+            self._ask()
+
+    def _ask(self) -> None:
+        self._asked = True
+        self._halt.set()
+        self._changed.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._asked or self._stopping, self._pause)
+                if self._stopping:
+                    return
+                self._asked = False
+                self._halt.clear()
+                desired, content = self._desired, self._content
+            if desired is not None:
+                self._have(desired, content)
+
+    def _have(self, desired: Desired, content: Content) -> None:
+        wanted = used(desired)
+        try:
+            missing = self.engine.missing_images(wanted)
+            self._found(wanted - missing, missing, desired, content)
+            wanted_now = self._to_be_had(missing, desired, content)
+            if wanted_now:
+                self.supply(desired, content, wanted_now, self._ended, self._halt)
+            self._over(any(m.failed for m in self._missing.values()))
+            if not self._missing and not self._asked:
+                self.records.use(content.references.values())
+        except Unreachable:
+            self._pause = SOON
+        except (RorgError, OSError) as error:
+            self._failed(str(error))
+        except Exception as bug:  # the loop goes on, and what is there already runs
+            self._failed(f"internal error: {type(bug).__name__}: {bug}")
+
+    def _found(self, there: set[str], missing: set[str], desired: Desired, content: Content) -> None:
+        with self._changed:
+            self._there |= there
+            if desired is not self._desired:
+                return
+            before = self._missing
+            self._missing = {r: self._reason(r, desired.catalog.policy.images, content) for r in sorted(missing)}
+        if before != self._missing:
+            self.wake()
+
+    def _to_be_had(self, missing: Iterable[str], desired: Desired, content: Content) -> list[str]:
+        policy = desired.catalog.policy.images
+        return sorted(r for r in missing if not self._reason(r, policy, content).failed)
+
+    @staticmethod
+    def _reason(reference: str, policy: ImagePolicy, content: Content) -> Missing:
+        if reference in content.references.values():
+            if policy.build == "never":
+                return Missing("is not built; try `rorg build`", failed=True)
+            return Missing("is being built")
+        if policy.pull == "never":
+            return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
+        return Missing("is being pulled")
+
+    def _ended(self, result: Result) -> None:
+        had, reference = result.outcome in HAD, result.reference
+        with self._changed:
+            if had:
+                self._there.add(reference)
+            if reference not in self._missing:
+                return
+            rest = {r: m for r, m in self._missing.items() if r != reference}
+            self._missing = rest if had else {**rest, reference: Missing(why(result), failed=True)}
+        if result.outcome == "present":
+            self.wake()
+            return
+        kind = "image-ready" if had else "image-failed"
+        self.recorder.event(
+            kind,
+            f"image {reference}: " + (f"{result.outcome} in {result.seconds:.1f} s" if had else why(result)),
+            image=reference,
+            outcome=result.outcome,
+            seconds=round(result.seconds, 3),
+        )
+        self.wake()
+
+    def _over(self, failed: bool) -> None:
+        self._failures = self._failures + 1 if failed else 0
+        self._pause = min(MOST, AGAIN * 2 ** (self._failures - 1)) if failed else None
+
+    def _failed(self, text: str) -> None:
+        self._over(True)
+        with self._changed:
+            self._missing = {r: Missing(f"cannot be had: {text}", failed=True) for r in self._missing}
+        self.wake()
+
+
+def why(result: Result) -> str:
+    """Why an image was not had, in words."""
+    if result.outcome == "failed":
+        verb = "cannot be had" if result.step == "" else f"cannot be built at {result.step}"
+        return f"{verb}: {result.message}"
+    return f"is not built: {result.message}"
+
+
+def used(desired: Desired) -> set[str]:
+    """References that services are made from."""
+    return {str(s.spec["image"]) for s in desired.catalog.services.values() if s.spec is not None and "image" in s.spec}

@@ -1,0 +1,28 @@
+"""Which images an engine has."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.errors import Refused
+from rorg.model.image_names import plain
+
+
+def missing_images(client: Client, references: Collection[str]) -> set[str]:
+    """Those of these that the engine does not have: by one list, and by a look at each that it does not name."""
+    named: set[str] = set()
+    for row in client.get("/images/json") if references else ():
+        named |= {plain(tag) for tag in row.get("RepoTags") or ()}
+    return {r for r in references if plain(r) not in named and not _is_there(client, r)}
+
+
+def _is_there(client: Client, reference: str) -> bool:
+    """By a digest, an id, or the beginning of one."""
+    try:
+        client.get(f"/images/{reference}/json")
+    except Refused as no:
+        if no.status in (400, 404):
+            return False
+        raise
+    return True

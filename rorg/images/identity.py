@@ -1,0 +1,77 @@
+"""The identity of an image: a digest of all that it is made from, and of nothing else. So it is the same on every
+machine and after every `git revert`, and a rollback finds the image that ran before."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+from rorg.host.file_digests import FileDigests
+from rorg.images.context import context_files
+from rorg.model.catalog import Catalog, Image
+from rorg.model.image_names import declared
+
+VERSION = "v1"
+
+
+class Identities:
+    """Remembers digests of files by what stat says of them, so that only what changed is read again."""
+
+    def __init__(self) -> None:
+        self.files = FileDigests()
+
+    def of(self, catalog: Catalog) -> dict[str, str]:
+        """Image -> 64 hexadecimal digits. What counts: the files of its context (names, modes, links, content; not
+        times), the Dockerfile, arguments, target and platform; identities of the images of the tree that it stands on,
+        and the references of others. Of an imported one: the command, and the files that it names."""
+        self.files.begin()
+        images = catalog.images
+        below = {n: {p: declared(p, images) for p in i.bases if declared(p, images)} for n, i in images.items()}
+        found: dict[str, str] = {}
+        try:
+            names = list(TopologicalSorter({n: set(b.values()) for n, b in below.items()}).static_order())
+        except CycleError:  # load() refuses it
+            return found
+        for name in names:
+            image = images[name]
+            stands = [found[below[name][b]] if b in below[name] else b for b in image.bases]
+            found[name] = _digest([VERSION, *_said(image), stands, self._files(image)])
+        return found
+
+    def _files(self, image: Image) -> list[Any]:
+        if image.context is None:
+            return [self._one(os.path.join(image.directory, word)) for word in image.import_command or ()]
+        context = Path(image.context)
+        files = [self._entry(context, name, facts) for name, facts in context_files(context, image.dockerfile)]
+        return [self._one(str(context / image.dockerfile)), *files]
+
+    def _entry(self, context: Path, name: str, facts: os.stat_result) -> tuple[str, int, str]:
+        told = "" if stat.S_ISDIR(facts.st_mode) else self.files.of(str(context / name), facts)
+        return name, facts.st_mode, told
+
+    def _one(self, path: str) -> str:
+        """A file that is named by itself; "" where there is none."""
+        try:
+            facts = os.stat(path)
+        except (OSError, ValueError):
+            return ""
+        return self.files.of(os.path.realpath(path), facts) if stat.S_ISREG(facts.st_mode) else ""
+
+
+def _said(image: Image) -> list[Any]:
+    return [image.name, image.dockerfile, dict(image.args), image.target, image.platform, image.import_command]
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode(errors="surrogateescape")).hexdigest()
+
+
+def renewed(identity: str, bases: Mapping[str, str]) -> str:
+    """Of an image that is built again from the same files on other bases."""
+    return _digest([VERSION, identity, dict(bases)])

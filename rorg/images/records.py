@@ -1,0 +1,103 @@
+"""What was built, and which images the last revisions were made from: `images.json` of the state directory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rorg.store.files import locked, write_atomic
+from rorg.store.state_dir import read_json
+
+NAME = "images.json"
+LOCK = ".images.lock"
+KEPT = 5
+"""Revisions whose images are kept, where the Policy does not say."""
+MOST = 100
+"""Revisions that are remembered."""
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """An image that was built, imported or loaded."""
+
+    name: str
+    reference: str
+    id: str = ""
+    """The engine's."""
+    at: str = ""
+    """ISO 8601 in UTC."""
+    bases: Mapping[str, str] = field(default_factory=dict)
+    """What it stands on -> the reference or the digest that this was then."""
+
+
+class Records:
+    """Of one state directory. What is not there, or cannot be understood, is as if nothing had been built: an image is
+    looked for by the reference that its identity gives."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / NAME
+        self._read: tuple[Any, dict[str, Any]] = None, {}
+
+    def built(self) -> dict[str, Built]:
+        """Identity -> what was built of it last."""
+        found = {}
+        for identity, entry in _entries(self._content()).items():
+            try:
+                found[identity] = Built(**{**entry, "bases": dict(entry.get("bases", {}))})
+            except (TypeError, ValueError, AttributeError):
+                continue
+        return found
+
+    def revisions(self) -> list[list[str]]:
+        """References that a state of the manifests used, the last one first."""
+        found = self._content().get("revisions")
+        entries = found if isinstance(found, list) else []
+        return [[str(reference) for reference in entry] for entry in entries if isinstance(entry, list)]
+
+    def note(self, built: Mapping[str, Built]) -> None:
+        """Identities that were built. Raises OSError."""
+        if built:
+            self._change(lambda content: {"built": {**_entries(content), **{i: asdict(b) for i, b in built.items()}}})
+
+    def use(self, references: Iterable[str]) -> None:
+        """A state of the manifests uses these. Raises OSError."""
+        used = sorted(set(references))
+        if used and self.revisions()[:1] != [used]:
+            self._change(lambda _: {"revisions": [used, *(r for r in self.revisions() if r != used)][:MOST]})
+
+    def forget(self, references: Iterable[str]) -> None:
+        """These are on the machine no more. Raises OSError."""
+        gone = set(references)
+        self._change(
+            lambda content: {
+                "built": {i: e for i, e in _entries(content).items() if _mapping(e).get("reference") not in gone}
+            }
+        )
+
+    def _change(self, edit: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        with locked(self.folder / LOCK):
+            self._read = None, {}
+            content = self._content()
+            write_atomic(self.path, json.dumps({**content, **edit(content)}) + "\n")
+            self._read = None, {}
+
+    def _content(self) -> dict[str, Any]:
+        try:
+            facts = self.path.stat()
+        except OSError:
+            return {}
+        key = facts.st_mtime_ns, facts.st_size, facts.st_ino
+        if self._read[0] != key:
+            self._read = key, _mapping(read_json(self.path))
+        return self._read[1]
+
+
+def _entries(content: Mapping[str, Any]) -> dict[str, Any]:
+    return _mapping(content.get("built"))
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,86 @@
+"""Which reference means the content of each image of a tree: what services are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
+
+from rorg.images.identity import Identities, renewed
+from rorg.images.records import Built, Records
+from rorg.model.catalog import Catalog
+from rorg.model.image_names import declared, with_identity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Content:
+    """What the images of a tree are made from."""
+
+    identities: Mapping[str, str] = field(default_factory=dict)
+    """Image -> its identity."""
+    references: Mapping[str, str] = field(default_factory=dict)
+    """Image -> the reference that means this content."""
+
+
+class References:
+    """Of one state directory."""
+
+    def __init__(self, records: Records) -> None:
+        self.records = records
+        self.identities = Identities()
+
+    def of(self, catalog: Catalog) -> Content:
+        identities = self.identities.of(catalog)
+        return Content(
+            identities=identities, references=references(catalog, identities, self.records.built())
+        )
+
+
+def references(
+    catalog: Catalog,
+    identities: Mapping[str, str],
+    built: Mapping[str, Built],
+    digests: Mapping[str, str] | None = None,
+) -> dict[str, str]:
+    """Image -> reference, by its identity. One that was built from other bases than it would be now gets another one:
+    a parent was built anew, or an external base is another one by `digests` (reference -> digest) where they are given.
+    `built`: what was built last of each identity. Pure."""
+    found: dict[str, str] = {}
+    for name in _in_order(catalog):
+        identity = identities[name]
+        bases = bases_of(catalog, name, found, digests or {})
+        last = built.get(identity)
+        if last is None:
+            found[name] = with_identity(name, identity)
+        elif all(last.bases.get(reference, now) == now for reference, now in bases.items()):
+            found[name] = last.reference
+        else:
+            found[name] = with_identity(name, renewed(identity, {**last.bases, **bases}))
+    return found
+
+
+def bases_of(
+    catalog: Catalog, name: str, references: Mapping[str, str], digests: Mapping[str, str]
+) -> dict[str, str]:
+    """What an image stands on -> what that is: the reference of an image of the tree, the digest of another one; those
+    of unknown digest are left out."""
+    found = {}
+    for base in catalog.images[name].bases:
+        own = declared(base, catalog.images)
+        if own:
+            found[base] = references[own]
+        elif base in digests:
+            found[base] = digests[base]
+    return found
+
+
+def _in_order(catalog: Catalog) -> list[str]:
+    images = catalog.images
+    try:
+        return list(
+            TopologicalSorter(
+                {n: {p for b in i.bases if (p := declared(b, images))} for n, i in images.items()}
+            ).static_order()
+        )
+    except CycleError:  # load() refuses it
+        return []
