@@ -1,199 +1,221 @@
-"""Building images: parents before children, the engine's cache kept; a failure stops what stands on it."""
+"""Carries out orders of images: parents before children, independent ones at once; a failure stops what stands on it and
+nothing else."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import re
-import signal
-import subprocess
+import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import IO, Protocol
 
-from rorg.errors import EngineError, Invalid, RorgError
-from rorg.host.commands import end
-from rorg.manifest.files import read_text
-from rorg.model.catalog import Catalog, Image
-from rorg.store.files import write_atomic
-from rorg.store.state_dir import read_json
+from rorg.core.masking import MASK
+from rorg.errors import Invalid, RorgError
+from rorg.images.logs import build_log, log_path
+from rorg.images.order import Builder, Listener, Order, Result, Say
 
-SAID = 500
-"""Bytes of the last words of an import command that failed."""
-PATIENCE = 10.0
-"""Seconds for which an import command may go on once its stream has been read."""
-
-
-class Builder(Protocol):
-    """Where images come to be."""
-
-    def has(self, reference: str) -> bool: ...
-    def pull(self, reference: str) -> None: ...
-    def build(self, image: Image, say: Callable[[str], None]) -> None: ...
-    def load(self, image: Image) -> None: ...
+TURN = 0.2
+"""Seconds until a build is ended after its `stop` is set."""
+STOPPED = "stopped"
+"""The message of what was ended, or not begun, since whoever asked for it wants it no more."""
+SHORTEST = 4
+"""Characters of a build argument that is kept out of what is shown; less is no secret, and part of any text."""
 
 
-@dataclass(frozen=True)
-class Result:
-    """What became of one image."""
-
-    image: str
-    outcome: str
-    """built, imported, present, pulled, failed or skipped."""
-    message: str = ""
-
-
-def parents(dockerfile: str, args: Mapping[str, str]) -> list[str]:
-    """References that a Dockerfile stands on: its FROM lines (and COPY --from), with build arguments filled in; names
-    of its own stages left out."""
-    values: dict[str, str] = {}
-    stages: set[str] = set()
-    found: list[str] = []
-    for line in re.sub(r"\\\n", " ", dockerfile).splitlines():
-        words = line.split()
-        if len(words) < 2 or words[0].startswith("#"):
-            continue
-        if words[0].upper() == "ARG" and not found:
-            name, _, default = words[1].partition("=")
-            values[name] = args.get(name, default.strip("\"'"))
-        elif words[0].upper() == "FROM":
-            rest = [w for w in words[1:] if not w.startswith("--")]
-            found.append(re.sub(r"\$\{?(\w+)(:-[^}]*)?\}?", lambda m: values.get(m[1], (m[2] or "")[2:]), rest[0]))
-            if len(rest) == 3 and rest[1].upper() == "AS":
-                stages.add(rest[2])
-        elif words[0].upper() == "COPY":
-            found += [w[7:] for w in words if w.startswith("--from=") and not w[7:].isdigit()]
-    return [p for p in dict.fromkeys(found) if p not in stages and p != "scratch"]
+def build(
+    orders: Sequence[Order],
+    make_builder: Callable[[], Builder],
+    *,
+    jobs: int,
+    clock: Callable[[], float],
+    listener: Listener,
+    stop: threading.Event | None = None,
+    logs: Path | None = None,
+) -> list[Result]:
+    """Has all these images, `jobs` at once, each of these workers with a builder of its own. Results are in the order
+    of `orders`. `clock` is in seconds; `logs` is the folder for the logs of builds. Once `stop` is set nothing is begun,
+    and what is under way is ended. Raises Invalid for images that stand on each other."""
+    return _Build(orders, make_builder, clock, listener, stop or threading.Event(), logs).run(jobs)
 
 
-def image_parents(image: Image) -> list[str]:
-    """Of one image of the tree. Raises Invalid when its Dockerfile cannot be read."""
-    if image.context is None:
-        return []
-    try:
-        text = read_text(Path(image.context) / image.dockerfile, Path(image.context))
-    except OSError as error:
-        raise Invalid(
-            f"build {image.name}", f"{image.where}: {image.dockerfile}: {error.strerror}", "to create the Dockerfile"
-        ) from error
-    return parents(text, image.args)
+class _Build:
+    """One thread, the caller's, decides what comes next; the workers do it."""
 
+    def __init__(
+        self,
+        orders: Sequence[Order],
+        make_builder: Callable[[], Builder],
+        clock: Callable[[], float],
+        listener: Listener,
+        stop: threading.Event,
+        logs: Path | None,
+    ) -> None:
+        self._orders = {order.reference: order for order in orders}
+        self._make_builder, self._clock, self._listener, self._logs = make_builder, clock, listener, logs
+        self._stop, self._cancelled, self._hearing = stop, threading.Event(), threading.Lock()
+        self._results: dict[str, Result] = {}
+        self._todo: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[Result] = queue.SimpleQueue()
+        self._builders: list[Builder] = []
 
-def order(catalog: Catalog, names: Iterable[str]) -> list[tuple[str, list[str]]]:
-    """The named images and all below them, parents first, each with its parents. References that are no image of the
-    tree are included: they are pulled when missing."""
-    graph: dict[str, list[str]] = {}
-    pending = list(names)
-    while pending:
-        name = pending.pop()
-        if name not in graph:
-            graph[name] = image_parents(catalog.images[name]) if name in catalog.images else []
-            pending += graph[name]
-    try:
-        return [(name, graph[name]) for name in TopologicalSorter(graph).static_order()]
-    except CycleError as error:
-        cycle = " -> ".join(error.args[1])
-        raise Invalid("build", f"images stand on each other: {cycle}", "to break the cycle") from error
+    def run(self, jobs: int) -> list[Result]:
+        sorter = TopologicalSorter({r: [b for b in o.below if b in self._orders] for r, o in self._orders.items()})
+        try:
+            sorter.prepare()
+        except CycleError as error:
+            cycle = " -> ".join(error.args[1])
+            raise Invalid("build", f"images stand on each other: {cycle}", "to break the cycle") from error
+        most = min(max(1, jobs), sum(not _is_present(order) for order in self._orders.values()))
+        workers = [threading.Thread(target=self._work, name=f"build-{n}", daemon=True) for n in range(most)]
+        for worker in workers:
+            worker.start()
+        try:
+            self._go_through(sorter)
+        finally:
+            if len(self._results) < len(self._orders):  # whoever waits is interrupted
+                self._cancel()
+            for _ in workers:
+                self._todo.put(None)
+            for worker in workers:
+                worker.join()
+        return [self._results[reference] for reference in self._orders]
 
+    def _go_through(self, sorter: TopologicalSorter[str]) -> None:
+        while sorter.is_active():
+            ended = []
+            for reference in sorter.get_ready():
+                result = self._without_work(self._orders[reference])
+                if result is None:
+                    self._todo.put(self._orders[reference])
+                else:
+                    ended.append(result)
+            for result in ended or [self._next()]:
+                self._results[result.reference] = result
+                with self._hearing:
+                    self._listener.ended(result)
+                sorter.done(result.reference)
 
-def build(catalog: Catalog, names: Iterable[str], builder: Builder, say: Callable[[str], None]) -> list[Result]:
-    """Builds in order; what stands on a failed image is skipped. `say` gets one line for each step."""
-    results: dict[str, Result] = {}
-    for name, below in order(catalog, names):
-        broken = [p for p in below if results[p].outcome in ("failed", "skipped")]
-        if broken:
-            results[name] = Result(name, "skipped", f"stands on {broken[0]}")
+    def _without_work(self, order: Order) -> Result | None:
+        """What can be said of an order without doing anything; None where there is something to do."""
+        if _is_present(order):
+            return Result(order.reference, "present")
+        if self._stopping():
+            return Result(order.reference, "skipped", STOPPED)
+        for reference in order.below:
+            below = self._results.get(reference)
+            if below and not below.good:
+                failed = below.outcome == "failed" and below.message != STOPPED
+                why = f"{self._orders[reference].name} failed" if failed else below.message
+                return Result(order.reference, "skipped", why)
+        return None
+
+    def _next(self) -> Result:
+        """The next one that ends."""
+        while True:
+            try:
+                return self._done.get(timeout=TURN)
+            except queue.Empty:
+                if self._stop.is_set():
+                    self._cancel()
+
+    def _stopping(self) -> bool:
+        return self._stop.is_set() or self._cancelled.is_set()
+
+    def _cancel(self) -> None:
+        """Ends what is under way. A worker that makes its builder at this moment sees that itself."""
+        if not self._cancelled.is_set():
+            self._cancelled.set()
+            for builder in list(self._builders):
+                builder.cancel()
+
+    # -- the workers -------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        builder: Builder | None = None
+        while (order := self._todo.get()) is not None:
+            began = self._clock()
+            try:
+                builder = builder or self._builder()
+                result = self._carry_out(order, builder)
+            except BaseException as error:  # whatever it is: the one who waits must hear of it
+                result = self._failure(order, error)
+            self._done.put(replace(result, seconds=self._clock() - began))
+        if builder is not None:
+            builder.close()
+
+    def _builder(self) -> Builder:
+        builder = self._make_builder()
+        self._builders.append(builder)
+        if self._cancelled.is_set():
+            builder.cancel()
+        return builder
+
+    def _carry_out(self, order: Order, builder: Builder) -> Result:
+        """Raises what the builder raises."""
+        if self._stopping():
+            return Result(order.reference, "skipped", STOPPED)
+        with self._hearing:
+            self._listener.began(order)
+        if order.image is None:
+            return _pulled(order, builder, self._telling(order, lambda line: None))
+        with build_log(self._logs, order) as log:
+            say = self._telling(order, log)
+            try:
+                return replace(_made(order, builder, say), log=log_path(self._logs, order))
+            except BaseException as error:
+                log(str(error))
+                raise
+
+    def _telling(self, order: Order, log: Callable[[str], None]) -> Say:
+        def say(text: str, step: bool = False) -> None:
+            log(text)
+            if step:
+                with self._hearing:
+                    self._listener.step(order, _shown(text, order))
+
+        return say
+
+    def _failure(self, order: Order, error: BaseException) -> Result:
+        if self._stopping():
+            why = STOPPED
+        elif isinstance(error, RorgError):
+            why = error.why
+        elif isinstance(error, OSError):
+            why = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         else:
-            results[name] = _one(catalog, name, builder, say)
-        tail = f": {results[name].message}" if results[name].message else ""
-        say(f"{results[name].outcome:<8} {name}{tail}")
-    return list(results.values())
+            why = f"internal error: {type(error).__name__}: {error}"
+        step = _shown(getattr(error, "step", ""), order)
+        log = log_path(self._logs, order) if order.image else ""
+        return Result(order.reference, "failed", _shown(why, order), step, log)
 
 
-def _one(catalog: Catalog, name: str, builder: Builder, say: Callable[[str], None]) -> Result:
-    image = catalog.images.get(name)
+def _is_present(order: Order) -> bool:
+    return order.there and not order.pull
+
+
+def _pulled(order: Order, builder: Builder, say: Say) -> Result:
     try:
-        if image is None:
-            if builder.has(name):
-                return Result(name, "present")
-            builder.pull(name)
-            return Result(name, "pulled")
-        if image.import_command:
-            if builder.has(name):
-                return Result(name, "present")
-            builder.load(image)
-            return Result(name, "imported")
-        builder.build(image, say)
-        return Result(name, "built")
+        builder.pull(order.reference, say)
     except RorgError as error:
-        return Result(name, "failed", error.why)
+        if not order.there:
+            raise
+        return Result(order.reference, "present", f"it is as it was, since it cannot be pulled: {error.why}")
+    return Result(order.reference, "pulled", id=builder.digest(order.reference))
 
 
-@contextlib.contextmanager
-def import_stream(image: Image) -> Iterator[IO[bytes]]:
-    """Runs an image's import command as long as the block; its standard output is the tar stream. Raises EngineError
-    with what it said last when it fails."""
-    try:
-        process = subprocess.Popen(
-            image.import_command or (),
-            cwd=image.directory,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise EngineError(f"import {image.name}", str(error), "to look at spec.import") from error
-    assert process.stdout
-    assert process.stderr
-    said = bytearray()
-    listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
-    listener.start()
-    try:
-        yield process.stdout
-        process.stdout.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(PATIENCE)
-    finally:
-        end(process, signal.SIGTERM)
-        listener.join(PATIENCE)
-    if process.returncode != 0:
-        why = said.decode(errors="replace").strip()
-        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "to look at spec.import")
+def _made(order: Order, builder: Builder, say: Say) -> Result:
+    assert order.image is not None
+    imported = order.image.import_command is not None
+    made = builder.load(order, say) if imported else builder.build(order, say)
+    for name in order.also:
+        builder.tag(order.reference, name)
+    return Result(order.reference, "imported" if imported else "built", id=made)
 
 
-def _listen(pipe: IO[bytes], said: bytearray) -> None:
-    """Keeps the end of what a command says, and never makes it wait."""
-    with pipe:
-        while chunk := os.read(pipe.fileno(), 1 << 16):
-            said[:] = (said + chunk)[-SAID:]
-
-
-class ProcessBuilder:
-    """On the process engine an image stands for the programs in its context and in its parents' contexts: their
-    folders come first in PATH. Noted in the state directory."""
-
-    def __init__(self, catalog: Catalog, state: Path) -> None:
-        self.catalog, self.path = catalog, state / "process-images.json"
-        self.images: dict[str, list[str]] = read_json(self.path) or {}
-
-    def has(self, reference: str) -> bool:
-        return reference in self.images
-
-    def pull(self, reference: str) -> None:
-        self._note(reference, [])
-
-    def load(self, image: Image) -> None:
-        self._note(image.name, [])
-
-    def build(self, image: Image, say: Callable[[str], None]) -> None:
-        below = [folder for parent in image_parents(image) for folder in self.images.get(parent, [])]
-        self._note(image.name, [str(image.context), *below])
-
-    def _note(self, name: str, folders: list[str]) -> None:
-        self.images[name] = folders
-        write_atomic(self.path, json.dumps(self.images), durable=False)
+def _shown(text: str, order: Order) -> str:
+    """One line, without the values of build arguments."""
+    values = {value for value in (order.image.args.values() if order.image else ()) if len(value) >= SHORTEST}
+    for value in sorted(values, key=len, reverse=True):
+        text = text.replace(value, MASK)
+    return " ".join(text.split())
