@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rorg.core.decide import Decision
+from rorg.core.plan import NO_IMAGE
 from rorg.core.schedule import told_since
 from rorg.core.status import Status
 from rorg.model.graph import closure
@@ -75,7 +76,8 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
         step = situation.memory.of(name)
         fresh = step.answered is None or told_since(step, question.since)
         return Ready(fresh, status.incarnation, "" if fresh else step.probe or "its probe has not answered yet")
-    waiting = next((w.reason for w in decision.plan.waitings if w.service == name), "")
+    waitings = [w for w in decision.plan.waitings if w.service == name]
+    waiting = next((w.reason for w in waitings), "")
     why = (
         status.held
         or situation.preempted.get(name)
@@ -88,5 +90,6 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     stalled = status.condition("Stalled").status == "True"
     settled = not waiting and status.condition("Reconciling").status == "False"
     over = status.wanted and settled and ready.reason in ("Failed", "OutOfMemory")
-    failing = stalled or over or situation.memory.of(name).missing
+    missing = situation.memory.of(name).missing or any(w.code == NO_IMAGE for w in waitings)
+    failing = stalled or over or missing
     return Ready(False, status.incarnation, why, hopeless=failing or bool(status.held))

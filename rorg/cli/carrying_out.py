@@ -97,7 +97,7 @@ def _good_or_bad(decision: Decision) -> bool | None:
         return False
     if decision.situation.suspended:
         return True
-    return None if "Progressing" in health or any(not w.code for w in decision.plan.waitings) else True
+    return None if "Progressing" in health or any(w.goes_on for w in decision.plan.waitings) else True
 
 
 def _late(view: dict[str, Any]) -> dict[str, str]:

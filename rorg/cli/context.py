@@ -269,12 +269,18 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
 def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
     failed, or it ended and is not begun again."""
+    from rorg.core.plan import NO_IMAGE
+
     found = {}
     for name in names:
         service = view["services"].get(name)
-        if service is None or not service["wanted"] or service["state"] == "meta":
+        said = [w for w in view["plan"]["waitings"] if w["service"] == name]
+        without = [w["reason"] for w in said if w.get("code") == NO_IMAGE]
+        if without:
+            found[name] = "; ".join(without)
+        if without or service is None or not service["wanted"] or service["state"] == "meta":
             continue
-        failed = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name and w.get("code") == "failed"]
+        failed = [w["reason"] for w in said if w.get("code") == "failed"]
         stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")

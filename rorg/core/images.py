@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from rorg.core.plan import Waiting
+from rorg.core.plan import IMAGE, NO_IMAGE, Waiting
 from rorg.core.view import View
 from rorg.model.catalog import Service
 
@@ -16,8 +16,8 @@ def held_back(view: View, service: Service, changed: Collection[str], runs: bool
     image = str((service.spec or {}).get("image", ""))
     missing = view.s.images.get(image)
     if missing:
-        return Waiting(service.name, f"image {image}: {missing.reason}", code="failed" if missing.failed else "")
-    later = view.desired.catalog.policy.images.update == "when_ceased"
-    if later and runs and set(changed) == {"image"} and service.name in view.s.wanted and service.name not in view.s.restarts:
+        return Waiting(service.name, f"image {image}: {missing.reason}", code=NO_IMAGE if missing.failed else IMAGE)
+    s, later = view.s, view.desired.catalog.policy.images.update == "when_ceased"
+    if later and runs and set(changed) == {"image"} and service.name in s.wanted and service.name not in s.restarts:
         return Waiting(service.name, f"image {image} comes into use when it is next ceased", code="deferred")
     return None

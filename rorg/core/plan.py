@@ -23,6 +23,10 @@ SYMBOLS = {
 }
 
 
+IMAGE, NO_IMAGE = "image", "no-image"
+"""Codes of waitings: an image is being built or pulled, or cannot be had."""
+
+
 @dataclass(frozen=True, slots=True)
 class Action:
     """One engine call. All that is needed to perform it is here: the executor decides nothing."""
@@ -78,8 +82,14 @@ class Waiting:
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), withheld (its removal waits for a person's word), deferred
-    (the Policy leaves it for later), preempted or suspended; empty for what only takes its time."""
+    """Why it may never be done: failed (it was tried), no-image (that cannot be had), withheld (its removal waits for a
+    person's word), deferred (the Policy leaves it for later), preempted or suspended. Of what only takes its time:
+    image (that is being built or pulled), or empty."""
+
+    @property
+    def goes_on(self) -> bool:
+        """It will be done if one waits."""
+        return self.code in ("", IMAGE)
 
 
 @dataclass(frozen=True, slots=True)

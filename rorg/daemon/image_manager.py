@@ -5,53 +5,40 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
 
 from rorg.core.desired import Desired
 from rorg.core.missing import Missing
 from rorg.daemon.recorder import Recorder
 from rorg.engines.protocol import Images
 from rorg.errors import RorgError, Unreachable
-from rorg.images.order import Result
-from rorg.images.records import Records
+from rorg.images.order import Order, Result
 from rorg.images.references import Content
+from rorg.images.supply import Supplier
 from rorg.model.catalog import ImagePolicy
 
 SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
 AGAIN, MOST = 30.0, 3600.0
 """Seconds until an image that could not be had is tried again; twice as long each time, up to MOST."""
-HAD = ("built", "imported", "pulled", "present")
 LOOKED_FOR = Missing("is being looked for")
 NOTHING: Mapping[str, Missing] = {}
-
-
-class Supply(Protocol):
-    """Gets images (see images/supply.py). `ended` is told of each as soon as it is had, or cannot be."""
-
-    def __call__(
-        self,
-        desired: Desired,
-        content: Content,
-        missing: Iterable[str],
-        ended: Callable[[Result], None],
-        stop: threading.Event,
-    ) -> None: ...
 
 
 class ImageManager:
     """A thread of its own. `wake` is called when something has become known."""
 
-    def __init__(
-        self, engine: Images, supply: Supply, records: Records, recorder: Recorder, wake: Callable[[], None]
-    ) -> None:
-        self.engine, self.supply, self.records, self.recorder, self.wake = engine, supply, records, recorder, wake
+    def __init__(self, engine: Images, supplier: Supplier, recorder: Recorder, wake: Callable[[], None]) -> None:
+        self.engine, self.supplier, self.recorder, self.wake = engine, supplier, recorder, wake
+        self.records = supplier.records
         self._changed = threading.Condition()
         self._halt = threading.Event()
         """Set when what is being had is wanted no more."""
         self._desired: Desired | None = None
         self._content = Content()
-        self._asked = self._stopping = False
+        self._policy = ImagePolicy()
+        self._asked = self._busy = self._stopping = False
+        self._records: tuple[int, ...] = ()
+        """How what was built had been written down when it was last looked for."""
         self._there: set[str] = set()
         self._missing: Mapping[str, Missing] = NOTHING
         self._failures = 0
@@ -74,12 +61,23 @@ class ImageManager:
         beside the loop."""
         with self._changed:
             if desired is not self._desired:
-                self._desired, self._content, self._failures = desired, content, 0
-                wanted = used(desired)
-                self._missing = {r: self._missing.get(r, LOOKED_FOR) for r in sorted(wanted - self._there)}
-                if self._missing:
-                    self._ask()
+                self._adopt(desired, content)
+            stamp = self.records.stamp
+            if self._missing and not self._busy and stamp != self._records:
+                self._records = stamp
+                self._ask()
             return self._missing
+
+    def _adopt(self, desired: Desired, content: Content) -> None:
+        same = self._desired is not None and used(desired) == used(self._desired) and content == self._content
+        self._desired, self._content = desired, content
+        if same and desired.catalog.policy.images == self._policy:
+            return
+        self._failures, self._policy = 0, desired.catalog.policy.images
+        wanted = used(desired)
+        self._missing = {r: self._missing.get(r, LOOKED_FOR) for r in sorted(wanted - self._there)}
+        # Without anything missing it is written down what this state of the manifests uses.
+        self._ask()
 
     def check(self) -> None:
         """Looks anew for all that is wanted: something was built, pulled or removed by others."""
@@ -101,9 +99,11 @@ class ImageManager:
                     return
                 self._asked = False
                 self._halt.clear()
-                desired, content = self._desired, self._content
+                desired, content, self._busy = self._desired, self._content, True
             if desired is not None:
                 self._have(desired, content)
+            with self._changed:
+                self._records, self._busy = self.records.stamp, False
 
     def _have(self, desired: Desired, content: Content) -> None:
         wanted = used(desired)
@@ -112,7 +112,9 @@ class ImageManager:
             self._found(wanted - missing, missing, desired, content)
             wanted_now = self._to_be_had(missing, desired, content)
             if wanted_now:
-                self.supply(desired, content, wanted_now, self._ended, self._halt)
+                own = {reference: name for name, reference in content.references.items()}
+                names = [own.get(reference, reference) for reference in wanted_now]
+                self.supplier.supply(desired.catalog, content, names, self, self._halt)
             self._over(any(m.failed for m in self._missing.values()))
             if not self._missing and not self._asked:
                 self.records.use(content.references.values())
@@ -147,8 +149,12 @@ class ImageManager:
             return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
         return Missing("is being pulled")
 
-    def _ended(self, result: Result) -> None:
-        had, reference = result.outcome in HAD, result.reference
+    def began(self, order: Order) -> None: ...
+    def step(self, order: Order, text: str) -> None: ...
+
+    def ended(self, result: Result) -> None:
+        """Of an image that was wanted, or that such a one stands on."""
+        had, reference = result.good, result.reference
         with self._changed:
             if had:
                 self._there.add(reference)

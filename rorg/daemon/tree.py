@@ -18,7 +18,7 @@ from rorg.images.references import Content, References
 from rorg.manifest.documents import manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
-from rorg.model.catalog import EMPTY
+from rorg.model.catalog import EMPTY, Catalog
 from rorg.model.diagnostics import Diagnostic, Where
 
 PATIENCE = 2.0
@@ -51,6 +51,10 @@ class Tree:
         self.references = references
         self.images = Content()
         """Of the last good tree."""
+        self._catalog: Catalog | None = None
+        """It, as it was read."""
+        self._records: tuple[int, ...] = ()
+        """How what was built had been written down then."""
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
@@ -123,7 +127,7 @@ class Tree:
         now, stamp, checkout = self.clock(), self.stamp(), checkout_under_way(self._git)
         if stamp == self._stamp and not checkout:
             self._since = None
-            return False, False
+            return self._built_anew(), False
         waited = 0.0 if self._since is None else now - self._since
         still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
         if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
@@ -138,6 +142,14 @@ class Tree:
         self._since, self._stamp = None, before
         self._take(loaded)
         return True, not whole
+
+    def _built_anew(self) -> bool:
+        """Whether images that the tree declares have become others, though nothing that they are made from has."""
+        if self.references is None or self._catalog is None or self.references.records.stamp == self._records:
+            return False
+        before = self.images
+        self._take(Loaded(self._catalog, self.warnings))
+        return self.images != before
 
     def read_now(self) -> None:
         """Reads it as it is at this moment, whoever writes it."""
@@ -171,9 +183,11 @@ class Tree:
 
     def _take(self, loaded: Loaded) -> None:
         loaded, desired, images = self._desired(loaded)
+        same = loaded.catalog is self._catalog and images == self.images
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
-        if desired is not None:
+        if desired is not None and not same:
+            self._catalog = loaded.catalog
             self.desired, self.images, self.loaded = desired, images, True
             self._revision = None
 
@@ -185,7 +199,7 @@ class Tree:
             return loaded, None, images
         try:
             if self.references:
-                images = self.references.of(catalog)
+                self._records, images = self.references.records.stamp, self.references.of(catalog)
             return loaded, desire(catalog, self.run, self._contents.of(catalog, self.root), images.references), images
         except Exception as bug:
             return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None, images

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.generations import Generations
+from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop
 from rorg.daemon.parts import Collaborators
@@ -20,18 +21,23 @@ from rorg.daemon.ros import RosPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
-from rorg.engines.observe import Observer
 from rorg.engines import WITH_IMAGES
+from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Images
 from rorg.host.clock import booted_at, wall_clock
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
+from rorg.images.make import make_supplier
+from rorg.images.records import NAME as RECORDS
 from rorg.images.records import Records
 from rorg.images.references import References
 from rorg.probes.prober import Prober
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
+
+JOBS = 2
+"""Images that are built at once beside a robot that does other things."""
 
 
 def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
@@ -65,7 +71,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
-    threads = (*((images,) if images else ()), prober, sampler, ros, watcher, Wakeup(state.path, wakes.requests_changed), observer)
+    notified = Wakeup(state.path, wakes.requests_changed)
+    threads = (*([images] if images else []), prober, sampler, ros, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -93,8 +100,8 @@ def _image_manager(
 ) -> ImageManager | None:
     if not isinstance(engine, Images):
         return None
-    records = Records(state.path)
-    return ImageManager(engine, supply_for(engine, owner, state), records, recorder, wakes.wake)
+    supplier = make_supplier(engine, state, owner, JOBS)
+    return ImageManager(engine, supplier, recorder, wakes.wake)
 
 
 def _sampler(engine: Engine, loop: Callable[[], Loop], wakes: Wakes) -> Sampler:
@@ -109,5 +116,6 @@ def _sampler(engine: Engine, loop: Callable[[], Loop], wakes: Wakes) -> Sampler:
 
 
 def _own_files(state: StateDir) -> Callable[[str], bool]:
-    """Which files of the state directory rorg writes itself: all but the requests file."""
-    return lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] != state.requests.name
+    """Which files of the state directory this rorg writes itself: all but the requests file, and what was built."""
+    others = (state.requests.name, RECORDS)
+    return lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in others

@@ -14,6 +14,9 @@ LABEL_IMAGE = "rorg.io/image"
 """Label of an image of ours: which Image of a tree it is."""
 LABEL_IDENTITY = "rorg.io/identity"
 """Likewise: of which content."""
+LABEL_BUILDER = "rorg.io/built-by"
+"""Likewise: the instance that built it. Not the label of an owner: containers have the labels of their image, and one
+that a person makes of it is nobody's service."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from rorg.core.observed import LABEL_OWNER
-from rorg.images.order import LABEL_IDENTITY, LABEL_IMAGE, Order
+from rorg.images.order import LABEL_BUILDER, LABEL_IDENTITY, LABEL_IMAGE, Order
 from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import declared
 
@@ -43,7 +42,7 @@ def orders_for(
         return reference
 
     def order(image: Image, reference: str, below: Mapping[str, str], present: bool) -> Order:
-        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identities.get(image.name, ""), LABEL_OWNER: owner}
+        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identities.get(image.name, ""), LABEL_BUILDER: owner}
         return Order(
             reference,
             image,

@@ -84,14 +84,19 @@ class Records:
             write_atomic(self.path, json.dumps({**content, **edit(content)}) + "\n")
             self._read = None, {}
 
-    def _content(self) -> dict[str, Any]:
+    @property
+    def stamp(self) -> tuple[int, ...]:
+        """Changes with what is written; empty where nothing is."""
         try:
             facts = self.path.stat()
         except OSError:
-            return {}
-        key = facts.st_mtime_ns, facts.st_size, facts.st_ino
-        if self._read[0] != key:
-            self._read = key, _mapping(read_json(self.path))
+            return ()
+        return facts.st_mtime_ns, facts.st_size, facts.st_ino
+
+    def _content(self) -> dict[str, Any]:
+        stamp = self.stamp
+        if self._read[0] != stamp:
+            self._read = stamp, _mapping(read_json(self.path))
         return self._read[1]
 
 

@@ -31,9 +31,7 @@ class References:
 
     def of(self, catalog: Catalog) -> Content:
         identities = self.identities.of(catalog)
-        return Content(
-            identities=identities, references=references(catalog, identities, self.records.built())
-        )
+        return Content(identities=identities, references=references(catalog, identities, self.records.built()))
 
 
 def references(
@@ -59,9 +57,7 @@ def references(
     return found
 
 
-def bases_of(
-    catalog: Catalog, name: str, references: Mapping[str, str], digests: Mapping[str, str]
-) -> dict[str, str]:
+def bases_of(catalog: Catalog, name: str, references: Mapping[str, str], digests: Mapping[str, str]) -> dict[str, str]:
     """What an image stands on -> what that is: the reference of an image of the tree, the digest of another one; those
     of unknown digest are left out."""
     found = {}

@@ -1,17 +1,137 @@
-"""Getting images: what is to be built or pulled is made out, done, and written down."""
+"""Getting images: what is to be built or pulled is made out, done, and written down as soon as it is done."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rorg.images.build import Builder, Listener, build
+from rorg.images.build import build
 from rorg.images.identity import renewed
-from rorg.images.order import Order, Result
-from rorg.images.orders import orders_for
+from rorg.images.order import Builder, Listener, Order, Result
+from rorg.images.orders import externals, orders_for
 from rorg.images.records import Built, Records
 from rorg.images.references import Content, bases_of, references
 from rorg.model.catalog import Catalog
-from rorg.model.image_names import declared, with_identity
+from rorg.model.image_names import with_identity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Supplier:
+    """Of one state directory. `clock` gives seconds, `wall` ISO 8601 in UTC."""
+
+    make_builder: Callable[[], Builder]
+    records: Records
+    logs: Path
+    owner: str
+    clock: Callable[[], float]
+    wall: Callable[[], str]
+    jobs: int
+
+    def orders(self, catalog: Catalog, content: Content, names: Iterable[str], cache: bool = True) -> list[Order]:
+        """What would be done to have these: Images of the tree, or external references."""
+        builder = self.make_builder()
+        try:
+            return self._orders(builder, catalog, content, list(names), cache)
+        finally:
+            builder.close()
+
+    def supply(
+        self,
+        catalog: Catalog,
+        content: Content,
+        names: Iterable[str],
+        listener: Listener,
+        stop: threading.Event | None = None,
+        pull: bool = False,
+        cache: bool = True,
+    ) -> list[Result]:
+        """Has these images. `pull`: external ones are pulled anew first, and what stands on one that is another one
+        then is built again. Without `cache` all is built again."""
+        builder, wanted = self.make_builder(), list(names)
+        try:
+            pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if pull else ([], {})
+            content = self._renewed(catalog, content, digests, cache)
+            orders = self._orders(builder, catalog, content, wanted, cache)
+            known = {order.reference for order in orders}
+            noting = _Noting(self, builder, catalog, content, orders, listener)
+            done = build(
+                orders,
+                self.make_builder,
+                jobs=self.jobs,
+                clock=self.clock,
+                listener=noting,
+                stop=stop,
+                logs=self.logs,
+            )
+        finally:
+            builder.close()
+        told = {result.reference: result for result in pulled}
+        results = [told.get(r.reference, r) if r.outcome == "present" else r for r in done]
+        return [*(r for r in pulled if r.reference not in known), *results]
+
+    def _orders(
+        self, builder: Builder, catalog: Catalog, content: Content, names: list[str], cache: bool
+    ) -> list[Order]:
+        there = builder.there({*content.references.values(), *externals(catalog, names)})
+        return orders_for(
+            catalog,
+            names,
+            identities=content.identities,
+            tags=content.references,
+            there=there,
+            owner=self.owner,
+            cache=cache,
+        )
+
+    def _pull(
+        self,
+        builder: Builder,
+        catalog: Catalog,
+        names: list[str],
+        listener: Listener,
+        stop: threading.Event | None,
+    ) -> tuple[list[Result], dict[str, str]]:
+        """What became of it, and reference -> digest of what is there."""
+        asked = sorted(externals(catalog, names))
+        there = builder.there(asked)
+        orders = [Order(r, there=r in there, pull=r in there) for r in asked]
+        results = build(
+            orders, self.make_builder, jobs=self.jobs, clock=self.clock, listener=listener, stop=stop, logs=self.logs
+        )
+        return results, {r.reference: builder.digest(r.reference) for r in results if r.good}
+
+    def _renewed(self, catalog: Catalog, content: Content, digests: Mapping[str, str], cache: bool) -> Content:
+        found = references(catalog, content.identities, self.records.built(), digests)
+        if not cache:
+            salt = {"built at": self.wall()}
+            found = {n: with_identity(n, renewed(identity, salt)) for n, identity in content.identities.items()}
+        return replace(content, references=found)
+
+
+class _Noting:
+    """A listener that writes down what was built before it tells it."""
+
+    def __init__(
+        self,
+        supplier: Supplier,
+        builder: Builder,
+        catalog: Catalog,
+        content: Content,
+        orders: Iterable[Order],
+        listener: Listener,
+    ) -> None:
+        self.supplier, self.builder, self.catalog, self.content = supplier, builder, catalog, content
+        self.images = {order.reference: order.image for order in orders if order.image}
+        self.began, self.step, self.listener = listener.began, listener.step, listener
+
+    def ended(self, result: Result) -> None:
+        image = self.images.get(result.reference)
+        if image and result.outcome in ("built", "imported"):
+            found = externals(self.catalog, image.bases) & set(image.bases)
+            digests = {base: self.builder.digest(base) for base in sorted(found)}
+            bases = bases_of(self.catalog, image.name, self.content.references, digests)
+            built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
+            self.supplier.records.note({self.content.identities[image.name]: built})
+        self.listener.ended(result)
