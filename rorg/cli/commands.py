@@ -32,6 +32,7 @@ COMMANDS = (
     "graph",
     "edit",
     "build",
+    "image",
     "demo",
     "schema",
     "completion",

@@ -57,7 +57,8 @@ class Client:
         return self._version
 
     def get(self, path: str, timeout: float = API_TIMEOUT, **query: Any) -> Any:
-        """The answer, from JSON. What is true, a number or a mapping in the query is said as the engine wants it."""
+        """The answer, from JSON. What is true, a number or a mapping in the query is said as the engine wants it, and each
+        of a tuple by itself."""
         return self._call("GET", path, None, timeout, query)
 
     def post(self, path: str, body: Mapping[str, Any] | None = None, timeout: float = API_TIMEOUT, **query: Any) -> Any:
@@ -108,8 +109,8 @@ class Client:
         return json.loads(text) if text else None
 
     def _url(self, path: str, query: Mapping[str, Any]) -> str:
-        said = {k: _said(v) for k, v in query.items() if v is not None}
-        return f"/v{self.version}{quote(path, safe='/:@')}" + (f"?{urlencode(said)}" if said else "")
+        said = {k: v if isinstance(v, tuple) else _said(v) for k, v in query.items() if v is not None}
+        return f"/v{self.version}{quote(path, safe='/:@')}" + (f"?{urlencode(said, doseq=True)}" if said else "")
 
     @contextmanager
     def _answer(self, method: Method, url: str, body: Body, timeout: float) -> Iterator[http.client.HTTPResponse]:

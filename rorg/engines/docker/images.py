@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import Any
 
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
@@ -26,3 +27,14 @@ def _is_there(client: Client, reference: str) -> bool:
             return False
         raise
     return True
+
+
+def disk_use(client: Client) -> list[dict[str, Any]]:
+    """All images with what they take on the disk: Size, SharedSize (bytes), and Containers, the number of those that
+    are made from them. Takes a while where there are many."""
+    return list(client.get("/system/df", type="image").get("Images") or ())
+
+
+def remove_image(client: Client, reference: str) -> None:
+    """Takes a reference away, and the image with the last one. Raises Refused where something is made from it."""
+    client.delete(f"/images/{reference}")

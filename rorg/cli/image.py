@@ -1,0 +1,196 @@
+"""rorg image"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import Argument, Directory, EngineName, Option, Output, OwnStateDirectory, Yes
+from rorg.cli.output import check_form, consent, missing, note, print_rows
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+    from rorg.engines.docker.engine import DockerEngine
+    from rorg.images.keeping import Kept
+    from rorg.images.records import Records
+    from rorg.images.references import Content
+    from rorg.model.catalog import Catalog
+
+ACTIONS = ("list", "prune", "save", "load")
+
+
+def command(
+    action: Annotated[str, Argument(help="list, prune, save FILE [IMAGE...] or load FILE.", completes=ACTIONS)],
+    names: Annotated[list[str], Argument(help="A file, and images; by default all that services use.")] = [],  # noqa: B006
+    keep: Annotated[
+        int | None, Option(names=("--keep",), help="Of prune: states of the manifests whose images stay.", least=1)
+    ] = None,
+    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Of prune: only show what would go.")] = False,
+    yes: Yes = False,
+    directory: Annotated[Path | None, Option(names=("--manifests",), help="Directory of manifests.")] = None,
+    state_dir: OwnStateDirectory = None,
+    engine: EngineName = None,
+    output: Output = "table",
+) -> None:
+    """List the images that rorg has built, with what they take on the disk and why they are kept; remove what no
+    state of the manifests needs that a rollback may go to; carry a robot's images to another machine in a file.
+
+    Example: rorg image prune --keep 3
+    """
+    from rorg.cli.context import Context
+    from rorg.errors import Invalid
+
+    check_form(output)
+    if action not in ACTIONS:
+        raise Invalid(f"do '{action}' with images", "there is no such action", f"one of {', '.join(ACTIONS)}")
+    if action in ("save", "load") and not names:
+        raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
+    if action in ("list", "prune", "load") and len(names) > (action == "load"):
+        raise Invalid(f"{action} images", f"'{names[-1]}' is one word too many", f"`rorg image {action}`")
+    robot = _Robot(Context(state_dir, engine, directory, local=True, own=True))
+    if action == "list":
+        _print(robot.kept(None), output)
+    elif action == "prune":
+        _prune(robot, keep, dry_run, yes, output)
+    elif action == "save":
+        _save(robot, Path(names[0]), names[1:])
+    else:
+        _load(robot, Path(names[0]))
+
+
+class _Robot:
+    """What the actions look at."""
+
+    def __init__(self, context: Context) -> None:
+        from rorg.images.records import Records
+        from rorg.images.references import References
+
+        self.context = context
+        self.engine: DockerEngine = _with_images(context)
+        self.catalog: Catalog = context.catalog()
+        self.records: Records = Records(context.state.path)
+        self.content: Content = References(self.records).of(self.catalog)
+
+    def kept(self, keep: int | None) -> list[Kept]:
+        import uuid
+
+        from rorg.engines.docker.errors import docker_errors
+        from rorg.engines.docker.images import disk_use
+        from rorg.images.keeping import ours
+
+        with docker_errors("list images"):
+            rows = disk_use(self.engine.client)
+        owner = self.context.state.instance(lambda: uuid.uuid4().hex)
+        keep = keep or self.catalog.policy.images.keep
+        return ours(rows, owner, set(self.content.references.values()), self.records.revisions(), keep)
+
+
+def _with_images(context: Context) -> Any:
+    from rorg.engines import WITH_IMAGES
+    from rorg.errors import Refused
+
+    if context.engine_name not in WITH_IMAGES:
+        raise Refused(
+            f"look after images on the engine '{context.engine_name}'",
+            "there an image is a name for folders of programs",
+            "--engine docker",
+        )
+    return context.engine()
+
+
+def _print(images: list[Kept], output: str) -> None:
+    from rorg.model.units import format_memory, stamp
+
+    rows = [
+        {
+            "name": image.name,
+            "reference": image.references[0] if image.references else image.id.removeprefix("sha256:")[:12],
+            "size": format_memory(image.size),
+            "own": format_memory(image.size - image.shared),
+            "kept for": ", ".join(image.reasons) or "-",
+            "id": image.id.removeprefix("sha256:")[:12],
+            "created": stamp(image.created),
+        }
+        for image in images
+    ]
+    full = [image.as_json() for image in images]
+    print_rows(rows, output, ("name", "reference", "size", "own", "kept for"), ("id", "created"), full=full)
+
+
+def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: str) -> None:
+    from rorg.engines.docker.errors import docker_errors
+    from rorg.engines.docker.images import remove_image
+    from rorg.errors import EngineError, NotReady
+    from rorg.model.units import format_memory
+
+    going = [image for image in robot.kept(keep) if not image.reasons]
+    _print(going, output)
+    freed = format_memory(sum(image.freed for image in going))
+    if dry_run or not going:
+        note(f"{len(going)} image{'s' * (len(going) != 1)} would go, {freed}" if going else "nothing to remove")
+        return
+    if not yes:
+        consent(f"remove {len(going)} image{'s' * (len(going) != 1)}", f"Remove them ({freed})?")
+    failed, gone = [], []
+    for image in going:
+        for reference in image.references or (image.id,):
+            try:
+                with docker_errors(f"remove {reference}"):
+                    remove_image(robot.engine.client, reference)
+                gone.append(reference)
+            except EngineError as error:
+                failed.append(f"{reference}: {error.why}")
+    robot.records.forget(gone)
+    if failed:
+        raise NotReady("remove all of them", "; ".join(failed), "`docker rmi` for the reason")
+    note(f"{len(going)} image{'s' * (len(going) != 1)} removed, {freed} freed")
+
+
+def _save(robot: _Robot, path: Path, names: list[str]) -> None:
+    from rorg.engines.docker.errors import docker_errors
+    from rorg.errors import Invalid
+    from rorg.images.archive import write_archive
+    from rorg.model.image_names import declared
+
+    for name in names:
+        if not declared(name, robot.catalog.images):
+            raise missing("image", name, robot.catalog.images)
+    used = names or sorted({str(s.spec["image"]) for s in robot.catalog.services.values() if s.spec})
+    references = [robot.content.references.get(declared(n, robot.catalog.images), n) for n in used]
+    lacking = robot.engine.missing_images(references)
+    if lacking:
+        raise Invalid("save images", f"not on this machine: {', '.join(sorted(lacking))}", "`rorg build` first")
+    saved = {i: b for i, b in robot.records.built().items() if b.reference in references}
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with (
+            docker_errors("save images"),
+            part.open("wb") as file,
+            robot.engine.client.stream("GET", "/images/get", names=tuple(references)) as stream,
+        ):
+            write_archive(iter(stream.read, b""), saved, file)
+        part.replace(path)
+    except OSError as error:
+        raise Invalid(f"write {path}", error.strerror or str(error), "another place") from error
+    finally:
+        part.unlink(missing_ok=True)
+    note(f"{len(references)} image{'s' * (len(references) != 1)} in {path}")
+
+
+def _load(robot: _Robot, path: Path) -> None:
+    from rorg.errors import Invalid
+    from rorg.images.archive import read_records
+    from rorg.images.docker import library_errors
+
+    try:
+        with path.open("rb") as file:
+            built = read_records(file, str(path))
+            file.seek(0)
+            with library_errors(f"load {path}"):
+                said = list(robot.engine.api().load_image(file))
+    except OSError as error:
+        raise Invalid(f"read {path}", error.strerror or str(error), "the file that `rorg image save` wrote") from error
+    robot.context.state.prepare()
+    robot.records.note(built)
+    loaded = sum("Loaded image" in str(line.get("stream", "")) for line in said)
+    note(f"{loaded} image{'s' * (loaded != 1)} loaded")

@@ -1,0 +1,77 @@
+"""Which images of ours are kept, why, and what they take on the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
+from rorg.model.image_names import plain
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """One image of ours on the engine's machine. Sizes are in bytes."""
+
+    name: str
+    """The Image of the tree that it was built from."""
+    references: tuple[str, ...]
+    """All that the engine calls it."""
+    id: str
+    created: float
+    """Seconds since the epoch."""
+    size: int
+    shared: int
+    """Of its size, what other images have too."""
+    reasons: tuple[str, ...]
+    """Why it is kept: it is in force, a revision used it, so many containers are made from it. Empty: it may go."""
+
+    @property
+    def freed(self) -> int:
+        """Bytes that its removal frees for sure."""
+        return 0 if self.reasons else self.size - self.shared
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "references": list(self.references),
+            "id": self.id,
+            "created": self.created,
+            "size": self.size,
+            "shared": self.shared,
+            "kept_for": list(self.reasons),
+        }
+
+
+def ours(
+    rows: Iterable[Mapping[str, Any]],
+    owner: str,
+    in_force: Collection[str],
+    revisions: Sequence[Collection[str]],
+    keep: int,
+) -> list[Kept]:
+    """Images that this instance built, by name and age, the newest first. `rows`: as the engine tells its disk use;
+    `in_force`: references that the tree declares; `revisions`: those of states of the manifests, the last first, of
+    which `keep` count."""
+    found = []
+    for row in rows:
+        labels = row.get("Labels") or {}
+        if labels.get(LABEL_BUILDER) == owner and LABEL_IMAGE in labels:
+            tags = tuple(sorted(row.get("RepoTags") or ()))
+            reasons = _reasons({plain(t) for t in tags}, row, in_force, revisions[:keep])
+            shared = max(0, row.get("SharedSize") or 0)
+            found.append(
+                Kept(labels[LABEL_IMAGE], tags, row["Id"], row.get("Created", 0), row.get("Size", 0), shared, reasons)
+            )
+    return sorted(found, key=lambda image: (image.name, -image.created, image.id))
+
+
+def _reasons(
+    tags: Collection[str], row: Mapping[str, Any], in_force: Collection[str], revisions: Sequence[Collection[str]]
+) -> tuple[str, ...]:
+    said = ["in force"] if any(r in tags for r in in_force) else []
+    used = [n for n, revision in enumerate(revisions) if any(r in tags for r in revision)]
+    said += [f"{used[0]} revision{'s' * (used[0] != 1)} back"] if used and used[0] else []
+    containers = row.get("Containers") or 0
+    return (*said, f"{containers} container{'s' * (containers != 1)}") if containers > 0 else tuple(said)
