@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import subprocess
 import sys
 import time
@@ -14,6 +15,8 @@ from robots import RealRobot, write_tree
 
 from rorg.daemon.tree import Tree
 from rorg.host.watch import Watcher
+from rorg.images.records import Built, Records
+from rorg.images.references import References
 
 WRITER = """
 import sys, time
@@ -104,7 +107,7 @@ def test_what_is_read_beside_the_manifests_counts(tmp_path):
     (root / "images/eye/main.py").write_text("x")
     (root / "notes").mkdir()
     (root / "notes/today.txt").write_text("x")
-    assert tree.stamp() == before, "a build's context counts when it is built"
+    assert tree.stamp() == before, "where an image is no more than a name, what it is built from does not count"
 
 
 def test_a_change_that_comes_while_the_tree_is_read_is_not_lost(tmp_path):
@@ -128,3 +131,55 @@ def test_a_change_that_comes_while_the_tree_is_read_is_not_lost(tmp_path):
         robot.wait(lambda: "late" in robot.loop.tree.desired.catalog.services)
     finally:
         robot.close()
+
+
+def test_what_images_are_built_from_counts(tmp_path):
+    """Also beside the tree, whatever its names begin with; but not git's own files."""
+    root = write_tree(tmp_path / "tree", {"camera": {"image": "eye"}})
+    context = tmp_path / "eye"
+    (context / ".git").mkdir(parents=True)
+    (context / ".config").mkdir()
+    (context / "Dockerfile").write_text("FROM scratch\n")
+    (root / "images").mkdir()
+    (root / "images/eye.yaml").write_text(
+        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: ../../eye}\n"
+    )
+    tree = Tree(root, references=References(Records(tmp_path)))
+    tree.read()
+    first = tree.desired.catalog.services["camera"].spec["image"]
+    assert re.fullmatch("eye:[0-9a-f]{12}", first)
+    assert context in tree.folders()
+    assert context / ".git" not in tree.folders()
+    (context / ".git/HEAD").write_text("x")
+    assert tree.read() == (False, False)
+    (context / ".config/rate").write_text("10")
+    wait_for(lambda: tree.read()[0])
+    changed = tree.desired.catalog.services["camera"].spec["image"]
+    assert changed != first
+    (context / ".config/rate").unlink()
+    (context / ".config").rmdir()
+    wait_for(lambda: tree.read()[0])
+    (context / ".config").mkdir()
+    wait_for(lambda: tree.read()[0])
+    assert tree.desired.catalog.services["camera"].spec["image"] == first
+
+
+def test_an_image_that_was_built_anew_from_the_same_files_is_another_one(tmp_path):
+    root = write_tree(tmp_path / "tree", {"camera": {"image": "eye:latest"}})
+    (root / "images").mkdir()
+    (root / "images/eye.yaml").write_text(
+        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {import: 'true'}\n"
+    )
+    records = Records(tmp_path)
+    tree = Tree(root, references=References(records))
+    tree.read()
+    desired = tree.desired
+    (identity,) = tree.images.identities.values()
+    assert tree.read() == (False, False)
+    records.note({identity: Built("eye", tree.images.references["eye"])})
+    assert tree.read() == (False, False)
+    assert tree.desired is desired
+    records.note({identity: Built("eye", "eye:other")})
+    assert tree.read() == (True, False)
+    assert tree.desired.catalog.services["camera"].spec["image"] == "eye:other"
+    assert tree.desired.catalog.fingerprint != desired.catalog.fingerprint

@@ -103,7 +103,7 @@ class Tree:
         return (
             _stats(manifests),
             _stats(sorted(self._inputs.files)),
-            _stats([*strays, *_below(sorted(self._inputs.mounted)), *_contexts(self._inputs.contexts)]),
+            _stats([*strays, *_below(sorted(self._inputs.mounted)), *self._built_from()]),
         )
 
     def folders(self) -> list[Path]:
@@ -115,11 +115,14 @@ class Tree:
         found += sorted(path.parent for path in self._inputs.files)
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
-        contexts = [path for path in _contexts(self._inputs.contexts) if os.path.isdir(path)]
+        contexts = [path for path in self._built_from() if os.path.isdir(path)]
         inside = (
             p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
         )
         return list(itertools.islice(itertools.chain(inside, contexts), MOST_FOLDERS))
+
+    def _built_from(self) -> Iterator[Path]:
+        return _contexts(self._inputs.contexts if self.references else ())
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
