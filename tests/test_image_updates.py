@@ -1,0 +1,177 @@
+"""Software comes to the robot by a commit, and goes back by a revert (paper, Table I): built beside what runs, exactly
+the services replaced whose images are other ones, and the images of before used again as they are."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import BASE_IMAGE
+from robots import RealRobot
+
+from rorg.images.order import LABEL_IMAGE
+from rorg.model.units import stamp
+
+RUNS = ["python3", "-S", "/app/program.py"]
+PROGRAM = """import time
+while True:
+    time.sleep(60)
+"""
+
+
+def git(folder: Path, *words: str) -> str:
+    who = ["-c", "user.name=robot", "-c", "user.email=robot@lab"]
+    return subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+def write_image(robot: RealRobot, name: str, parent: str, version: str) -> Path:
+    """An image with /NAME.txt in it; what it is called, and from what it is made."""
+    context = robot.tree.parent / "software" / name
+    context.mkdir(parents=True, exist_ok=True)
+    (context / "version.txt").write_text(f"{version}\n")
+    (context / "program.py").write_text(PROGRAM)
+    (context / "Dockerfile").write_text(f"FROM {parent}\nCOPY version.txt /{name}.txt\nCOPY program.py /app/program.py\n")
+    (robot.tree / "images").mkdir(parents=True, exist_ok=True)
+    document = {
+        "apiVersion": "rorg/v1",
+        "kind": "Image",
+        "metadata": {"name": name},
+        "spec": {"context": f"../../software/{name}"},
+    }
+    (robot.tree / f"images/{name}.yaml").write_text(yaml.safe_dump(document))
+    return context
+
+
+@pytest.fixture(scope="module")
+def engine_of_ours(dockerd):
+    """Images stay from test to test, and go at the end."""
+    yield
+    import docker
+
+    api = docker.APIClient(dockerd.host, version="auto")
+    for row in api.images(filters={"label": LABEL_IMAGE}):
+        for tag in row["RepoTags"]:
+            if tag.partition(":")[0] in NAMES:
+                api.remove_image(tag, force=True)
+
+
+NAMES = ("mid", "camera", "map", "other")
+
+
+@pytest.fixture
+def robot(engine_of_ours, docker_robot):
+    """base -> mid -> camera, mid -> map; and other, which stands on nothing of these. All of it is in git."""
+    robot = docker_robot
+    for name, parent in zip(NAMES, (BASE_IMAGE, "mid", "mid:latest", BASE_IMAGE), strict=True):
+        write_image(robot, name, parent, "1")
+    git(robot.tree.parent, "init", "-q")
+    (robot.tree.parent / ".gitignore").write_text("state/\n")
+    robot.declare({name: {"image": name, "command": RUNS, "always_on": True} for name in NAMES[1:]})
+    git(robot.tree.parent, "add", "-A")
+    git(robot.tree.parent, "commit", "-qm", "one")
+    robot.wait(lambda: all(says(robot, n, n) == "1" for n in NAMES[1:]), 180)
+    return robot
+
+
+def says(robot: RealRobot, service: str, of: str) -> str:
+    """The version of an image's part in the container of a service that runs."""
+    container = robot.container(service)
+    if container is None or container.state != "running":
+        return ""
+    return robot.engine.exec(container.id, ["cat", f"/{of}.txt"], 10.0)[1].decode().strip()
+
+
+def ids(robot: RealRobot) -> dict[str, str]:
+    return {c.service: c.id for c in robot.containers()}
+
+
+def of_images(robot: RealRobot, outcome: str) -> list[str]:
+    """Names of the images of which the journal tells this, in their order."""
+    events = [json.loads(line) for line in robot.state.journal.read_text().splitlines()]
+    return [e["image"].partition(":")[0] for e in events if e.get("image") and e.get("outcome") == outcome]
+
+
+def test_a_commit_brings_version_2_and_a_revert_version_1(robot):
+    before, made = ids(robot), len(of_images(robot, "built"))
+    (robot.tree.parent / "software/camera/version.txt").write_text("2\n")
+    git(robot.tree.parent, "commit", "-qam", "two")
+    robot.wait(lambda: says(robot, "camera", "camera") == "2", 120)
+    robot.settle()
+    after = ids(robot)
+    assert {n for n in before if before[n] != after[n]} == {"camera"}
+    assert of_images(robot, "built")[made:] == ["camera"]
+    git(robot.tree.parent, "revert", "--no-edit", "HEAD")
+    robot.wait(lambda: says(robot, "camera", "camera") == "1", 120)
+    robot.settle()
+    assert of_images(robot, "built")[made:] == ["camera"], "a revert builds nothing"
+    assert {n for n in after if after[n] != ids(robot)[n]} == {"camera"}
+
+
+def test_a_parent_that_changed_replaces_what_descends_from_it(robot):
+    before = ids(robot)
+    (robot.tree.parent / "software/mid/version.txt").write_text("2\n")
+    robot.wait(lambda: says(robot, "camera", "mid") == says(robot, "map", "mid") == "2", 120)
+    robot.settle()
+    after = ids(robot)
+    assert {n for n in before if before[n] != after[n]} == {"camera", "map"}
+    assert says(robot, "other", "other") == "1"
+
+
+def test_a_build_that_fails_changes_nothing_that_runs(robot):
+    before = ids(robot)
+    dockerfile = robot.tree.parent / "software/mid/Dockerfile"
+    text = dockerfile.read_text()
+    dockerfile.write_text(text + "COPY nothing-here /x\n")
+    (robot.tree.parent / "software/other/version.txt").write_text("2\n")
+    robot.wait(lambda: says(robot, "other", "other") == "2", 120)
+    robot.wait(lambda: "cannot be built" in robot.waits("camera") or "is not built" in robot.waits("camera"), 120)
+    after = ids(robot)
+    assert {n for n in before if before[n] != after[n]} == {"other"}
+    assert of_images(robot, "failed") == ["mid"] or "mid failed" in robot.waits("camera")
+    assert robot.container("camera").state == "running"
+    dockerfile.write_text(text)
+    robot.wait(lambda: not robot.waits("camera"), 60)
+    assert ids(robot)["camera"] == before["camera"]
+
+
+def test_what_is_active_keeps_its_image_until_it_is_ceased_where_the_policy_says_so(robot):
+    policy = {"apiVersion": "rorg/v1", "kind": "Policy", "metadata": {"name": "default"}}
+    policy["spec"] = {"images": {"update": "when_ceased"}}
+    (robot.tree / "policies/default.yaml").write_text(yaml.safe_dump(policy))
+    robot.settle()
+    before = ids(robot)
+    (robot.tree.parent / "software/camera/version.txt").write_text("later\n")
+    robot.wait(lambda: "comes into use when it is next ceased" in robot.waits("camera"), 120)
+    assert ids(robot) == before
+    assert says(robot, "camera", "camera") == "1"
+    robot.change(lambda document: replace(document, restarts={"camera": stamp(time.time())}))
+    robot.wait(lambda: says(robot, "camera", "camera") == "later", 60)
+
+
+def test_an_image_that_somebody_removed_is_built_again(robot):
+    robot.stop()
+    api = robot.engine.api()
+    container = robot.container("camera")
+    reference = api.inspect_container(container.id)["Config"]["Image"]
+    api.remove_container(container.id, force=True)
+    api.remove_image(reference, force=True)
+    robot.start()
+    robot.wait(lambda: says(robot, "camera", "camera") == "1", 120)
+
+
+def test_a_running_rorg_imports_nothing(docker_robot):
+    """The command of an import runs on the machine, as whoever rorg is: a person says when."""
+    robot = docker_robot
+    (robot.tree / "images").mkdir(parents=True)
+    marker = robot.tree / "ran"
+    spec = {"import": ["touch", str(marker)]}
+    document = {"apiVersion": "rorg/v1", "kind": "Image", "metadata": {"name": "root"}, "spec": spec}
+    (robot.tree / "images/root.yaml").write_text(yaml.safe_dump(document))
+    robot.declare({"camera": {"image": "root", "command": RUNS, "always_on": True}})
+    robot.wait(lambda: "rorg build" in robot.waits("camera"), 60)
+    assert not marker.exists()
