@@ -14,7 +14,7 @@ from rorg.errors import RorgError, Unreachable
 from rorg.images.order import Order, Result
 from rorg.images.references import Content
 from rorg.images.supply import Supplier
-from rorg.model.catalog import ImagePolicy
+from rorg.model.catalog import Catalog, ImagePolicy
 
 SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
@@ -110,10 +110,9 @@ class ImageManager:
         try:
             missing = self.engine.missing_images(wanted)
             self._found(wanted - missing, missing, desired, content)
-            wanted_now = self._to_be_had(missing, desired, content)
-            if wanted_now:
-                own = {reference: name for name, reference in content.references.items()}
-                names = [own.get(reference, reference) for reference in wanted_now]
+            reasons = {r: _reason(r, desired.catalog, content) for r in missing}
+            names = sorted(content.named(r) for r, reason in reasons.items() if not reason.failed)
+            if names:
                 self.supplier.supply(desired.catalog, content, names, self, self._halt)
             self._over(any(m.failed for m in self._missing.values()))
             if not self._missing and not self._asked:
@@ -131,23 +130,9 @@ class ImageManager:
             if desired is not self._desired:
                 return
             before = self._missing
-            self._missing = {r: self._reason(r, desired.catalog.policy.images, content) for r in sorted(missing)}
+            self._missing = {r: _reason(r, desired.catalog, content) for r in sorted(missing)}
         if before != self._missing:
             self.wake()
-
-    def _to_be_had(self, missing: Iterable[str], desired: Desired, content: Content) -> list[str]:
-        policy = desired.catalog.policy.images
-        return sorted(r for r in missing if not self._reason(r, policy, content).failed)
-
-    @staticmethod
-    def _reason(reference: str, policy: ImagePolicy, content: Content) -> Missing:
-        if reference in content.references.values():
-            if policy.build == "never":
-                return Missing("is not built; try `rorg build`", failed=True)
-            return Missing("is being built")
-        if policy.pull == "never":
-            return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
-        return Missing("is being pulled")
 
     def began(self, order: Order) -> None: ...
     def step(self, order: Order, text: str) -> None: ...
@@ -184,6 +169,18 @@ class ImageManager:
         with self._changed:
             self._missing = {r: Missing(f"cannot be had: {text}", failed=True) for r in self._missing}
         self.wake()
+
+
+def _reason(reference: str, catalog: Catalog, content: Content) -> Missing:
+    """What is done about a missing image. An import runs a command on this machine: a person says when."""
+    policy, image = catalog.policy.images, catalog.images.get(content.named(reference))
+    if image is None and policy.pull == "never":
+        return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
+    if image is None:
+        return Missing("is being pulled")
+    if image.import_command is not None or policy.build == "never":
+        return Missing(f"is not on this machine; try `rorg build {image.name}`", failed=True)
+    return Missing("is being built")
 
 
 def why(result: Result) -> str:

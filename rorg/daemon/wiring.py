@@ -100,7 +100,7 @@ def _image_manager(
 ) -> ImageManager | None:
     if not isinstance(engine, Images):
         return None
-    supplier = make_supplier(engine, state, owner, JOBS)
+    supplier = make_supplier(engine, state, owner, JOBS, imports=False)
     return ImageManager(engine, supplier, recorder, wakes.wake)
 
 

@@ -16,10 +16,11 @@ LOGS = "builds"
 """Folder of the state directory for the logs of builds."""
 
 
-def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int) -> Supplier:
-    """`owner`: the instance whose images they are; `jobs`: images that are built at once."""
+def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int, imports: bool = True) -> Supplier:
+    """`owner`: the instance whose images they are; `jobs`: images that are built at once. Without `imports` no command
+    of an import is run: an image that stands on such a one is not built."""
     return Supplier(
-        make_builder=builder_for(engine, state),
+        make_builder=builder_for(engine, state, imports),
         records=Records(state.path),
         logs=state.path / LOGS,
         owner=owner,
@@ -29,7 +30,7 @@ def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int) -> Sup
     )
 
 
-def builder_for(engine: Engine, state: StateDir) -> Callable[[], Builder]:
+def builder_for(engine: Engine, state: StateDir, imports: bool = True) -> Callable[[], Builder]:
     """Makes builders for an engine. What they need is loaded when the first one is made."""
 
     def make() -> Builder:
@@ -38,9 +39,9 @@ def builder_for(engine: Engine, state: StateDir) -> Callable[[], Builder]:
 
             return ProcessBuilder(state.path)
         from rorg.engines.docker.engine import DockerEngine
-        from rorg.images.docker import DockerBuilder
+        from rorg.images.docker import Careful, DockerBuilder
 
         assert isinstance(engine, DockerEngine)
-        return DockerBuilder(engine)
+        return DockerBuilder(engine) if imports else Careful(engine)
 
     return make

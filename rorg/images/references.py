@@ -21,6 +21,10 @@ class Content:
     references: Mapping[str, str] = field(default_factory=dict)
     """Image -> the reference that means this content."""
 
+    def named(self, reference: str) -> str:
+        """The Image that a reference is of; else the reference itself."""
+        return next((name for name, own in self.references.items() if own == reference), reference)
+
 
 class References:
     """Of one state directory."""
