@@ -14,7 +14,7 @@ from rorg.images.orders import externals, orders_for
 from rorg.images.records import Built, Records
 from rorg.images.references import Content, bases_of, references
 from rorg.model.catalog import Catalog
-from rorg.model.image_names import with_identity
+from rorg.model.image_names import declared, with_identity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ class Supplier:
         builder, wanted = self.make_builder(), list(names)
         try:
             pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if pull else ([], {})
-            content = self._renewed(catalog, content, digests, cache)
+            content = self._renewed(catalog, content, digests, () if cache else wanted)
             orders = self._orders(builder, catalog, content, wanted, cache)
             known = {order.reference for order in orders}
             noting = _Noting(self, builder, catalog, content, orders, listener)
@@ -102,11 +102,16 @@ class Supplier:
         )
         return results, {r.reference: builder.digest(r.reference) for r in results if r.good}
 
-    def _renewed(self, catalog: Catalog, content: Content, digests: Mapping[str, str], cache: bool) -> Content:
+    def _renewed(
+        self, catalog: Catalog, content: Content, digests: Mapping[str, str], anew: Iterable[str]
+    ) -> Content:
+        """With what stands on other bases, and what is built anew, under other references."""
+        if not content.identities:
+            return content
         found = references(catalog, content.identities, self.records.built(), digests)
-        if not cache:
-            salt = {"built at": self.wall()}
-            found = {n: with_identity(n, renewed(identity, salt)) for n, identity in content.identities.items()}
+        salt = {"built at": self.wall()}
+        for name in filter(None, (declared(n, catalog.images) for n in anew)):
+            found[name] = with_identity(name, renewed(content.identities[name], salt))
         return replace(content, references=found)
 
 
@@ -128,10 +133,11 @@ class _Noting:
 
     def ended(self, result: Result) -> None:
         image = self.images.get(result.reference)
-        if image and result.outcome in ("built", "imported"):
+        identity = self.content.identities.get(image.name) if image else None
+        if image and identity and result.outcome in ("built", "imported"):
             found = externals(self.catalog, image.bases) & set(image.bases)
             digests = {base: self.builder.digest(base) for base in sorted(found)}
             bases = bases_of(self.catalog, image.name, self.content.references, digests)
             built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
-            self.supplier.records.note({self.content.identities[image.name]: built})
+            self.supplier.records.note({identity: built})
         self.listener.ended(result)
