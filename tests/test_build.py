@@ -151,7 +151,7 @@ def test_what_a_build_sees_of_its_context(place, tmp_path, monkeypatch):
         (context / path).parent.mkdir(parents=True, exist_ok=True)
         (context / path).write_text(text)
     (context / ".dockerignore").write_text("# all of it\nbuild/*\n!build/keep\nreadme.md\n")
-    (context / "tool").chmod(0o4755)
+    (context / "tool").chmod(0o751)
     (context / "empty").mkdir()
     (context / "empty").chmod(0o711)
     (context / "link").symlink_to("a.txt")
@@ -169,7 +169,7 @@ def test_what_a_build_sees_of_its_context(place, tmp_path, monkeypatch):
         *("empty", "link", "dead", "Dockerfile", ".dockerignore"),
     }
     assert seen["Dockerfile"][1] == b"FROM parent\nCOPY . /seen/"
-    assert [stat.S_IMODE(seen[name][0].mode) for name in ("tool", "empty")] == [0o4755, 0o711]
+    assert [stat.S_IMODE(seen[name][0].mode) for name in ("tool", "empty")] == [0o751, 0o711]
     assert seen["tool"][0].uid == 0
     assert (seen["link"][0].linkname, seen["dead"][0].linkname) == ("a.txt", "/no/where")
     assert int(seen["a.txt"][0].mtime) == int((context / "a.txt").stat().st_mtime)
