@@ -1,0 +1,190 @@
+"""Instructions of a Dockerfile: its lines put together as Docker does it, each character with its place in the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rorg.manifest.dockerfile_words import SPACES, BadWord, Lexer
+
+DIRECTIVES = {"escape", "syntax", "check"}
+WITH_HEREDOCS = {"RUN", "COPY", "ADD"}
+BOM = "\ufeff"
+MOST = 300
+"""Characters of a message."""
+HEREDOC = re.compile(r"[0-9]*<<(-?)([^<]+)")
+
+
+class DockerfileError(ValueError):
+    """Docker would refuse the file; the message says why."""
+
+    def __init__(self, message: str, line: int) -> None:
+        super().__init__(message if len(message) <= MOST else f"{message[:MOST]}...")
+        self.line = line
+        """From 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A part of an instruction."""
+
+    text: str
+    places: Sequence[int]
+    """Of each character: where it stands in the file."""
+    quotes: Sequence[str] = ()
+    """Of each character, where quotes are taken off: the one that it stood in, or ""."""
+
+    def part(self, start: int, end: int | None = None) -> Token:
+        return Token(self.text[start:end], self.places[start:end], self.quotes[start:end])
+
+    def stripped(self) -> Token:
+        start = len(self.text) - len(self.text.lstrip(SPACES))
+        return self.part(start, max(start, len(self.text.rstrip(SPACES))))
+
+    def cut(self, separator: str) -> tuple[Token, Token]:
+        """What stands before the separator and what after it."""
+        at = self.text.find(separator)
+        return (self, self.part(len(self.text))) if at < 0 else (self.part(0, at), self.part(at + len(separator)))
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One that says something, with its continued lines; of its heredocs, only that there are some."""
+
+    name: str
+    """In upper case."""
+    flags: Sequence[Token]
+    """As written, without quotes: "--from=x"."""
+    arguments: Token
+    line: int
+    """From 1: of its name."""
+    heredocs: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A file before anybody asks what it means."""
+
+    escape: str
+    syntax: bool
+    """It has a `# syntax=` line."""
+    instructions: Sequence[Instruction]
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    number: int
+    text: Token
+
+    @property
+    def says_nothing(self) -> bool:
+        """It is blank or a comment: both may also stand between a line and what continues it."""
+        return self.text.text.lstrip(SPACES)[:1] in ("", "#")
+
+
+def script(text: str) -> Script:
+    """Raises DockerfileError."""
+    lines = list(_lines(text))
+    escape, syntax = _directives(lines)
+    return Script(escape, syntax, tuple(_instructions(iter(lines), escape)))
+
+
+def _lines(text: str) -> Iterator[_Line]:
+    """A line ends with a line feed only; carriage returns before it belong to the end."""
+    at = len(BOM) if text.startswith(BOM) else 0
+    for number, line in enumerate(text[at:].split("\n"), 1):
+        kept = line.rstrip("\r")
+        yield _Line(number, Token(kept, range(at, at + len(kept))))
+        at += len(line) + 1
+
+
+def _directives(lines: Sequence[_Line]) -> tuple[str, bool]:
+    """The escape character, and whether there is a syntax line. They end with the first line that is none."""
+    found: dict[str, str] = {}
+    for line in lines:
+        text = line.text.text.lstrip(SPACES)
+        key, _, value = (part.strip(SPACES) for part in text[1:].partition("="))
+        key = key.lower()
+        if not text.startswith("#") or key not in DIRECTIVES or not value:
+            break
+        if key in found:
+            raise DockerfileError(f"only one {key} parser directive can be used", line.number)
+        if key == "escape" and value not in ("\\", "`"):
+            raise DockerfileError(f"the escape character is \\ or `, not {value}", line.number)
+        found[key] = value
+    return found.get("escape", "\\"), "syntax" in found
+
+
+def _instructions(rest: Iterator[_Line], escape: str) -> Iterator[Instruction]:
+    for line in rest:
+        if line.says_nothing:
+            continue
+        whole = _continued(line, rest, escape).stripped()
+        name, arguments = _first_word(whole)
+        flags, arguments = _flags(arguments)
+        inner = _first_word(arguments)[0] if name == "ONBUILD" else name
+        ends = _heredocs(whole.text) if inner in WITH_HEREDOCS else []
+        for end, tabs in ends:
+            if not any((after.text.text.lstrip("\t") if tabs else after.text.text) == end for after in rest):
+                raise DockerfileError(f"the heredoc {end} does not end", line.number)
+        if name:
+            yield Instruction(name, flags, arguments.stripped(), line.number, bool(ends))
+
+
+def _continued(line: _Line, rest: Iterator[_Line], escape: str) -> Token:
+    """The line with those that continue it: it ends with the escape character, spaces and tabs after it aside."""
+    texts: list[str] = []
+    places: list[int] = []
+    current: _Line | None = line
+    while current:
+        kept = current.text.text.rstrip(" \t")
+        goes_on = kept.endswith(escape) and not kept.endswith(escape * 2)
+        body = current.text.part(0, len(kept) - 1) if goes_on else current.text
+        texts.append(body.text)
+        places.extend(body.places)
+        current = next((after for after in rest if not after.says_nothing), None) if goes_on else None
+    return Token("".join(texts), places)
+
+
+def _first_word(whole: Token) -> tuple[str, Token]:
+    """In upper case, and what follows it."""
+    end = next((at for at, char in enumerate(whole.text) if char in SPACES), len(whole.text))
+    return whole.text[:end].upper(), whole.part(end).stripped()
+
+
+def _flags(arguments: Token) -> tuple[list[Token], Token]:
+    """The words at the beginning that start with "--", and what follows them. Their quotes are taken off; \\ escapes
+    in them whatever the file's escape character is."""
+    found: list[Token] = []
+    text, at = arguments.text, 0
+    while text.startswith("--", at):
+        kept: list[tuple[int, str]] = []
+        quote = ""
+        while at < len(text) and (quote or text[at] not in SPACES):
+            char = text[at]
+            if char == quote or (not quote and char in "'\""):
+                quote = "" if quote else char
+            else:
+                at += char == "\\"
+                kept.append((at, quote))
+            at += 1
+        kept = [(place, quote) for place, quote in kept if place < len(text)]
+        word = "".join(text[place] for place, _ in kept)
+        at = next((place for place in range(at, len(text)) if text[place] not in SPACES), len(text))
+        if word == "--":
+            break
+        found.append(Token(word, [arguments.places[place] for place, _ in kept], [quote for _, quote in kept]))
+    return found, arguments.part(at)
+
+
+def _heredocs(text: str) -> list[tuple[str, bool]]:
+    """The last lines of the heredocs that an instruction begins, in their order, and whether tabs before it are left
+    out. "<<" counts only at the start of a word with a name at its end: not in quotes, not in "1<<2", not alone."""
+    try:
+        words = Lexer(text, {}, raw=True).words()
+        matches = [match for word in words if (match := HEREDOC.fullmatch(word))]
+        names = [(Lexer(match[2], {}).words(), bool(match[1])) for match in matches]
+    except BadWord:
+        return []
+    return [(name[0], tabs) for name, tabs in names if len(name) == 1]

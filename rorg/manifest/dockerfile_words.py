@@ -1,0 +1,233 @@
+"""Words of a Dockerfile as Docker fills them in: variables, quotes and escapes.
+
+The rules are those of Docker's own word lexer (its documentation: "environment replacement"), which resembles a shell
+and is none: `${name^^}` and commands in `$(...)` do not exist.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+SPACES = "\t\n\v\f\r \x85\xa0\u1680" + "".join(map(chr, range(0x2000, 0x200B))) + "\u2028\u2029\u202f\u205f\u3000"
+"""What Docker takes for white space."""
+DEPTH = 50
+"""Variables within variables' defaults; more is refused."""
+MOST = 65535
+"""Characters that values may add to one text; no reference is that long."""
+MOST_OF_A_PATTERN = 1000
+"""Characters of a value that is matched against a pattern."""
+NAME = re.compile(r"[0-9]+|[@*#?\-$!]|[^\W\d]\w*")
+Pieces = list[tuple[str, bool]]
+"""Text, and whether words end at its spaces."""
+Pattern = list[tuple[bool, str]]
+"""Characters, and whether each is a wildcard."""
+
+
+class BadWord(ValueError):
+    """It cannot be filled in; the message says why."""
+
+
+@dataclass(slots=True)
+class Lexer:
+    """One pass over a text. Raises BadWord."""
+
+    text: str
+    values: Mapping[str, str]
+    escape: str = "\\"
+    raw: bool = False
+    """Quotes and escapes stay, and so do variables without a value: only the borders of words are wanted."""
+    used: set[str] = field(default_factory=set)
+    """Names of the variables that were met."""
+    _at: int = 0
+    _depth: int = 0
+    _filled: int = 0
+    _raw_escapes: bool = False
+
+    def filled(self) -> str:
+        """The text with every variable filled in; one without a value is empty."""
+        return _joined(self._until("", self.raw))
+
+    def words(self) -> list[str]:
+        """The same, split at spaces outside quotes."""
+        found: list[list[str]] = [[]]
+        for text, splits in self._until("", self.raw):
+            for char in text if splits else [text]:
+                if splits and char in SPACES:
+                    found.append([])
+                else:
+                    found[-1].append(char)
+        return [word for word in map("".join, found) if word]
+
+    def _peek(self) -> str:
+        return self.text[self._at : self._at + 1]
+
+    def _next(self) -> str:
+        self._at += 1
+        return self.text[self._at - 1 : self._at]
+
+    def _until(self, stop: str, raw_escapes: bool) -> Pieces:
+        before, self._raw_escapes = self._raw_escapes, raw_escapes
+        found: Pieces = []
+        while (char := self._peek()) != stop:
+            if not char:
+                raise BadWord(f"{stop} is missing")
+            if char in "'\"":
+                found.append((self._single() if char == "'" else self._double(), False))
+            elif char == "$":
+                found.append((self._variable(), True))
+            elif char == self.escape:
+                self._next()
+                found.append(((char if raw_escapes else "") + self._next(), False))
+            else:
+                found.append((self._next(), True))
+        self._next()
+        self._raw_escapes = before
+        return found
+
+    def _single(self) -> str:
+        end = self.text.find("'", self._at + 1)
+        if end < 0:
+            raise BadWord("a single quote is not closed")
+        start, self._at = self._at, end + 1
+        return self.text[start : end + 1] if self.raw else self.text[start + 1 : end]
+
+    def _double(self) -> str:
+        quote = self._next() if self.raw else self._next()[:0]
+        found = [quote]
+        while (char := self._peek()) != '"':
+            if not char:
+                raise BadWord("a double quote is not closed")
+            if char == "$":
+                found.append(self._variable())
+                continue
+            self._next()
+            if char == self.escape and not self._peek():
+                continue
+            if char == self.escape and self._peek() in ('"', "$", self.escape):
+                char = (char if self._raw_escapes else "") + self._next()
+            found.append(char)
+        self._next()
+        return "".join([*found, quote])
+
+    def _name(self) -> str:
+        match = NAME.match(self.text, self._at)
+        if not match:
+            return ""
+        self._at = match.end()
+        self.used.add(match[0])
+        return match[0]
+
+    def _variable(self) -> str:
+        start = self._at
+        self._next()
+        if self._peek() != "{":
+            name = self._name()
+            unset = f"${name}" if self.raw or not name else ""
+            return self._counted(self.values.get(name, unset))
+        self._next()
+        self._depth += 1
+        if self._depth > DEPTH:
+            raise BadWord(f"more than {DEPTH} variables within each other")
+        name = self._name()
+        value = self._braced(name)
+        self._depth -= 1
+        return self.text[start : self._at] if self.raw and name not in self.values else self._counted(value)
+
+    def _counted(self, value: str) -> str:
+        self._filled += len(value)
+        if self._filled > MOST and not self.raw:
+            raise BadWord(f"its variables have more than {MOST} characters")
+        return value
+
+    def _braced(self, name: str) -> str:
+        """What follows the name in ${name...}, applied to its value."""
+        value = self.values.get(name)
+        sign = self._next()
+        if not name or not sign:
+            raise BadWord("${...} is not well formed")
+        if sign == "}":
+            return value or ""
+        if sign == "/":
+            return self._replaced(value or "")
+        if sign == ":":
+            sign = self._next()
+            value = value or None
+        if not sign or sign not in "-+?#%":
+            raise BadWord(f"${{{name}...}} has a sign that Docker does not know")
+        word = _joined(self._until("}", sign in "#%"))
+        if sign == "-":
+            return word if value is None else value
+        if sign == "+":
+            return "" if value is None else word
+        if sign == "?":
+            if value is None and not self.raw:
+                raise BadWord(f"{name}: {word or 'it has no value'}")
+            return value or ""
+        return _trimmed(sign, word, value or "")
+
+    def _replaced(self, value: str) -> str:
+        """${name/pattern/text} once, ${name//pattern/text} everywhere."""
+        everywhere = self._peek() == "/"
+        if everywhere:
+            self._next()
+        pattern = _pattern(_joined(self._until("/", True)), value)
+        text = _joined(self._until("}", True))
+        found, at = "", 0
+        while at <= len(value):
+            end = max(_ends(pattern, value, at), default=at)
+            if end == at:
+                found += value[at : at + 1]
+                at += 1
+                continue
+            found, at = found + text, end
+            if not everywhere:
+                break
+        return found + value[at:]
+
+
+def _joined(pieces: Pieces) -> str:
+    return "".join(text for text, _ in pieces)
+
+
+def _trimmed(sign: str, word: str, value: str) -> str:
+    """${name#pattern} and ${name%pattern}; twice the sign takes away as much as it can."""
+    pattern = _pattern(word.removeprefix(sign), value)
+    most = word.startswith(sign)
+    if sign == "#":
+        ends = _ends(pattern, value, 0)
+        return value[(max if most else min)(ends, default=0) :]
+    starts = [at for at in range(len(value) + 1) if len(value) in _ends(pattern, value, at)]
+    return value[: (min if most else max)(starts, default=len(value))]
+
+
+def _pattern(word: str, value: str) -> Pattern:
+    """Raises BadWord, also when it or the value is longer than anybody needs."""
+    if max(len(word), len(value)) > MOST_OF_A_PATTERN:
+        raise BadWord(f"a pattern, or its value, has more than {MOST_OF_A_PATTERN} characters")
+
+    def characters() -> Iterator[tuple[bool, str]]:
+        chars = iter(word)
+        for char in chars:
+            escaped = char == "\\"
+            plain = next(chars, "") if escaped else char
+            if escaped and (not plain or plain not in "*?\\}/"):
+                raise BadWord(f"a pattern has no \\{plain}")
+            yield not escaped and plain in "*?", plain
+
+    return list(characters())
+
+
+def _ends(pattern: Pattern, text: str, start: int) -> set[int]:
+    """Where the pattern may end in the text when it begins at `start`: one pass for each of its characters, so that no
+    pattern takes long."""
+    ends = {start}
+    for wild, char in pattern:
+        if wild and char == "*":
+            ends = set(range(min(ends), len(text) + 1))
+        else:
+            ends = {at + 1 for at in ends if at < len(text) and (wild or text[at] == char)}
+        if not ends:
+            break
+    return ends
