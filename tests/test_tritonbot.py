@@ -13,11 +13,13 @@ import time
 import pytest
 import yaml
 from conftest import ROOT, free_port, wait_for
+from image_trees import Heard
 from robots import RealRobot
 from test_ros import NODES
 
 from rorg.images.build import build
 from rorg.images.docker import DockerBuilder
+from rorg.images.make import orders_by_name
 from rorg.manifest.load import load_or_raise
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
@@ -34,10 +36,9 @@ def images(dockerd):
     """The 45 stand-in images, built once."""
     from rorg.engines.docker.engine import DockerEngine
 
-    catalog = load_or_raise(ROOT / "manifests")
-    results = build(
-        catalog, sorted(catalog.images), DockerBuilder(DockerEngine("test", dockerd.host)), lambda line: None
-    )
+    catalog, engine = load_or_raise(ROOT / "manifests"), DockerEngine("test", dockerd.host)
+    orders = orders_by_name(catalog, sorted(catalog.images), DockerBuilder(engine), "test")
+    results = build(orders, lambda: DockerBuilder(engine), jobs=2, clock=time.monotonic, listener=Heard())
     assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
 
 

@@ -2,56 +2,131 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, Output, OwnStateDirectory
+from rorg.cli.options import Argument, EngineName, Option, Output, OwnStateDirectory
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rorg.images.order import Order, Result
+
+MOST = 4
+"""Images that are built at once where nobody says: more make an engine no faster."""
+TOLD = 10
+"""Lines of the log of a build that failed."""
 
 
 def command(
-    directory: Directory = None,
-    only: Annotated[
-        list[str], Option(names=("--image",), help="Only this image and what it stands on.", completes="images")
+    images: Annotated[
+        list[str],
+        Argument(
+            help="Images, with what they stand on. Default: all of the tree.", show_default=False, completes="images"
+        ),
     ] = [],  # noqa: B006
+    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
+    pull: Annotated[bool, Option(names=("--pull",), help="Pull anew what is no Image of the tree.")] = False,
+    no_cache: Annotated[bool, Option(names=("--no-cache",), help="Use nothing that the engine kept.")] = False,
+    jobs: Annotated[
+        int | None, Option(names=("-j", "--jobs"), least=1, help="Images at once. Default: one a processor, at most 4.")
+    ] = None,
+    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Print what would be done, and do nothing.")] = False,
     state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
 ) -> None:
     """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails.
 
-    Example: rorg build --image navigation
+    Example: rorg build navigation --pull
     """
+    from rorg.cli.building import shown
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, missing, note, print_rows
-    from rorg.errors import NotReady
-    from rorg.images.build import build
+    from rorg.cli.output import check_form, missing
+    from rorg.images.make import make_supplier
+    from rorg.images.references import references_for
+    from rorg.model.image_names import declared
 
     check_form(output)
-    context = Context(state_dir, engine, directory, local=True, own=True)
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
     catalog = context.catalog()
-    for name in only:
-        if name not in catalog.images:
+    for name in images:
+        if not declared(name, catalog.images):
             raise missing("image", name, catalog.images)
     used = {s.spec["image"] for s in catalog.services.values() if s.spec}
-    results = build(catalog, only or sorted({*catalog.images, *used}), make_builder(context, catalog), note)
+    names = images or sorted({*catalog.images, *(u for u in used if not declared(u, catalog.images))})
+    state, of = context.state.prepare(), context.engine()
+    content = references_for(context.engine_name, state.path).of(catalog)
+    supplier = make_supplier(of, state, of.owner, jobs or min(os.cpu_count() or 1, MOST))
+    if dry_run:
+        _print_orders(supplier.orders(catalog, content, names, not no_cache), output)
+        return
+    called = {reference: name for name, reference in content.references.items()}
+    with shown(called) as listener:
+        results = supplier.supply(catalog, content, names, listener, pull=pull, cache=not no_cache)
+    _print_results(called, results, output)
+
+
+def _print_orders(orders: Sequence[Order], output: str) -> None:
+    """What would be done, in order."""
+    from rorg.cli.output import print_rows
+
+    rows = [{"image": o.name, "action": _action(o), "reference": o.reference, "after": list(o.below)} for o in orders]
+    print_rows(rows, output, ("image", "action"), ("reference",))
+
+
+def _action(order: Order) -> str:
+    if order.image is None:
+        return "nothing" if order.there and not order.pull else "pull"
+    return "nothing" if order.there else "import" if order.image.import_command is not None else "build"
+
+
+def _print_results(called: Mapping[str, str], results: Sequence[Result], output: str) -> None:
+    """Raises NotReady where not all are there."""
+    from rorg.cli.output import note, print_rows
+    from rorg.errors import NotReady
+
     if output != "table":
-        rows = [{"image": r.image, "outcome": r.outcome, "message": r.message} for r in results]
+        rows = [
+            {
+                "image": called.get(r.reference, r.reference),
+                "outcome": r.outcome,
+                "message": r.message,
+                "reference": r.reference,
+                "step": r.step,
+                "seconds": round(r.seconds, 3),
+                "id": r.id,
+                "log": r.log,
+            }
+            for r in results
+        ]
         print_rows(rows, output, ("image", "outcome"), ("message",), full=rows)
-    failed = [r.image for r in results if r.outcome in ("failed", "skipped")]
+    for result in results:
+        if result.outcome == "failed":
+            _tell_failure(called.get(result.reference, result.reference), result)
+    failed = [called.get(r.reference, r.reference) for r in results if not r.good]
     if failed:
         raise NotReady(
             "build all images",
             f"{len(failed)} of {len(results)} failed or were skipped: {', '.join(failed)}",
-            "`rorg build --image NAME` after mending the first one",
+            "`rorg build NAME` after mending the first one",
         )
     note(f"{len(results)} images are there")
 
 
-def make_builder(context: Any, catalog: Any) -> Any:
-    """The builder of the context's engine."""
-    from rorg.images.build import ProcessBuilder
+def _tell_failure(name: str, result: Result) -> None:
+    """The instruction, the last lines of the log, and where all of it is."""
+    from rorg.cli.output import note
+    from rorg.cli.terminal import entry
+    from rorg.store.files import read_state
 
-    if context.engine_name == "process":
-        return ProcessBuilder(catalog, context.state.prepare().path)
-    from rorg.images.docker import DockerBuilder
-
-    return DockerBuilder(context.engine())
+    note(f"{name} failed{' at ' + result.step if result.step else ''}: {result.message}")
+    try:
+        lines = read_state(Path(result.log)).splitlines()[-TOLD:] if result.log else []
+    except OSError:
+        return  # it had no log yet
+    for line in lines:
+        note(entry("  | ", line))
+    if lines:
+        note(f"  all of it: {result.log}")

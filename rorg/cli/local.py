@@ -14,12 +14,10 @@ from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
 from rorg.daemon.snapshot import restore, snapshot
-from rorg.engines import WITH_IMAGES
 from rorg.engines.protocol import Engine
 from rorg.errors import Unreachable
 from rorg.host.contents import Contents
-from rorg.images.records import Records
-from rorg.images.references import References
+from rorg.images.references import references_for
 from rorg.model.catalog import Catalog
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
@@ -45,8 +43,7 @@ class Place(Protocol):
 
 def decision(place: Place, catalog: Catalog) -> Decision:
     """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
-    known = place.engine_name in WITH_IMAGES
-    images = References(Records(place.state.path)).of(catalog).references if known else {}
+    images = references_for(place.engine_name, place.state.path).of(catalog).references
     return decision_for(place, desire(catalog, str(place.state.run), Contents().of(catalog, place.root), images))
 
 

@@ -122,7 +122,7 @@ class Tree:
         return list(itertools.islice(itertools.chain(inside, contexts), MOST_FOLDERS))
 
     def _built_from(self) -> Iterator[Path]:
-        return _contexts(self._inputs.contexts if self.references else ())
+        return _contexts(self._inputs.contexts if self.references and self.references.by_content else ())
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is

@@ -21,7 +21,6 @@ from rorg.daemon.ros import RosPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
-from rorg.engines import WITH_IMAGES
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Images
 from rorg.host.clock import booted_at, wall_clock
@@ -29,8 +28,7 @@ from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
 from rorg.images.make import make_supplier
 from rorg.images.records import NAME as RECORDS
-from rorg.images.records import Records
-from rorg.images.references import References
+from rorg.images.references import references_for
 from rorg.probes.prober import Prober
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
@@ -48,8 +46,7 @@ def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], 
 
 def make_tree(root: Path, state: StateDir, engine: str) -> Tree:
     """A tree of this robot's, for the engine of this name, not read yet."""
-    references = References(Records(state.path)) if engine in WITH_IMAGES else None
-    return Tree(root.resolve(), str(state.run), engine=engine, references=references)
+    return Tree(root.resolve(), str(state.run), engine=engine, references=references_for(engine, state.path))
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:

@@ -162,6 +162,9 @@ class Engine(Lifecycle, Observation, Inspection, Protocol):
 class RealEngine(Engine, Access, Protocol):
     """An engine with real programs, which a person can look into; errors as those of Engine."""
 
+    owner: str
+    """The instance whose containers these are."""
+
 
 TERM_GRACE = 2.0
 """Seconds between SIGTERM and SIGKILL."""

@@ -1,5 +1,5 @@
-"""Carries out orders of images: parents before children, independent ones at once; a failure stops what stands on it and
-nothing else."""
+"""Carries out orders of images: parents before children, independent ones at once; a failure stops what stands on it
+and nothing else."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def build(
     logs: Path | None = None,
 ) -> list[Result]:
     """Has all these images, `jobs` at once, each of these workers with a builder of its own. Results are in the order
-    of `orders`. `clock` is in seconds; `logs` is the folder for the logs of builds. Once `stop` is set nothing is begun,
-    and what is under way is ended. Raises Invalid for images that stand on each other."""
+    of `orders`. `clock` is in seconds; `logs` is the folder for the logs of builds. Once `stop` is set nothing is
+    begun, and what is under way is ended. Raises Invalid for images that stand on each other."""
     return _Build(orders, make_builder, clock, listener, stop or threading.Event(), logs).run(jobs)
 
 
@@ -90,10 +90,10 @@ class _Build:
                     self._todo.put(self._orders[reference])
                 else:
                     ended.append(result)
+            for result in ended:
+                self._tell_end(result)
             for result in ended or [self._next()]:
                 self._results[result.reference] = result
-                with self._hearing:
-                    self._listener.ended(result)
                 sorter.done(result.reference)
 
     def _without_work(self, order: Order) -> Result | None:
@@ -129,6 +129,10 @@ class _Build:
             for builder in list(self._builders):
                 builder.cancel()
 
+    def _tell_end(self, result: Result) -> None:
+        with self._hearing:
+            self._listener.ended(result)
+
     # -- the workers -------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
@@ -140,7 +144,12 @@ class _Build:
                 result = self._carry_out(order, builder)
             except BaseException as error:  # whatever it is: the one who waits must hear of it
                 result = self._failure(order, error)
-            self._done.put(replace(result, seconds=self._clock() - began))
+            result = replace(result, seconds=self._clock() - began)
+            try:
+                self._tell_end(result)
+            except BaseException as error:
+                result = self._failure(order, error)
+            self._done.put(result)
         if builder is not None:
             builder.close()
 
@@ -158,7 +167,7 @@ class _Build:
         with self._hearing:
             self._listener.began(order)
         if order.image is None:
-            return _pulled(order, builder, self._telling(order, lambda line: None))
+            return _pulled(order, builder, self._telling(order, None))
         with build_log(self._logs, order) as log:
             say = self._telling(order, log)
             try:
@@ -167,9 +176,10 @@ class _Build:
                 log(str(error))
                 raise
 
-    def _telling(self, order: Order, log: Callable[[str], None]) -> Say:
+    def _telling(self, order: Order, log: Callable[[str], None] | None) -> Say:
         def say(text: str, step: bool = False) -> None:
-            log(text)
+            if log:
+                log(text)
             if step:
                 with self._hearing:
                     self._listener.step(order, _shown(text, order))

@@ -48,8 +48,8 @@ def write_tar(context: Path, dockerfile: str, text: bytes, file: IO[bytes]) -> s
     """Writes a context, with this text as its Dockerfile; the name that it has in there. Owners are root, as the docker
     command has it, and times are whole seconds. Raises OSError.
 
-    The Dockerfile has a name of ours, which no file of the context has; the `.dockerignore` in the tar names it, so that
-    the engine shows neither to the build (as the docker command does with a Dockerfile from elsewhere)."""
+    The Dockerfile has a name of ours, which no file of the context has; the `.dockerignore` in the tar names it, so
+    that the engine does not show it to the build (as the docker command does with a Dockerfile from elsewhere)."""
     name = OWN
     while os.path.lexists(context / name):
         name += "_"

@@ -1,19 +1,28 @@
-"""Images on Docker: build with the cache kept, pull, import a root file system."""
+"""Images on Docker: built by BuildKit or by the classic builder, pulled, imported."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Collection, Iterator
+from typing import Any
 
 import requests
 import urllib3
 from docker.errors import APIError, DockerException
 
 from rorg.engines.docker.engine import DockerEngine
-from rorg.engines.docker.errors import REMEDY, refusal
-from rorg.errors import EngineError, Unreachable
-from rorg.images.build import import_stream
-from rorg.model.catalog import Image
+from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
+from rorg.errors import EngineError, RorgError, Unreachable
+from rorg.images import buildkit, classic
+from rorg.images.cancelling import Cancelling
+from rorg.images.dockerfiles import dockerfile_of
+from rorg.images.importing import import_stream
+from rorg.images.order import Order, Say
+from rorg.model.image_names import plain
+
+LOCAL = "localhost/"
+"""What Podman puts before a name that says no registry, and was made here."""
 
 
 @contextlib.contextmanager
@@ -28,53 +37,118 @@ def library_errors(what: str) -> Iterator[None]:
 
 
 class DockerBuilder:
-    """Builds with the engine that also runs what is built."""
+    """Builds with the engine that also runs what is built; see Builder."""
 
-    def __init__(self, engine: DockerEngine) -> None:
-        self.api = engine.api()
+    def __init__(self, engine: DockerEngine, buildkit: bool = True, imports: bool = True) -> None:
+        """Without `buildkit` the classic builder is used although there is a better one; without `imports` no command
+        of an import is run."""
+        self._imports = imports
+        self._engine, self._client, self._wanted = engine, engine.client, buildkit
+        self._cancelling = Cancelling()
+        self._found: str | None = None
 
-    def has(self, reference: str) -> bool:
+    def there(self, references: Collection[str]) -> set[str]:
+        with docker_errors("list images"):
+            rows = self._client.get("/images/json")
+        found = {name for row in rows for key in ("RepoTags", "RepoDigests") for name in row.get(key) or ()}
+        names = {plain(name.removeprefix(LOCAL)) for name in found}
+        ids = {row["Id"].removeprefix("sha256:") for row in rows}
+        return {r for r in references if plain(r) in names or r.removeprefix("sha256:") in ids}
+
+    def pull(self, reference: str, say: Say) -> None:
+        """By docker-py, which knows where Docker's own commands keep the credentials for a registry."""
+        what, sizes = f"pull {reference}", dict[str, tuple[int, int]]()
+        with library_errors(what):
+            api = self._engine.api()
+            with contextlib.closing(api), contextlib.closing(api.pull(reference, stream=True, decode=True)) as lines:
+                for line in lines:
+                    with self._cancelling.by(lambda: None):
+                        _say_progress(line, sizes, say)
+                    if "error" in line:
+                        raise EngineError(what, line["error"], "an Image of that name in the tree")
+
+    def build(self, order: Order, say: Say) -> str:
+        assert order.image
+        command, image = self._buildkit(), order.image
+        text = dockerfile_of(order, image, bool(command))
+        if command:
+            return buildkit.build(command, self._client.host, order, image, text, say, self._cancelling)
+        return classic.build(self._client, order, image, text, say, self._cancelling)
+
+    def _buildkit(self) -> str:
+        """The command for it where the engine has it too; empty where not."""
+        if self._found is None:
+            with docker_errors("reach the engine"):
+                parts = self._client.get("/version").get("Components") or () if self._wanted else ()
+            known = any(part["Name"] == "Engine" for part in parts)  # Podman speaks the same API without it
+            self._found = buildkit.find_command() if known else ""
+        return self._found
+
+    def load(self, order: Order, say: Say) -> str:
+        """It is tagged once the command has ended well: what it wrote until it failed is no image."""
+        assert order.image
+        what = f"import {order.name}"
+        if not self._imports:
+            raise EngineError(what, "a running rorg runs no command of a manifest", f"`rorg build {order.name}`")
+        labels = " ".join(f"{key}={json.dumps(value)}" for key, value in order.labels.items())
+        query: dict[str, Any] = {
+            "fromSrc": "-",
+            "changes": f"LABEL {labels}" if labels else None,
+            "platform": order.image.platform or None,
+        }
+        made = ""
         try:
-            with library_errors(f"look for {reference}"):
-                self.api.inspect_image(reference)
-            return True
-        except EngineError:
-            return False
+            with (
+                import_stream(order.image, self._cancelling) as archive,
+                docker_errors(what),
+                self._client.stream("POST", "/images/create", archive, **query) as stream,
+            ):
+                for line in stream.lines():
+                    told = json.loads(line)
+                    if "error" in told:
+                        raise EngineError(what, told["error"])
+                    made = str(told.get("status", made))
+        except RorgError:
+            self.remove([made] if made else [])
+            raise
+        self.tag(made, order.reference)
+        return made
 
-    def pull(self, reference: str) -> None:
-        with library_errors(f"pull {reference}"):
-            for line in self.api.pull(reference, stream=True, decode=True):
-                if "error" in line:
-                    raise EngineError(f"pull {reference}", line["error"], "an Image of that name in the tree")
+    def tag(self, reference: str, also: str) -> None:
+        repository, tag = _parted(also)
+        with docker_errors(f"tag {reference} as {also}"):
+            self._client.post(f"/images/{reference}/tag", repo=repository, tag=tag)
 
-    def build(self, image: Image, say: Callable[[str], None]) -> None:
-        with library_errors(f"build {image.name}"):
-            lines = self.api.build(
-                path=image.context,
-                dockerfile=image.dockerfile,
-                tag=image.name,
-                rm=True,
-                forcerm=True,
-                buildargs=dict(image.args),
-                network_mode="host",
-                decode=True,
-            )
-            last = ""
-            for line in lines:
-                if "error" in line:
-                    raise EngineError(f"build {image.name}", f"{line['error'].strip()} (at: {last})")
-                if line.get("stream", "").startswith("Step "):
-                    last = line["stream"].strip()
+    def digest(self, reference: str) -> str:
+        with docker_errors(f"look at {reference}"):
+            found = self._client.get(f"/images/{reference}/json")
+        name = _parted(plain(reference))[0]
+        digests = {plain(text.partition("@")[0]): text.partition("@")[2] for text in found.get("RepoDigests") or ()}
+        return str(digests.get(name) or found["Id"])
 
-    def load(self, image: Image) -> None:
-        with import_stream(image) as stream, library_errors(f"import {image.name}"):
-            self.api.import_image(src=stream, repository=image.name, stream_src=True)
-
-    def remove(self, names: list[str]) -> None:
+    def remove(self, references: Collection[str]) -> None:
         """Takes images away again; one that something still uses stays."""
-        for name in reversed(names):
-            try:
-                with library_errors(f"remove {name}"):
-                    self.api.remove_image(name, force=True)
-            except EngineError:
-                continue
+        for reference in references:
+            with contextlib.suppress(RorgError), docker_errors(f"remove {reference}"):
+                self._client.delete(f"/images/{reference}", force=True)
+
+    def cancel(self) -> None:
+        self._cancelling.cancel()
+
+    def close(self) -> None:
+        self._client.close()
+
+
+def _parted(reference: str) -> tuple[str, str]:
+    """(repository, tag) of a reference."""
+    name, colon, tag = reference.rpartition(":")
+    return (name, tag) if colon and "/" not in tag else (reference, "latest")
+
+
+def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: Say) -> None:
+    """How much of all layers has come, as it grows."""
+    detail = line.get("progressDetail") or {}
+    if line.get("status") == "Downloading" and "total" in detail:
+        sizes[line["id"]] = int(detail["current"]), int(detail["total"])
+        come, whole = (sum(each) / 1e6 for each in zip(*sizes.values(), strict=True))
+        say(f"{come:.1f} of {whole:.1f} MB", step=True)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 from rorg.engines.protocol import Engine
 from rorg.host.clock import wall_clock
 from rorg.images.order import Builder
+from rorg.images.process import ProcessBuilder
 from rorg.images.records import Records
 from rorg.images.supply import Supplier
 from rorg.store.state_dir import StateDir
@@ -18,9 +18,9 @@ LOGS = "builds"
 
 def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int, imports: bool = True) -> Supplier:
     """`owner`: the instance whose images they are; `jobs`: images that are built at once. Without `imports` no command
-    of an import is run: an image that stands on such a one is not built."""
+    of an import is run, so what stands on such an image is not built unless that is there."""
     return Supplier(
-        make_builder=builder_for(engine, state, imports),
+        make_builder=lambda: make_builder(engine, state, imports),
         records=Records(state.path),
         logs=state.path / LOGS,
         owner=owner,
@@ -30,18 +30,13 @@ def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int, import
     )
 
 
-def builder_for(engine: Engine, state: StateDir, imports: bool = True) -> Callable[[], Builder]:
-    """Makes builders for an engine. What they need is loaded when the first one is made."""
+def make_builder(engine: Engine, state: StateDir, imports: bool = True) -> Builder:
+    """One that has images where this engine runs them. What it needs is loaded with the first one. Raises
+    Unreachable."""
+    from rorg.engines.docker.engine import DockerEngine
 
-    def make() -> Builder:
-        if engine.name == "process":
-            from rorg.images.process import ProcessBuilder
+    if not isinstance(engine, DockerEngine):
+        return ProcessBuilder(state.path)
+    from rorg.images.docker import DockerBuilder
 
-            return ProcessBuilder(state.path)
-        from rorg.engines.docker.engine import DockerEngine
-        from rorg.images.docker import Careful, DockerBuilder
-
-        assert isinstance(engine, DockerEngine)
-        return DockerBuilder(engine) if imports else Careful(engine)
-
-    return make
+    return DockerBuilder(engine, imports=imports)

@@ -68,8 +68,8 @@ class Result:
     """The file with all that was said; empty where there is none."""
     seconds: float = 0.0
     id: str = ""
-    """What the engine calls it: the id of what was built or imported, the digest of what was pulled. Empty where nothing
-    was done."""
+    """What the engine calls it: the id of what was built or imported, the digest of what was pulled. Empty where
+    nothing was done."""
 
     @property
     def good(self) -> bool:

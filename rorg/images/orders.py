@@ -23,9 +23,10 @@ def orders_for(
     """Orders for these images and what they stand on, each after those. `names` are of Images of the tree, or external
     references; what an Image that is there stands on is not needed. `identities` and `tags`: Image -> identity, and the
     reference that is in force; `there`: references that the engine has. `pull`: external ones that are there are pulled
-    anew. Without `cache` what is there is built again, by an engine that uses nothing that it kept."""
+    anew. Without `cache` the named Images are built again, and nothing is used that the engine kept of them."""
     found: dict[str, Order] = {}
-    kept = there if cache else frozenset[str]()
+    names = list(names)
+    anew = set() if cache else {declared(name, catalog.images) for name in names}
 
     def add(name: str) -> str:
         """The reference of its order. Trees are checked when they are loaded: there is no circle."""
@@ -35,7 +36,7 @@ def orders_for(
             return reference
         if image is None:
             found[reference] = Order(reference, there=name in there, pull=pull and name in there)
-        elif reference in kept:
+        elif reference in there and image.name not in anew:
             found[reference] = order(image, reference, {}, True)
         else:
             found[reference] = order(image, reference, {base: add(base) for base in image.bases}, False)
@@ -47,11 +48,11 @@ def orders_for(
             reference,
             image,
             also=(image.name,) if image.name != reference else (),
-            labels=labels,
+            labels={key: value for key, value in labels.items() if value},
             below=tuple(dict.fromkeys(below.values())),
             replacements={base: to for base, to in below.items() if base != to},
             there=present,
-            cache=cache,
+            cache=image.name not in anew,
         )
 
     for name in names:

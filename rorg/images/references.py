@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
 
+from rorg.engines import WITH_IMAGES
 from rorg.images.identity import Identities, renewed
 from rorg.images.records import Built, Records
 from rorg.model.catalog import Catalog
@@ -27,15 +29,22 @@ class Content:
 
 
 class References:
-    """Of one state directory."""
+    """Of one state directory. Where an image is no more than a name to the engine, that is its reference."""
 
-    def __init__(self, records: Records) -> None:
-        self.records = records
+    def __init__(self, records: Records, by_content: bool = True) -> None:
+        self.records, self.by_content = records, by_content
         self.identities = Identities()
 
     def of(self, catalog: Catalog) -> Content:
+        if not self.by_content:
+            return Content(references={name: name for name in catalog.images})
         identities = self.identities.of(catalog)
         return Content(identities=identities, references=references(catalog, identities, self.records.built()))
+
+
+def references_for(engine: str, folder: Path) -> References:
+    """Those of a state directory, for the engine of that name."""
+    return References(Records(folder), engine in WITH_IMAGES)
 
 
 def references(

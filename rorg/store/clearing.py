@@ -11,10 +11,10 @@ from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import SPARE, RequestsFile
 from rorg.store.state_dir import StateDir
 
-FILES = ("status.json", "manifest-change.json", "process-images.json", "wakeup", NAME, SPARE)
+FILES = ("status.json", "manifest-change.json", "process-images.json", ".process-images.lock", "wakeup", NAME, SPARE)
 LAST = ("instance", "instance.lock", ".requests.lock", "owner.json", "lock")
 """What says whose robot this is."""
-FOLDERS = ("process", "run")
+FOLDERS = ("process", "run", "builds")
 SOCKETS = ("services", ".new", "rorg.sock")
 """Below the run directory, which may be one of the machine's."""
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from robots import RealRobot, write_tree
 
-from rorg.errors import Invalid
 from rorg.host.git import revision
-from rorg.images.build import image_parents
+from rorg.images.dockerfiles import dockerfile_of
+from rorg.images.order import Order
 from rorg.manifest.files import MOST, read_text
 from rorg.manifest.load import load
 from rorg.model.catalog import Image
@@ -91,8 +91,9 @@ def test_an_odd_dockerfile_is_an_error(tmp_path, make):
     context = tmp_path / "tree" / "image"
     context.mkdir(parents=True)
     make(context / "Dockerfile")
-    with pytest.raises(Invalid) as caught:
-        image_parents(Image("odd", str(context), "Dockerfile", {}, None, str(context)))
+    image = Image("odd", str(context), "Dockerfile", {}, None, str(context))
+    with pytest.raises(OSError, match="Dockerfile") as caught:
+        dockerfile_of(Order("odd", image), image, True)
     assert SECRET not in str(caught.value)
 
 

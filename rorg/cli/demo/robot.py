@@ -20,7 +20,9 @@ from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
 from rorg.errors import Invalid, NotReady, RorgError
-from rorg.images.build import ProcessBuilder, build
+from rorg.images.build import build
+from rorg.images.make import make_builder, orders_by_name
+from rorg.images.order import Order, Result
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
@@ -40,6 +42,22 @@ def choose_engine(asked: str | None) -> tuple[str, str]:
         return "docker", f"Docker {DockerEngine('demo').ping()} answers"
     except RorgError as error:
         return "process", f"Docker does not answer: {error.why}"
+
+
+class Told:
+    """Shows how the building of images goes on."""
+
+    def __init__(self, show: Any) -> None:
+        self.show = show
+
+    def began(self, order: Order) -> None:
+        """What has ended is enough."""
+
+    def step(self, order: Order, text: str) -> None:
+        """Likewise."""
+
+    def ended(self, result: Result) -> None:
+        self.show.progress(f"{result.outcome:<8} {result.reference}")
 
 
 class DemoRobot:
@@ -104,21 +122,23 @@ class DemoRobot:
     # -- images and the loop -----------------------------------------------------------------------------------
 
     def build(self, catalog: Catalog) -> None:
-        if self.engine.name == "process":
-            self.builder = ProcessBuilder(catalog, self.state.path)
-        else:
-            from rorg.images.docker import DockerBuilder
-
-            self.builder = DockerBuilder(self.engine)  # type: ignore[arg-type]
-        used = {s.spec["image"] for s in catalog.services.values() if s.spec}
-        before = {name for name in catalog.images if self.builder.has(name)}
+        self.builder = make_builder(self.engine, self.state.path)
+        used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
+        before = self.builder.there(catalog.images)
+        orders = orders_by_name(catalog, used, self.builder, self.engine.owner)
         try:
-            results = build(catalog, sorted(used), self.builder, self.show.progress)
+            results = build(
+                orders,
+                lambda: make_builder(self.engine, self.state.path),
+                jobs=os.cpu_count() or 1,
+                clock=time.monotonic,
+                listener=Told(self.show),
+            )
         finally:
-            self.new_images = [n for n in catalog.images if n not in before]
+            self.new_images = [o.reference for o in orders if o.image and o.reference not in before]
         failed = [r for r in results if r.outcome == "failed"]
         if failed:
-            raise NotReady("build the stand-in images", f"{failed[0].image}: {failed[0].message}")
+            raise NotReady("build the stand-in images", f"{failed[0].reference}: {failed[0].message}")
 
     def run(self) -> None:
         self.state.acquire("rorg demo")
@@ -203,7 +223,7 @@ class DemoRobot:
             for thread in threads:
                 thread.join()
             if self.engine.name == "docker" and self.builder:
-                self.builder.remove(self.new_images)
+                self.builder.remove(self.new_images[::-1])
         except RorgError as error:
             self.show.line(f"not everything could be removed: {error}")
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import IO, Any, Literal
 from urllib.parse import quote, urlencode, urlsplit
 
 from rorg.engines.docker.errors import Refused
@@ -29,7 +29,7 @@ once anyway."""
 CHUNK = 1 << 16
 """Bytes that are read at once."""
 Method = Literal["GET", "HEAD", "POST", "PUT", "DELETE"]
-Body = Mapping[str, Any] | BinaryIO | None
+Body = Mapping[str, Any] | IO[bytes] | None
 """JSON, or a file that is sent as it is."""
 
 
@@ -64,7 +64,7 @@ class Client:
     def post(self, path: str, body: Mapping[str, Any] | None = None, timeout: float = API_TIMEOUT, **query: Any) -> Any:
         return self._call("POST", path, body, timeout, query)
 
-    def put(self, path: str, file: BinaryIO, /, **query: Any) -> None:
+    def put(self, path: str, file: IO[bytes], /, **query: Any) -> None:
         self._call("PUT", path, file, API_TIMEOUT, query)
 
     def header(self, path: str, name: str, /, **query: Any) -> str:
@@ -88,14 +88,15 @@ class Client:
         method: Method,
         path: str,
         /,
-        body: Mapping[str, Any] | None = None,
+        body: Body = None,
         timeout: float | None = None,
         **query: Any,
     ) -> Iterator[Stream]:
         """An answer that is read as it comes, on a connection of its own. `timeout`: seconds without a byte."""
         connection = _connect(self.host, timeout or API_TIMEOUT)
         try:
-            _ask(connection, method, self._url(path, query), body)
+            with suppress(BrokenPipeError):  # the engine does not want the rest of a file, and its answer says why
+                _ask(connection, method, self._url(path, query), body)
             answer = _checked(connection.getresponse())
             taken = connection.sock or answer.fp.raw._sock  # type: ignore[attr-defined]
             taken.settimeout(timeout)

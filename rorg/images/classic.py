@@ -1,0 +1,63 @@
+"""The builder that every engine has, through its API."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.errors import docker_errors
+from rorg.errors import EngineError
+from rorg.images.cancelling import Cancelling
+from rorg.images.context import write_tar
+from rorg.images.order import Order, Say, StepFailed
+from rorg.model.catalog import Image
+
+
+def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancelling: Cancelling) -> str:
+    """The id of the image. `dockerfile` is the text that holds. Raises StepFailed, and OSError for what cannot be read
+    of the context."""
+    with tempfile.TemporaryFile(prefix="rorg-build-") as tar:
+        name = write_tar(Path(image.context or ""), image.dockerfile, dockerfile, tar)
+        tar.seek(0)
+        query: dict[str, Any] = {
+            "t": order.reference,
+            "dockerfile": name,
+            "buildargs": dict(image.args),
+            "labels": dict(order.labels),
+            "networkmode": "host",
+            "nocache": not order.cache,
+            "rm": True,
+            "forcerm": True,
+            "target": image.target or None,
+            "platform": image.platform or None,
+        }
+        with (
+            docker_errors(f"build {order.name}"),
+            cancelling.by(tar.close),
+            client.stream("POST", "/build", tar, **query) as stream,
+            cancelling.by(stream.close),
+        ):
+            return _read(order, stream.lines(), say)
+
+
+def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:
+    """What the engine tells of a build, to its end."""
+    what, step, made = f"build {order.name}", "", ""
+    for line in lines:
+        told = json.loads(line)
+        text = str(told.get("stream", ""))
+        if "error" in told:
+            raise StepFailed(what, str(told["error"]), step)
+        if text.startswith("Step "):
+            step = text.strip()
+        if text:
+            say(text, step=text.startswith("Step "))
+        if "aux" in told:
+            made = str(told["aux"].get("ID", made))
+    if not made:
+        raise EngineError(what, "the engine ended it without a word")
+    return made

@@ -1,0 +1,27 @@
+"""The Dockerfile of an order, as the engine gets it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rorg.errors import EngineError
+from rorg.images.order import Order
+from rorg.manifest.dockerfile import DockerfileError, read, rewritten
+from rorg.manifest.files import read_bytes
+from rorg.model.catalog import Image
+
+
+def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
+    """Its text, with the references that are in force. Raises OSError where it cannot be read, and EngineError where it
+    makes no sense or needs BuildKit and there is none."""
+    context = Path(image.context or "")
+    # Whatever it is, it is turned back.
+    text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
+    try:
+        if not buildkit and read(text, image.args, image.target, image.platform).buildkit:
+            remedy = "to install the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
+            raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
+        found = rewritten(text, image.args, order.replacements, image.target, image.platform)
+    except DockerfileError as error:
+        raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
+    return found.encode(errors="surrogateescape")
