@@ -35,7 +35,9 @@ def write_image(robot: RealRobot, name: str, parent: str, version: str) -> Path:
     context.mkdir(parents=True, exist_ok=True)
     (context / "version.txt").write_text(f"{version}\n")
     (context / "program.py").write_text(PROGRAM)
-    (context / "Dockerfile").write_text(f"FROM {parent}\nCOPY version.txt /{name}.txt\nCOPY program.py /app/program.py\n")
+    (context / "Dockerfile").write_text(
+        f"FROM {parent}\nCOPY version.txt /{name}.txt\nCOPY program.py /app/program.py\n"
+    )
     (robot.tree / "images").mkdir(parents=True, exist_ok=True)
     document = {
         "apiVersion": "rorg/v1",

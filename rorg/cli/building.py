@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def shown(names: Mapping[str, str]) -> Iterator[Listener]:
-    """`names`: reference -> what people call it, where that is something else. Who hears of the build in the block. Being told to end is an exception there, so that nothing goes on without
-    us."""
+    """Who hears of the build in the block. `names`: reference -> what people call it, where that is something else.
+    Being told to end is an exception there, so that nothing goes on without us."""
     before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         if sys.stderr.isatty():
@@ -37,7 +37,8 @@ def shown(names: Mapping[str, str]) -> Iterator[Listener]:
 def ending(names: Mapping[str, str], result: Result) -> str:
     """The line about an image that is done."""
     seconds = f" ({result.seconds:.1f} s)" if result.seconds >= 0.05 else ""
-    return f"{result.outcome:<8} {names.get(result.reference, result.reference)}{seconds}{': ' + result.message if result.message else ''}"
+    why = f": {result.message}" if result.message else ""
+    return f"{result.outcome:<8} {names.get(result.reference, result.reference)}{seconds}{why}"
 
 
 class Lines:
@@ -94,5 +95,7 @@ class Screen:
         from rich.text import Text
 
         now = time.monotonic()
-        rows = [f"  {self._names.get(r, r)}  {now - began:.0f} s  {step}" for r, (began, step) in list(self._steps.items())]
+        rows = [
+            f"  {self._names.get(r, r)}  {now - began:.0f} s  {step}" for r, (began, step) in list(self._steps.items())
+        ]
         return Text("\n".join(map(printable, rows)), no_wrap=True, overflow="ellipsis")

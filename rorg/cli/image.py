@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Argument, Directory, EngineName, Option, Output, OwnStateDirectory, Yes
+from rorg.cli.options import Argument, EngineName, Option, Output, OwnStateDirectory, Yes
 from rorg.cli.output import check_form, consent, missing, note, print_rows
 
 if TYPE_CHECKING:

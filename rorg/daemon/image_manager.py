@@ -4,7 +4,7 @@ on meanwhile. Nothing that runs is touched before its new image is there."""
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from rorg.core.desired import Desired
 from rorg.core.missing import Missing

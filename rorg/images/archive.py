@@ -59,4 +59,6 @@ def read_records(file: IO[bytes], name: str) -> dict[str, Built]:
             entries = json.load(content) if content else {}
             return {str(identity): Built(**entry) for identity, entry in entries.items()}
     except (tarfile.TarError, ValueError, TypeError, AttributeError, EOFError) as error:
-        raise Invalid(f"load {name}", f"it is no archive of images: {error}", "one that `rorg image save` wrote") from error
+        raise Invalid(
+            f"load {name}", f"it is no archive of images: {error}", "one that `rorg image save` wrote"
+        ) from error

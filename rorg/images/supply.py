@@ -102,9 +102,7 @@ class Supplier:
         )
         return results, {r.reference: builder.digest(r.reference) for r in results if r.good}
 
-    def _renewed(
-        self, catalog: Catalog, content: Content, digests: Mapping[str, str], anew: Iterable[str]
-    ) -> Content:
+    def _renewed(self, catalog: Catalog, content: Content, digests: Mapping[str, str], anew: Iterable[str]) -> Content:
         """With what stands on other bases, and what is built anew, under other references."""
         if not content.identities:
             return content

@@ -55,6 +55,8 @@ class Dockerfile:
     buildkit: bool
     """Docker's first builder cannot build it as it is meant: it has flags of BuildKit (RUN --mount, COPY --link),
     heredocs, a `# syntax=` line, platform arguments in FROM, or copies from a later stage."""
+    arguments: frozenset[str] = frozenset()
+    """Names of its ARG lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +133,14 @@ class _Reading:
                     self.buildkit |= source > at
             if stage.name:
                 seen[stage.name.lower()] = at
-        return Dockerfile(tuple(uses), tuple(stage.name for stage in self.stages[: last + 1]), self.buildkit)
+        stages = tuple(stage.name for stage in self.stages[: last + 1])
+        return Dockerfile(tuple(uses), stages, self.buildkit, frozenset(self._arguments()))
+
+    def _arguments(self) -> Iterator[str]:
+        for instruction in self.file.instructions:
+            if instruction.name == "ARG":
+                words = _quoted_words(instruction.arguments.text, self.file.escape)
+                yield from (word.partition("=")[0] for word in words)
 
     def _stages(self) -> list[_Stage]:
         found: list[_Stage] = []

@@ -20,9 +20,9 @@ from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
 from rorg.errors import Invalid, NotReady, RorgError
-from rorg.images.build import build
-from rorg.images.make import make_builder, orders_by_name
+from rorg.images.make import make_supplier
 from rorg.images.order import Order, Result
+from rorg.images.references import references_for
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
@@ -47,8 +47,8 @@ def choose_engine(asked: str | None) -> tuple[str, str]:
 class Told:
     """Shows how the building of images goes on."""
 
-    def __init__(self, show: Any) -> None:
-        self.show = show
+    def __init__(self, show: Any, names: Mapping[str, str]) -> None:
+        self.show, self.names = show, names
 
     def began(self, order: Order) -> None:
         """What has ended is enough."""
@@ -57,7 +57,7 @@ class Told:
         """Likewise."""
 
     def ended(self, result: Result) -> None:
-        self.show.progress(f"{result.outcome:<8} {result.reference}")
+        self.show.progress(f"{result.outcome:<8} {self.names.get(result.reference, result.reference)}")
 
 
 class DemoRobot:
@@ -122,20 +122,16 @@ class DemoRobot:
     # -- images and the loop -----------------------------------------------------------------------------------
 
     def build(self, catalog: Catalog) -> None:
-        self.builder = make_builder(self.engine, self.state.path)
+        supplier = make_supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
+        content = references_for(self.engine.name, self.state.path).of(catalog)
         used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
-        before = self.builder.there(catalog.images)
-        orders = orders_by_name(catalog, used, self.builder, self.engine.owner)
+        self.builder = supplier.make_builder()
+        names = {reference: name for name, reference in content.references.items()}
+        before = self.builder.there({*names, *names.values()})
         try:
-            results = build(
-                orders,
-                lambda: make_builder(self.engine, self.state.path),
-                jobs=os.cpu_count() or 1,
-                clock=time.monotonic,
-                listener=Told(self.show),
-            )
+            results = supplier.supply(catalog, content, used, Told(self.show, names))
         finally:
-            self.new_images = [o.reference for o in orders if o.image and o.reference not in before]
+            self.new_images = sorted({*names, *names.values()} - before)
         failed = [r for r in results if r.outcome == "failed"]
         if failed:
             raise NotReady("build the stand-in images", f"{failed[0].reference}: {failed[0].message}")

@@ -57,8 +57,8 @@ class Client:
         return self._version
 
     def get(self, path: str, timeout: float = API_TIMEOUT, **query: Any) -> Any:
-        """The answer, from JSON. What is true, a number or a mapping in the query is said as the engine wants it, and each
-        of a tuple by itself."""
+        """The answer, from JSON. What is true, a number or a mapping in the query is said as the engine wants it, and
+        each of a tuple by itself."""
         return self._call("GET", path, None, timeout, query)
 
     def post(self, path: str, body: Mapping[str, Any] | None = None, timeout: float = API_TIMEOUT, **query: Any) -> Any:
