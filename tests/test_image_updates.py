@@ -80,10 +80,14 @@ def robot(engine_of_ours, docker_robot):
     return robot
 
 
+def running(robot: RealRobot, service: str):
+    return next((c for c in robot.containers() if c.service == service and c.state == "running"), None)
+
+
 def says(robot: RealRobot, service: str, of: str) -> str:
     """The version of an image's part in the container of a service that runs."""
-    container = robot.container(service)
-    if container is None or container.state != "running":
+    container = running(robot, service)
+    if container is None:
         return ""
     return robot.engine.exec(container.id, ["cat", f"/{of}.txt"], 10.0)[1].decode().strip()
 
@@ -135,7 +139,7 @@ def test_a_build_that_fails_changes_nothing_that_runs(robot):
     after = ids(robot)
     assert {n for n in before if before[n] != after[n]} == {"other"}
     assert of_images(robot, "failed") == ["mid"] or "mid failed" in robot.waits("camera")
-    assert robot.container("camera").state == "running"
+    assert running(robot, "camera")
     dockerfile.write_text(text)
     robot.wait(lambda: not robot.waits("camera"), 60)
     assert ids(robot)["camera"] == before["camera"]
@@ -158,7 +162,7 @@ def test_what_is_active_keeps_its_image_until_it_is_ceased_where_the_policy_says
 def test_an_image_that_somebody_removed_is_built_again(robot):
     robot.stop()
     api = robot.engine.api()
-    container = robot.container("camera")
+    container = running(robot, "camera")
     reference = api.inspect_container(container.id)["Config"]["Image"]
     api.remove_container(container.id, force=True)
     api.remove_image(reference, force=True)

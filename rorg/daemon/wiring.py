@@ -14,7 +14,7 @@ from rorg.daemon.generations import Generations
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop
-from rorg.daemon.parts import Collaborators
+from rorg.daemon.parts import Collaborators, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros import RosPurger
@@ -69,7 +69,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    threads = (*([images] if images else []), prober, sampler, ros, watcher, notified, observer)
+    threads: tuple[Thread, ...] = (*([images] if images else []), prober, sampler, ros, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,

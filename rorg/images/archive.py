@@ -1,5 +1,5 @@
-"""A robot's images in one file: to another machine, without a registry. It is the tar file that `docker save` writes, with
-one more member, which `docker load` does not look at."""
+"""A robot's images in one file: to another machine, without a registry. It is the tar file that `docker save` writes,
+with one more member, which `docker load` does not look at."""
 
 from __future__ import annotations
 
