@@ -37,7 +37,7 @@ def command(
 ) -> None:
     """Show who needs and who requests whom, or what images stand on.
 
-    Example: rorg graph images -o svg > images.svg
+    Example: rorg graph images -o mermaid
     """
     from rorg.cli.context import Context
 
