@@ -47,7 +47,7 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.output import check_form
     from rorg.images.build import build
-    from rorg.images.make import make_builder
+    from rorg.images.by_name import make_builder
 
     check_form(output)
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
@@ -70,7 +70,7 @@ def command(
 
 def _orders(context: Any, images: Sequence[str], pull: bool, cache: bool) -> list[Order]:
     from rorg.cli.output import missing
-    from rorg.images.make import make_builder, orders_by_name
+    from rorg.images.by_name import make_builder, orders_by_name
     from rorg.model.image_names import declared
 
     catalog = context.catalog()

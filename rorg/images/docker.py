@@ -135,6 +135,13 @@ class DockerBuilder:
         self._client.close()
 
 
+class Careful(DockerBuilder):
+    """One that runs no command of a tree on this machine."""
+
+    def load(self, order: Order, say: Say) -> str:
+        raise EngineError(f"import {order.name}", "only `rorg build` runs its command", f"`rorg build {order.name}`")
+
+
 def _parted(reference: str) -> tuple[str, str]:
     """(repository, tag) of a reference."""
     name, colon, tag = reference.rpartition(":")

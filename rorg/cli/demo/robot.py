@@ -21,7 +21,7 @@ from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
 from rorg.errors import Invalid, NotReady, RorgError
 from rorg.images.build import build
-from rorg.images.make import make_builder, orders_by_name
+from rorg.images.by_name import make_builder, orders_by_name
 from rorg.images.order import Order, Result
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Request
