@@ -18,8 +18,8 @@ from robots import RealRobot
 from test_ros import NODES
 
 from rorg.images.build import build
-from rorg.images.docker import DockerBuilder
 from rorg.images.by_name import orders_by_name
+from rorg.images.docker import DockerBuilder
 from rorg.manifest.load import load_or_raise
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
