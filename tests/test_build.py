@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
-import pty
 import shutil
-import signal
 import socket
 import stat
 import subprocess
-import sys
 import tarfile
 import threading
 from pathlib import Path
 
 import pytest
-from commands import rorg
 from conftest import BASE_IMAGE, free_port, no_docker, wait_for
 from forwarder import Forwarder
 from image_trees import Heard, Place, images, orders_of
-from robots import write_tree
 
-from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 from rorg.images import buildkit
 from rorg.images.build import build
@@ -37,17 +30,6 @@ from rorg.images.process import ProcessBuilder
 TAG = "0123456789ab"
 """Of the references that the tests build."""
 BOTH = pytest.mark.parametrize("place", ["buildkit", "classic"], indirect=True)
-
-
-@pytest.fixture
-def place(request, dockerd, tmp_path):
-    """The better builder, or the one that a test asks for."""
-    wanted = getattr(request, "param", "buildkit")
-    if wanted == "buildkit" and not buildkit.find_command():
-        no_docker("no docker command with BuildKit")
-    found = Place(dockerd.host, wanted == "buildkit", tmp_path / "builds")
-    yield found
-    found.close()
 
 
 # -- order, failures -----------------------------------------------------------------------------------------------
@@ -460,104 +442,12 @@ def test_the_docker_command_is_told_nothing_of_the_users_configuration(monkeypat
     assert (found["DOCKER_HOST"], found["DOCKER_CERT_PATH"]) == ("tcp://robot:2376", "/certificates")
 
 
-# -- rorg build ----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def tree(tmp_path):
-    """A robot of two images that can be built and one that cannot."""
-    write_tree(tmp_path / "tree", {"camera": {}})
-    (tmp_path / "tree/images").mkdir()
-    for name, text in {"bad": "FROM scratch\nCOPY nothing /x", "one": "LABEL a=b", "two": "LABEL c=d"}.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "Dockerfile").write_text(text if "FROM" in text else f"FROM {BASE_IMAGE}\n{text}\n")
-        manifest = {"apiVersion": "rorg/v1", "kind": "Image", "metadata": {"name": name}}
-        text = json.dumps({**manifest, "spec": {"context": f"../../{name}"}})
-        (tmp_path / f"tree/images/{name}.yaml").write_text(text)
-    return tmp_path / "tree"
-
-
-def of(tree: Path, dockerd=None) -> dict[str, str]:
-    """Where rorg finds its engine and its state."""
-    where = {"DOCKER_HOST": dockerd.host} if dockerd else {"RORG_ENGINE": "process"}
-    return {"RORG_STATE_DIR": str(tree.parent / "state"), **where}
-
-
-def test_the_command_says_what_failed_where_its_log_is_and_builds_the_rest(dockerd, place, tree):
-    done = rorg("build", "--manifests", str(tree), "-o", "json", code=4, **of(tree, dockerd))
-    rows = {row["image"]: row for row in json.loads(done.stdout)}
-    assert {name: row["outcome"] for name, row in rows.items()} == {
-        **dict.fromkeys(("one", "two"), "built"),
-        "bad": "failed",
-        BASE_IMAGE: "present",
-    }
-    place.builder().remove(["one", "two"])
-    assert f"bad failed at {rows['bad']['step']}: {rows['bad']['message']}" in done.stderr
-    assert f"all of it: {tree.parent}/state/builds/bad-" in done.stderr
-    said = [line.strip() for line in Path(rows["bad"]["log"]).read_text().splitlines()]
-    assert [line.removeprefix("  | ").strip() for line in done.stderr.splitlines() if line.startswith("  | ")] == [
-        printable(line) for line in said[-10:]
-    ]
-    assert "cannot build all images: 1 of 4 failed or were skipped: bad; try" in done.stderr
-    assert (
-        rorg("build", "one", "--manifests", str(tree), **of(tree, dockerd)).stderr.splitlines()[-1]
-        == "1 images are there"
-    )
-    place.builder().remove(["one"])
-
-
-def test_what_would_be_done_is_printed_and_nothing_is_done(tree):
-    words = ["--manifests", str(tree), "--dry-run", "-o"]
-    assert json.loads(rorg("build", *words, "json", **of(tree)).stdout) == [
-        *({"image": n, "action": "build", "reference": n, "after": []} for n in ("bad", "one")),
-        {"image": BASE_IMAGE, "action": "pull", "reference": BASE_IMAGE, "after": []},
-        {"image": "two", "action": "build", "reference": "two", "after": []},
-    ]
-    assert not (tree.parent / "state" / "process-images.json").exists()
-    assert rorg("build", "two", *words, "name", **of(tree)).stdout == "two\n"
-    rorg("build", "two", "--manifests", str(tree), **of(tree))
-    assert json.loads((tree.parent / "state" / "process-images.json").read_text()) == {
-        "two": [str(tree.parent / "two")]
-    }
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_build_that_is_interrupted_leaves_nothing_under_way(dockerd, place, tree, number, code):
-    (tree.parent / "one/Dockerfile").write_text(
-        f"FROM {BASE_IMAGE}\nRUN python3 -S -c 'import time; time.sleep(600)'\n"
-    )
-    line = [sys.executable, "-m", "rorg", "build", "one", "--manifests", str(tree)]
-    begun = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, env={**os.environ, **of(tree, dockerd)})
-    wait_for(lambda: "time.sleep" in (begun.stderr.readline() or pytest.fail("it has ended")), 120, "its step")
-    begun.send_signal(number)
-    assert (begun.communicate(timeout=60)[1], begun.returncode) == ("", code)
-    wait_for(lambda: not place.running(), 60, "the engine to end what it runs")
-
-
-def test_on_a_terminal_lines_are_rewritten_in_place(dockerd, place, tree):
-    ours, its = pty.openpty()
-    line = [sys.executable, "-m", "rorg", "build", "one", "--manifests", str(tree)]
-    environment = {**os.environ, **of(tree, dockerd), "TERM": "xterm-256color", "COLUMNS": "90"}
-    begun = subprocess.Popen(line, stdin=its, stdout=its, stderr=its, env=environment)
-    os.close(its)
-    text = b""
-    with contextlib.suppress(OSError):  # its end
-        while chunk := os.read(ours, 4096):
-            text += chunk
-    os.close(ours)
-    assert begun.wait(60) == 0, text
-    assert b"built    one (" in text
-    assert text.rstrip().endswith(b"1 images are there")
-    place.builder().remove(["one"])
-
-
 # -- orders --------------------------------------------------------------------------------------------------------
 
 
 def test_what_is_there_is_built_again_only_where_it_is_named_and_nothing_kept_may_be_used(tmp_path):
-    catalog = images(
-        tmp_path, {"parent": "FROM out/base:1", "child": "FROM parent:latest\nCOPY --from=out/tools /a /b"}
-    )
+    text = "FROM parent:latest\nCOPY --from=out/tools /a /b"
+    catalog = images(tmp_path, {"parent": "FROM out/base:1", "child": text})
     there = {f"parent:{TAG}", f"child:{TAG}", "out/tools"}
     assert [o.there for o in orders_of(catalog, there, names=["child"])] == [True]
     parent, tools, child = orders_of(catalog, there, names=["child"], cache=False, pull=True)

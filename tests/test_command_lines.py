@@ -43,7 +43,8 @@ logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; l
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
 apply --timeout x
-apply --force; run a b; run --port 1; run --listen; graph a b; graph -x; build --image a; build --jobs 0; build --jobs x; init a b
+apply --force; run a b; run --port 1; run --listen; graph a b; graph -x; build --image a; init a b
+build --jobs 0; build --jobs x
 init --force x
 schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
 cp; cp a
