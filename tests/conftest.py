@@ -242,6 +242,21 @@ def docker_robot(request, tmp_path):
 
 
 @pytest.fixture
+def place(request, dockerd, tmp_path):
+    """Where images are built: by the better builder, or the one that a test asks for."""
+    from image_trees import Place
+
+    from rorg.images import buildkit
+
+    wanted = getattr(request, "param", "buildkit")
+    if wanted == "buildkit" and not buildkit.find_command():
+        no_docker("no docker command with BuildKit")
+    found = Place(dockerd.host, wanted == "buildkit", tmp_path / "builds")
+    yield found
+    found.close()
+
+
+@pytest.fixture
 def process_engine(tmp_path):
     """Without a robot; what it runs is ended."""
     from rorg.engines.process.engine import ProcessEngine

@@ -48,7 +48,7 @@ LINES = {
     "schema": ["schema schemas"],
     "completion": ["completion bash"],
     "run": ["run nowhere"],
-    "build": ["build robot --engine process"],
+    "build": ["build --manifests robot --engine process"],
     "demo": ["demo --help"],
     "explain": ["explain service.spec.idle"],
     "edit": ["edit base"],

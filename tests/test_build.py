@@ -24,22 +24,12 @@ from rorg.images.build import build
 from rorg.images.context import context_files
 from rorg.images.logs import build_log
 from rorg.images.order import Order
+from rorg.images.orders import externals
 from rorg.images.process import ProcessBuilder
 
 TAG = "0123456789ab"
 """Of the references that the tests build."""
 BOTH = pytest.mark.parametrize("place", ["buildkit", "classic"], indirect=True)
-
-
-@pytest.fixture
-def place(request, dockerd, tmp_path):
-    """The better builder, or the one that a test asks for."""
-    wanted = getattr(request, "param", "buildkit")
-    if wanted == "buildkit" and not buildkit.find_command():
-        no_docker("no docker command with BuildKit")
-    found = Place(dockerd.host, wanted == "buildkit", tmp_path / "builds")
-    yield found
-    found.close()
 
 
 # -- order, failures -----------------------------------------------------------------------------------------------
@@ -450,3 +440,22 @@ def test_the_docker_command_is_told_nothing_of_the_users_configuration(monkeypat
     monkeypatch.setenv("DOCKER_CERT_PATH", "/certificates")
     found = buildkit.environment("tcp://robot:2376", "/tmp/x")
     assert (found["DOCKER_HOST"], found["DOCKER_CERT_PATH"]) == ("tcp://robot:2376", "/certificates")
+
+
+# -- orders --------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_there_is_built_again_only_where_it_is_named_and_nothing_kept_may_be_used(tmp_path):
+    text = "FROM parent:latest\nCOPY --from=out/tools /a /b"
+    catalog = images(tmp_path, {"parent": "FROM out/base:1", "child": text})
+    there = {f"parent:{TAG}", f"child:{TAG}", "out/tools"}
+    assert [o.there for o in orders_of(catalog, there, names=["child"])] == [True]
+    parent, tools, child = orders_of(catalog, there, names=["child"], cache=False, pull=True)
+    assert (parent.reference, parent.there, parent.cache) == (f"parent:{TAG}", True, True)
+    assert (tools.reference, tools.there, tools.pull) == ("out/tools", True, True)
+    assert (child.there, child.cache, child.also) == (False, False, ("child",))
+    assert child.below == (f"parent:{TAG}", "out/tools")
+    assert child.replacements == {"parent:latest": f"parent:{TAG}"}
+    lost, _ = orders_of(catalog, set(), names=["parent"], pull=True)
+    assert (lost.reference, lost.image, lost.there, lost.pull) == ("out/base:1", None, False, False)
+    assert externals(catalog, ["child", "out/more"]) == {"out/base:1", "out/tools", "out/more"}

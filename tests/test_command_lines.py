@@ -43,7 +43,8 @@ logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; l
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
 apply --timeout x
-apply --force; run a b; run --port 1; run --listen; graph a b; graph -x; build a b; build --image; init a b
+apply --force; run a b; run --port 1; run --listen; graph a b; graph -x; build --image a; init a b
+build --jobs 0; build --jobs x
 init --force x
 schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
 cp; cp a
@@ -69,7 +70,7 @@ logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate 
 validate ''x
 diff nosuch; diff a-file; diff empty; diff -o nosuch; apply nosuch --yes; apply empty --yes; run nosuch; run a-file
 run --listen x; run --listen 0.0.0.0:1; run --listen :0 --tls-cert a; graph nosuch; graph -o nosuch; graph empty
-build nosuch; build --image nosuch; schema a-file/x; completion tcsh; completion ''x; init a-file; init /proc/x
+build nosuch; build --manifests nosuch; schema a-file/x; completion tcsh; completion ''x; init a-file; init /proc/x
 exec nosuch -- ls; exec '' -- ls; exec arm -- ''; exec -it arm -- ls; exec driving -- ls; shell nosuch
 shell driving
 cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x /nosuch/y; cp nosuch:/x .

@@ -76,7 +76,7 @@ def robot(engine_of_ours, docker_robot):
     robot.declare({name: {"image": name, "command": RUNS, "always_on": True} for name in NAMES[1:]})
     git(robot.tree.parent, "add", "-A")
     git(robot.tree.parent, "commit", "-qm", "one")
-    robot.wait(lambda: all(says(robot, n, n) == "1" for n in NAMES[1:]), 180)
+    robot.wait(lambda: all(says(robot, n, n) == "1" for n in NAMES[1:]), 120)
     return robot
 
 
@@ -89,7 +89,7 @@ def says(robot: RealRobot, service: str, of: str) -> str:
     container = running(robot, service)
     if container is None:
         return ""
-    return robot.engine.exec(container.id, ["cat", f"/{of}.txt"], 10.0)[1].decode().strip()
+    return robot.engine.exec(container.id, ["sh", "-c", f"read v < /{of}.txt; echo $v"], 30.0)[1].decode().strip()
 
 
 def ids(robot: RealRobot) -> dict[str, str]:

@@ -74,7 +74,8 @@ PLAIN = [
     ("apply", ["--yes", "--wait"]),
     ("events", ["-f", "--tail", "3"]),
     ("run", ["tree", "--listen", "0.0.0.0:1", "--tls-cert", "c.pem"]),
-    ("build", ["tree"]),
+    ("build", ["arm", "base", "--manifests", "tree", "--pull", "-j", "2"]),
+    ("build", ["--no-cache", "--dry-run", "-o", "json"]),
     ("demo", ["--speed", "2"]),
     ("completion", ["bash"]),
     ("exec", ["arm", "-i", "--", "ls", "-la", "--", "x"]),
@@ -103,7 +104,7 @@ NOT_PLAIN = [
     ("events", ["--tail", "-1"]),
     ("top", ["--interval", "0.1"]),
     ("top", ["--interval", "100ms"]),
-    ("build", ["--image", "a", "--image", "b"]),
+    ("build", ["--jobs", "0"]),
 ]
 
 

@@ -17,10 +17,10 @@ from image_trees import Heard
 from robots import RealRobot
 from test_ros import NODES
 
-from rorg.images.build import build
-from rorg.images.docker import DockerBuilder
-from rorg.images.make import orders_by_name
+from rorg.images.make import make_supplier
+from rorg.images.references import references_for
 from rorg.manifest.load import load_or_raise
+from rorg.store.state_dir import StateDir
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
 CLIENT = ROOT / "clients/python/rorg_client"
@@ -32,14 +32,17 @@ def expected(action: dict) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def images(dockerd):
+def images(dockerd, tmp_path_factory):
     """The 45 stand-in images, built once."""
     from rorg.engines.docker.engine import DockerEngine
 
     catalog, engine = load_or_raise(ROOT / "manifests"), DockerEngine("test", dockerd.host)
-    orders = orders_by_name(catalog, sorted(catalog.images), DockerBuilder(engine), "test")
-    results = build(orders, lambda: DockerBuilder(engine), jobs=2, clock=time.monotonic, listener=Heard())
+    state = StateDir(tmp_path_factory.mktemp("images")).prepare()
+    heard, content = Heard(), references_for("docker", state.path).of(catalog)
+    supplier = make_supplier(engine, state, "test", jobs=2)
+    results = supplier.supply(catalog, content, sorted(catalog.images), heard)
     assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
+    assert len(results) == 45
 
 
 @pytest.fixture
