@@ -10,11 +10,12 @@ import commands
 import pytest
 import yaml
 from conftest import BASE_IMAGE, ROOT, wait_for
-from robots import RealRobot
+from robots import RealRobot, write_tree
 from test_edit import EDITOR
 from test_image_manifests import images
 
 from rorg.cli.completing import declared
+from rorg.cli.graph import command
 from rorg.images.graph import descendants, generations, hierarchy, reduced, services_on
 from rorg.manifest.load import load_or_raise
 from rorg.model.graph import made_from, stands_on
@@ -172,6 +173,15 @@ def test_services_have_a_picture_too(robot):
 def test_a_graph_that_there_is_not(tmp_path):
     said = commands.rorg("graph", "imags", code=2, cwd=tmp_path, RORG_STATE_DIR=str(tmp_path)).stderr
     assert said == "rorg: cannot find the graph 'imags': there is none of that name; try 'images'\n"
+
+
+@pytest.mark.parametrize("form", ["table", "wide", "name", "yaml", "json", "dot", "mermaid", "svg"])
+def test_a_tree_without_images_has_a_graph_too(tmp_path, capsys, monkeypatch, form):
+    monkeypatch.setenv("RORG_STATE_DIR", str(tmp_path / "state"))
+    write_tree(tmp_path / "tree", {"nav": {}})
+    command("images", tmp_path / "tree", form)
+    said = capsys.readouterr()
+    assert (BASE_IMAGE in said.out, said.err) == (False, "")
 
 
 def test_images_are_listed_with_what_they_stand_on(robot):
