@@ -14,6 +14,7 @@ import yaml
 from conftest import BASE_IMAGE
 from robots import RealRobot
 
+from rorg.errors import EngineError
 from rorg.images.order import LABEL_IMAGE
 from rorg.model.units import stamp
 
@@ -89,11 +90,15 @@ def says(robot: RealRobot, service: str, of: str) -> str:
     container = running(robot, service)
     if container is None:
         return ""
-    return robot.engine.exec(container.id, ["sh", "-c", f"read v < /{of}.txt; echo $v"], 30.0)[1].decode().strip()
+    try:
+        return robot.engine.exec(container.id, ["sh", "-c", f"read v < /{of}.txt; echo $v"], 30.0)[1].decode().strip()
+    except EngineError:  # it has just ended
+        return ""
 
 
 def ids(robot: RealRobot) -> dict[str, str]:
-    return {c.service: c.id for c in robot.containers()}
+    """Of the containers that run."""
+    return {c.service: c.id for c in robot.containers() if c.state == "running"}
 
 
 def of_images(robot: RealRobot, outcome: str) -> list[str]:

@@ -17,9 +17,13 @@ from image_trees import Heard
 from robots import RealRobot
 from test_ros import NODES
 
+from rorg.engines.docker.engine import DockerEngine
+from rorg.images.graph import descendants, hierarchy
 from rorg.images.make import make_supplier
+from rorg.images.order import LABEL_BUILDER
 from rorg.images.references import references_for
 from rorg.manifest.load import load_or_raise
+from rorg.model.graph import stands_on
 from rorg.store.state_dir import StateDir
 
 CYCLE = yaml.safe_load((ROOT / "tests" / "cases" / "tour_cycle.yaml").read_text())
@@ -34,8 +38,6 @@ def expected(action: dict) -> set[str]:
 @pytest.fixture(scope="module")
 def images(dockerd, tmp_path_factory):
     """The 45 stand-in images, built once."""
-    from rorg.engines.docker.engine import DockerEngine
-
     catalog, engine = load_or_raise(ROOT / "manifests"), DockerEngine("test", dockerd.host)
     state = StateDir(tmp_path_factory.mktemp("images")).prepare()
     heard, content = Heard(), references_for("docker", state.path).of(catalog)
@@ -294,3 +296,42 @@ def edit(robot: RealRobot, name: str, **fields) -> None:
     manifest = yaml.safe_load(path.read_text())
     manifest["spec"] |= fields
     path.write_text(yaml.safe_dump(manifest))
+
+
+def test_the_hierarchy_of_images_is_built_in_order_once_and_again_where_it_changes(dockerd, images, tmp_path):
+    """45 stand-ins, 36 of them the robot's (paper, Section III): parents before children, as the engine tells it; a
+    second time nothing; after a change of one file exactly what descends from it."""
+    copy = tmp_path / "robot"
+    shutil.copytree(ROOT / "manifests", copy / "manifests")
+    shutil.copytree(ROOT / "images", copy / "images")
+    (copy / "images/standin/salt").write_text(str(tmp_path))  # so all but the root are images that nobody has built
+    dockerfile = copy / "images/standin/Dockerfile"
+    dockerfile.write_text(dockerfile.read_text() + f"LABEL salt={tmp_path.name}\n")
+    engine, state = DockerEngine("hierarchy", dockerd.host), StateDir(tmp_path / "state").prepare()
+    supplier, references = make_supplier(engine, state, "hierarchy", jobs=2), references_for("docker", state.path)
+
+    def build() -> list[str]:
+        catalog = load_or_raise(copy / "manifests")
+        results = supplier.supply(catalog, references.of(catalog), sorted(catalog.images), Heard())
+        assert all(r.good for r in results), results
+        return [r.reference.partition(":")[0] for r in results if r.outcome == "built"]
+
+    api = engine.api()
+    since = int(time.time())
+    built = build()
+    assert len(built) == 44
+    events = api.events(since=since, until=int(time.time()) + 1, filters={"type": "image", "event": "tag"}, decode=True)
+    tagged = [e["Actor"]["Attributes"]["name"] for e in events]
+    first = {name: place for place, name in reversed(list(enumerate(tagged)))}
+    stands = stands_on(load_or_raise(copy / "manifests").images)
+    below = [(name, parent) for name, parents in stands.items() for parent in parents if parent in built]
+    assert len(below) >= 36
+    assert [(n, p) for n, p in below if not first[f"{p}:latest"] < first[f"{n}:latest"]] == []
+    assert build() == []
+    middle = copy / "images/fetch_deploy_base/Dockerfile"
+    middle.write_text(middle.read_text() + "LABEL changed=yes\n")
+    graph = hierarchy(stands_on(load_or_raise(copy / "manifests").images))
+    assert set(build()) == {"fetch_deploy_base", *descendants(graph, "fetch_deploy_base")}
+    for row in api.images(filters={"label": f"{LABEL_BUILDER}=hierarchy"}):
+        for tag in row["RepoTags"] or ():
+            api.remove_image(tag, force=True)
