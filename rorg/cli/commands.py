@@ -32,6 +32,7 @@ COMMANDS = (
     "graph",
     "edit",
     "build",
+    "dev",
     "demo",
     "schema",
     "completion",
