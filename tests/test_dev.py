@@ -11,11 +11,13 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import NamedTuple
 
 import docker
 import pytest
 from conftest import BASE_IMAGE, wait_for
-from robots import WORK
+from robots import WORK, RealRobot
+from test_command_lines import Commands
 from test_inside import Terminal, environment
 
 from rorg.engines.docker.body import create_body
@@ -31,7 +33,6 @@ BEHIND_SUDO = {"SUDO_UID": str(UID), "SUDO_GID": str(UID)} if os.geteuid() == 0 
 TOOLS = "rorg-tools"
 ARM = {
     "image": TOOLS,
-    "always_on": True,
     "container": {"environment": {"WHERE": "inside"}, "mem_limit": "300Mi", "container_name": "the-arm"},
 }
 SERVICES = {
@@ -69,29 +70,45 @@ def workspace(tmp_path) -> Path:
     return found
 
 
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    found = Commands(tmp_path_factory.mktemp("commands"), Path("/nonexistent"))
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def running(dockerd, tools, commands, tmp_path_factory):
+    """A robot, and commands to it."""
+    found = RealRobot(tmp_path_factory.mktemp("robot"), "docker", dockerd.host)
+    found.declare(SERVICES, groups=GROUPS)
+    found.wait(lambda: "laser" in found.active() and found.container("arm"))
+    found.commands = commands
+    yield found
+    found.close()
+
+
 @pytest.fixture
-def robot(docker_robot, tools):
-    docker_robot.declare(SERVICES, groups=GROUPS)
-    docker_robot.wait(lambda: {"arm", "laser"} <= docker_robot.active())
-    yield docker_robot
-    api = docker_robot.engine.api()
+def robot(running):
+    """With nothing to develop in yet."""
+    running.declare(SERVICES, groups=GROUPS)
+    yield running
+    api = running.engine.api()
     for row in api.containers(all=True, filters={"label": "rorg.io/dev"}):
         api.remove_container(row["Id"], force=True)
 
 
-def rorg(robot, workspace, *words: str, code: int = 0, **more: str) -> subprocess.CompletedProcess[str]:
-    """In the workspace, as the person behind sudo."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *words],
-        env={**environment(robot), **BEHIND_SUDO, **more},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=workspace,
-    )
-    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done
+class Said(NamedTuple):
+    stdout: str
+    stderr: str
+
+
+def rorg(robot, folder, *words: str, code: int = 0, **more: str) -> Said:
+    """In a folder, as the person behind sudo."""
+    robot.commands.folder = folder
+    got, out, err = robot.commands(list(words), **{**environment(robot), **BEHIND_SUDO, **more})
+    assert got == code, f"exit {got}\n{out}\n{err}"
+    return Said(out, err)
 
 
 def shell_in(robot, folder) -> Terminal:
@@ -133,7 +150,7 @@ def test_a_shell_in_the_image_with_the_workspace_and_the_hand_of_the_caller(robo
     assert found["State"]["Running"], "the shell's end leaves it"
     assert found["Image"] == inspect(robot, "the-arm")["Image"]
     host = found["HostConfig"]
-    assert (host["Memory"], host["NetworkMode"], host["RestartPolicy"]["Name"]) == (300 << 20, "host", "no")
+    assert (host["Memory"], host["NetworkMode"]) == (300 << 20, "host")
     assert "rorg.io/owner" not in found["Config"]["Labels"]
     assert found["Config"]["Labels"]["rorg.io/dev-of"] == "arm"
 
@@ -201,17 +218,20 @@ def test_it_stays_and_ends_when_told_to(robot, workspace, image):
     assert (state["Running"], state["ExitCode"]) == (False, 0)
 
 
-def test_the_loop_and_down_leave_it_alone(robot, workspace):
-    rorg(robot, workspace, "dev", "arm", "--", "sh", "-c", ":")
-    robot.settle()
-    assert "arm-dev" not in {c.name for c in robot.containers()}
-    robot.stop()
-    assert "arm-dev to develop in: still there" in rorg(robot, workspace, "down", "--yes").stderr
-    assert robot.containers() == []
-    assert inspect(robot, "arm-dev")["State"]["Running"]
-    rorg(robot, workspace, "dev", "--stop")
+def test_the_loop_and_down_leave_it_alone(docker_robot, commands, workspace):
+    docker_robot.declare({"arm": {}})
+    docker_robot.commands = commands
+    docker_robot.settle()
+    rorg(docker_robot, workspace, "dev", "arm", "--", "sh", "-c", ":")
+    docker_robot.settle()
+    assert [c.name for c in docker_robot.containers()] == ["arm"]
+    docker_robot.stop()
+    assert "arm-dev to develop in: still there" in rorg(docker_robot, workspace, "down", "--yes").stderr
+    assert docker_robot.containers() == []
+    assert inspect(docker_robot, "arm-dev")["State"]["Running"]
+    rorg(docker_robot, workspace, "dev", "--stop")
     with pytest.raises(docker.errors.NotFound):
-        inspect(robot, "arm-dev")
+        inspect(docker_robot, "arm-dev")
 
 
 # -- drift -----------------------------------------------------------------------------------------------------
@@ -220,7 +240,7 @@ def test_the_loop_and_down_leave_it_alone(robot, workspace):
 def test_drift_is_told_in_one_line_and_goes_with_fresh(robot, workspace):
     api = robot.engine.api()
     api.tag(BASE_IMAGE, "rorg-moving")
-    robot.declare({**SERVICES, "arm": {**ARM, "always_on": False, "image": "rorg-moving"}})
+    robot.declare({**SERVICES, "arm": {**ARM, "image": "rorg-moving"}})
 
     def enter(*words: str) -> str:
         return rorg(robot, workspace, "dev", "arm", *words, "--", "sh", "-c", ":").stderr
@@ -229,7 +249,7 @@ def test_drift_is_told_in_one_line_and_goes_with_fresh(robot, workspace):
     api.tag(TOOLS, "rorg-moving")
     image = "rorg-moving is another image than its own"
     assert enter() == f"arm-dev: {image}; `rorg dev arm --fresh` renews it\n"
-    robot.declare({**SERVICES, "arm": {**ARM, "always_on": False, "image": "rorg-moving", "container": {}}})
+    robot.declare({**SERVICES, "arm": {**ARM, "image": "rorg-moving", "container": {}}})
     manifests = "the manifests say otherwise than when it was made"
     assert enter() == f"arm-dev: {image}; {manifests}; `rorg dev arm --fresh` renews it\n"
     assert enter("--fresh") == ""
