@@ -38,6 +38,7 @@ ARM = {
 SERVICES = {
     "arm": ARM,
     "laser": {"always_on": True, "driver": {"groups": ["dialout"]}},
+    "caller": {"may_request": ["arm"]},
     "duty": {"type": "meta"},
 }
 GROUPS = {"all": {"services": ["arm", "laser"]}}
@@ -182,6 +183,20 @@ def test_one_that_ended_or_is_paused_goes_on(robot, workspace):
         assert rorg(robot, workspace, "dev", "arm", "--", "sh", "-c", "echo here; exit 7", code=7).stdout == "here\n"
 
 
+def test_the_socket_of_a_service_is_made_by_nobody_but_rorg(robot, workspace):
+    asked = "import os; print(os.path.exists(os.path.dirname(os.environ['RORG_SOCKET'])))"
+    assert rorg(robot, workspace, "dev", "caller", "--", *COMES, asked).stdout == "False\n"
+    assert not (robot.state.run / "services").exists(), "the engine makes what it is to mount, as root"
+    (robot.state.run / "services/caller").mkdir(parents=True)
+    assert rorg(robot, workspace, "dev", "caller", "--fresh", "--", *COMES, asked).stdout == "True\n"
+
+
+def test_a_command_that_is_not_there_gives_127(robot, workspace):
+    assert (
+        "no such program; try `rorg dev arm`" in rorg(robot, workspace, "dev", "arm", "--", "nosuch", code=127).stderr
+    )
+
+
 # -- several, listed and ended ---------------------------------------------------------------------------------
 
 
@@ -226,6 +241,7 @@ def test_the_loop_and_down_leave_it_alone(docker_robot, commands, workspace):
     docker_robot.settle()
     assert [c.name for c in docker_robot.containers()] == ["arm"]
     docker_robot.stop()
+    assert rorg(docker_robot, workspace, "dev", "arm", "--", "sh", "-c", "echo $PWD").stdout == f"{workspace}\n"
     assert "arm-dev to develop in: still there" in rorg(docker_robot, workspace, "down", "--yes").stderr
     assert docker_robot.containers() == []
     assert inspect(docker_robot, "arm-dev")["State"]["Running"]
@@ -295,6 +311,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["arm", "--workspace", "/usr/"], 2, "cannot work in /usr: it would hide what the image has there; try"),
         (["arm", "--x11"], 2, "DISPLAY is not set"),
         (["arm", "--stop", "--fresh"], 2, "cannot do all of that at once"),
+        (["arm", "--", ""], 2, "it has no name; try `rorg dev arm -- COMMAND`"),
         (["--fresh"], 2, "no service or image is named; try `rorg dev NAME`"),
         (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or to drop gpus"),
         (["arm", "--engine", "process"], 2, "the process engine has none; try --engine docker"),

@@ -67,6 +67,8 @@ def command(
     check_form(output)
     if stop + devcontainer + bool(fresh or command) > 1:
         raise Invalid("do all of that at once", "--stop and --devcontainer stand for themselves", "one after the other")
+    if command and not command[0]:
+        raise Invalid(f"run a command to develop {name}", "it has no name", f"`rorg dev {name} -- COMMAND`")
     if name is None and (fresh or devcontainer or (called and not stop)):
         raise Invalid("open a container to develop in", "no service or image is named", "`rorg dev NAME`")
     robot = Developing(Context(state_dir, engine, Path(directory) if directory else None))

@@ -157,9 +157,10 @@ class Developing:
         """The exit code of a shell, or of the command, in the container, which is made where it is not there."""
         self._consent(wish, yes)
         self.context.state.prepare()
+        homes = self.context.state.homes
         with self.context.state.usable():
-            make_directory(self.context.state.homes, 0o755)
-        with locked(self.context.state.homes / "lock"):  # two that begin at once make one container
+            make_directory(homes, 0o755)
+        with self.context.state.usable(), locked(homes / "lock"):  # two that begin at once make one container
             found = next((c for c in self.containers.list() if c.name == wish.name), None)
             if found is not None:
                 self._check(wish, found)
@@ -197,8 +198,9 @@ class Developing:
         image = self.containers.image(wish.spec["image"])
         why = drift(found, wish.spec, image, wish.developer.workspace, wish.developer.extras)
         if why:
-            named = f" --name {wish.name}" if wish.name != name_for(wish.of) else ""
-            note(f"{found.name}: {'; '.join(why)}; `rorg dev {wish.of}{named} --fresh` renews it")
+            named = ["--name", wish.name] if wish.name != name_for(wish.of) else []
+            line = ["rorg dev", wish.of, *named, *(f"--{extra}" for extra in wish.developer.extras), "--fresh"]
+            note(f"{found.name}: {'; '.join(why)}; `{' '.join(line)}` renews it")
 
     def _make(self, wish: Wish, before: DevContainer | None) -> DevContainer:
         """A new one in the place of the one before. Raises EngineError; then that one is as it was."""

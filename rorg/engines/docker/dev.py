@@ -48,10 +48,11 @@ class DevContainers:
     ) -> DevContainer:
         """Makes and starts one, which takes the place of `before` once it runs. Where it does not come to run, nothing
         is changed. Volumes without a name are its own, and go with it."""
-        first = name if before is None else f"{name}{COMING}"
-        for left in self.list() if before is not None else ():
-            if left.name == first:  # of a command that was killed in the middle
+        coming = f"{name}{COMING}"
+        for left in self.list():
+            if left.name == coming:  # of a command that was killed in the middle
                 self.remove(left)
+        first = name if before is None else coming
         with docker_errors(f"create {name}"):
             made = make(self._client, first, create_body(spec, labels), spec.get("platform"))
         found = from_row(made, name, "created", labels)
