@@ -14,6 +14,7 @@ import tempfile
 import rorg.api.server
 import rorg.cli.alone
 import rorg.cli.app
+import rorg.cli.developing
 import rorg.cli.main
 import rorg.daemon.wiring
 import rorg.engines.process.engine

@@ -56,6 +56,7 @@ LINES = {
     "exec": ["exec base -- true"],
     "shell": ["shell base"],
     "cp": ["cp base:/etc/hostname ."],
+    "dev": ["dev base", "dev"],
     "down": ["down --yes"],
 }
 """What a member says, command by command; `down` comes last."""
@@ -66,6 +67,8 @@ CODES = {
     "exec base -- true": {5},
     "shell base": {5},
     "cp base:/etc/hostname .": {5},
+    "dev base": {5},
+    "dev": {5},
 }
 """Exit codes other than 0: what goes to the engine is refused with the reason, and an editor wants a terminal."""
 

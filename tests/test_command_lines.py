@@ -48,6 +48,7 @@ build --jobs 0; build --jobs x
 init --force x
 schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
 cp; cp a
+dev --workspace; dev --name; dev arm -x; dev arm --nosuch; dev arm ls -la
 cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
 """
 """What is said of them is said before anything is looked at: exit code 2."""
@@ -76,6 +77,7 @@ shell driving
 cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x /nosuch/y; cp nosuch:/x .
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
 edit arm --manifests nosuch
+dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,
     3: "wait arm; wait nosuch; request arm --wait; restart base --wait; events -f",
@@ -93,6 +95,7 @@ why '%2e%2e'
 request nosuch; request a/b; request arm --as nobody; request arm --id a/b; request arm é
 restart nosuch; restart ..; hold nosuch --for 1m; hold arm --for 0s; wait nosuch; logs nosuch; diff nosuch
 exec nosuch -- ls; edit nosuch; edit groups/arm; get -o nosuch; why arm -o nosuch; events -o nosuch
+dev base
 suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
 """,
     4: "request navigation --id tour --wait --timeout 0; apply --wait --yes --timeout 0",

@@ -125,11 +125,12 @@ def test_a_paused_service_says_how_it_goes_on(robot):
 class Terminal:
     """A command on a terminal of its own."""
 
-    def __init__(self, robot, *words: str) -> None:
+    def __init__(self, robot, *words: str, cwd=".", **more: str) -> None:
         self.seen = b""
         self.pid, self.fd = pty.fork()
         if self.pid == 0:
-            os.execve(sys.executable, [sys.executable, "-m", "rorg", *words], environment(robot))
+            os.chdir(cwd)
+            os.execve(sys.executable, [sys.executable, "-m", "rorg", *words], {**environment(robot), **more})
 
     def read(self) -> bool:
         if select.select([self.fd], [], [], 0)[0]:

@@ -33,6 +33,7 @@ COMMANDS = (
     "edit",
     "build",
     "image",
+    "dev",
     "demo",
     "schema",
     "completion",

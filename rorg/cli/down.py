@@ -29,7 +29,7 @@ def command(
     from rorg.errors import Unreachable
 
     context = Context(state_dir, engine)
-    client = context.client()
+    client, others = context.client(), _developed_in(context)
     if client is None and context.state.owner() is not None:
         raise Unreachable("take the robot down", "the rorg that owns it does not answer", "again in a moment")
     if client is None:
@@ -40,6 +40,21 @@ def command(
         client.call("PUT", "/v1/down", {"keep_requests": keep_requests})
         _until_gone(context, timeout)
     note("the robot is down")
+    if others:
+        note(f"{', '.join(others)} to develop in: still there; `rorg dev --stop` removes that too")
+
+
+def _developed_in(context: Context) -> list[str]:
+    """Names of containers to develop in: they are no services, and stay."""
+    if context.remote or not context.state.homes.is_dir() or context.engine_name != "docker":
+        return []
+    from rorg.cli.developing import Developing
+    from rorg.errors import RorgError
+
+    try:
+        return [c.name for c in Developing(context).containers.list()]
+    except RorgError:  # whatever hinders the rest is told by it
+        return []
 
 
 def _rows(services: dict[str, Any]) -> list[dict[str, str]]:

@@ -24,9 +24,9 @@ SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
 """Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
 
 
-def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
+def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:
     """What it says; None when it says no, too much, or nothing in time. It is ended by SIGTERM, upon which it takes its
-    locks away, and with it what it runs."""
+    locks away, and with it what it runs. `home`: of the person whose configuration counts; nobody's without."""
     try:
         process = subprocess.Popen(
             ["git", *SAFE, "-C", str(directory), *args],
@@ -34,7 +34,8 @@ def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             umask=0o022,  # what it writes is for whoever could read the tree before
-            env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
+            env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"}
+            | ({"HOME": home} if home else {}),
             start_new_session=True,
         )
     except OSError:
@@ -46,6 +47,16 @@ def _git(directory: Path, *args: str, patience: float = PATIENCE) -> str | None:
     except Exceeded:
         end(process, signal.SIGTERM)
         return None
+
+
+def identity(home: str) -> dict[str, str]:
+    """Name and address of the person with this home, as git's variables for whoever commits where no ~/.gitconfig
+    says so."""
+    found: dict[str, str] = {}
+    for key, what in (("user.name", "NAME"), ("user.email", "EMAIL")) if home else ():
+        value = _git(Path(home), "config", "--global", "--get", key, home=home)
+        found |= {f"GIT_{who}_{what}": value for who in ("AUTHOR", "COMMITTER")} if value else {}
+    return found
 
 
 def git_dir(directory: Path) -> Path | None:

@@ -15,7 +15,7 @@ from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source, read_source
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.graph import cycles
-from rorg.model.volumes import same_path
+from rorg.model.volumes import mounted_at
 
 BUILT_IN = Path(__file__).with_name("profiles")
 COMMON = "common"
@@ -109,11 +109,6 @@ def _same_driver(old: Mapping[str, Any], over: Mapping[str, Any]) -> Mapping[str
     if over.get("driver", "json-file") in _ROTATING or "driver" not in over:
         return old
     return {**old, "options": {k: v for k, v in old.get("options", {}).items() if k not in _ROTATION}}
-
-
-def mounted_at(volume: Any) -> str:
-    """Where a volume is in the container, in one spelling."""
-    return same_path(volume["target"] if isinstance(volume, Mapping) else volume.split(":")[:2][-1])
 
 
 def _matter(option: str) -> str | None:

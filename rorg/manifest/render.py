@@ -17,11 +17,12 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import read_plain, read_text, real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
-from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, mounted_at, trace
+from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, trace
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN, Idle, Probe, Service
 from rorg.model.diagnostics import Diagnostic
+from rorg.model.volumes import mounted_at
 
 REALTIME = {
     "cap_add": ["SYS_NICE"],

@@ -7,8 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from rorg.manifest.profiles import mounted_at
-from rorg.model.volumes import parse_tmpfs, same_path
+from rorg.model.volumes import mounted_at, parse_tmpfs, same_path
 
 
 class Clash(NamedTuple):

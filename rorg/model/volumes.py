@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 VOLUME_NAME = r"[a-zA-Z0-9][a-zA-Z0-9_.-]+"
 ACCESS = ("rw", "ro")
@@ -87,6 +89,11 @@ def is_target(path: str) -> bool:
 def same_path(path: str) -> str:
     """One spelling of a path in a container."""
     return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
+
+
+def mounted_at(volume: str | Mapping[str, Any]) -> str:
+    """Where a volume is in the container, in one spelling."""
+    return same_path(volume.split(":")[:2][-1] if isinstance(volume, str) else volume["target"])
 
 
 def parse_device(text: str) -> tuple[str, str, str]:

@@ -70,6 +70,11 @@ class StateDir:
         return self.path / "status.json"
 
     @property
+    def homes(self) -> Path:
+        """Homes of those who develop in containers. They are theirs, also when the robot is taken down."""
+        return self.path / "dev"
+
+    @property
     def run(self) -> Path:
         """Where rorg's sockets are: RORG_RUN_DIR; else /run/rorg for the machine's robot, `run` in here for others."""
         given = os.environ.get("RORG_RUN_DIR")

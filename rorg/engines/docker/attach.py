@@ -33,8 +33,17 @@ class _NobodyReads(Exception):
     """Whoever read our output has gone."""
 
 
-def attach(client: Client, container: str, command: Sequence[str], terminal: bool, stdin: bool, local: bool) -> int:
-    """See Access.attach. Raises the client's errors."""
+def attach(
+    client: Client,
+    container: str,
+    command: Sequence[str],
+    terminal: bool,
+    stdin: bool,
+    local: bool,
+    folder: str | None = None,
+) -> int:
+    """See Access.attach. `folder`: where it begins, other than the container's working directory. Raises the client's
+    errors."""
     mark = f"{MARK}={uuid.uuid4().hex}"
     said = {
         "Cmd": list(command),
@@ -42,6 +51,7 @@ def attach(client: Client, container: str, command: Sequence[str], terminal: boo
         "AttachStdout": True,
         "AttachStderr": True,
         "Tty": terminal,
+        "WorkingDir": folder or "",
         "Env": [mark, *([f"TERM={os.environ.get('TERM', 'xterm')}"] if terminal else [])],
     }
     made = str(client.post(f"/containers/{container}/exec", said)["Id"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from rorg.engines.docker.body import create_body
+from rorg.engines.docker.body import Body, create_body
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.volumes import keep_volumes
@@ -28,8 +28,13 @@ def create_container(
     if "stop_signal" in defaults and image.get("StopSignal"):
         body.pop("StopSignal", None)
     keep_volumes(client, body, image.get("Volumes") or {}, before)
+    return make(client, name, body, spec.get("platform"))
+
+
+def make(client: Client, name: str, body: Body, platform: str | None) -> str:
+    """Makes a container of a whole body and returns its id."""
     later = _networks_for_later(client, body)
-    made = str(client.post("/containers/create", body, name=name, platform=spec.get("platform"))["Id"])
+    made = str(client.post("/containers/create", body, name=name, platform=platform)["Id"])
     try:
         for network, endpoint in later.items():
             client.post(f"/networks/{network}/connect", {"Container": made, "EndpointConfig": endpoint})

@@ -1,0 +1,84 @@
+"""rorg dev"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from rorg.cli.options import DIRECTORIES, SERVICES, Argument, EngineName, Option, Output, StateDirectory, Yes
+
+
+def command(
+    name: Annotated[
+        str | None,
+        Argument(
+            help="A service or an image; image/NAME where a service has that name too. Without: list what is there.",
+            show_default=False,
+            completes=SERVICES,
+        ),
+    ] = None,
+    command: Annotated[
+        list[str] | None, Argument(help="A command, after `--`, in place of a shell.", show_default=False)
+    ] = None,
+    fresh: Annotated[
+        bool, Option(names=("--fresh",), help="Make the container anew; the workspace and the home stay.")
+    ] = False,
+    stop: Annotated[bool, Option(names=("--stop",), help="End and remove it; without a name, all of them.")] = False,
+    called: Annotated[
+        str, Option(names=("--name",), help="Name of the container. Default: NAME-dev.", show_default=False)
+    ] = "",
+    workspace: Annotated[
+        Path | None,
+        Option(
+            names=("--workspace",),
+            help="Directory to work in, at the same path inside. Default: the current one.",
+            show_default=False,
+            completes=DIRECTORIES,
+        ),
+    ] = None,
+    x11: Annotated[bool, Option(names=("--x11",), help="Windows of its programs on this screen.")] = False,
+    gpu: Annotated[bool, Option(names=("--gpu",), help="All GPUs.")] = False,
+    devcontainer: Annotated[
+        bool,
+        Option(
+            names=("--devcontainer",), help="Only write .devcontainer/devcontainer.json in the workspace, for editors."
+        ),
+    ] = False,
+    directory: Annotated[
+        Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str, completes=DIRECTORIES)
+    ] = None,
+    yes: Yes = False,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Open a shell in the very image of a service, with its mounts, devices, network and limits, and your workspace.
+
+    The container stays when the shell ends, and is entered again by the same line.
+
+    Example: rorg dev navigation --workspace ~/ws -- make
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.developing import Developing, Wish, rows
+    from rorg.cli.output import check_form, print_rows
+    from rorg.errors import Invalid
+
+    check_form(output)
+    if stop + devcontainer + bool(fresh or command) > 1:
+        raise Invalid("do all of that at once", "--stop and --devcontainer stand for themselves", "one after the other")
+    if command and not command[0]:
+        raise Invalid(f"run a command to develop {name}", "it has no name", f"`rorg dev {name} -- COMMAND`")
+    if name is None and (fresh or devcontainer or (called and not stop)):
+        raise Invalid("open a container to develop in", "no service or image is named", "`rorg dev NAME`")
+    robot = Developing(Context(state_dir, engine, Path(directory) if directory else None))
+    if stop:
+        robot.stop(name, called)
+    elif name is None:
+        print_rows(rows(robot.containers.list()), output, ("name", "of", "state", "workspace"), ("user", "extras"))
+    else:
+        wish = Wish(robot.context, name, called, workspace, x11, gpu)
+        if devcontainer:
+            robot.write(wish, yes)
+        else:
+            sys.exit(robot.enter(wish, command or (), fresh, yes))

@@ -1,0 +1,256 @@
+"""Opening, entering and ending containers to develop in."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rorg.cli.context import Context
+from rorg.cli.exec import NO_PROGRAM
+from rorg.cli.output import consent, missing, note
+from rorg.cli.shell import BASH_OR_SH
+from rorg.core.desired import desire
+from rorg.engines.docker.dev import DevContainers
+from rorg.engines.docker.engine import DockerEngine
+from rorg.errors import EngineError, Invalid, Refused
+from rorg.host.git import identity
+from rorg.host.person import Person, caller
+from rorg.images.dev import (
+    BASHRC,
+    COVERED,
+    SCREEN,
+    Developer,
+    dev_labels,
+    dev_spec,
+    drift,
+    name_for,
+    plain_spec,
+    within,
+)
+from rorg.images.devcontainer import document, ours
+from rorg.images.references import references_for
+from rorg.model.catalog import Catalog, Service, Spec
+from rorg.model.dev import DevContainer
+from rorg.store.files import locked, make_directory, write_atomic
+
+NAME = re.compile(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+")
+"""What the engine takes for a container's."""
+
+
+def rows(found: Sequence[DevContainer]) -> list[dict[str, Any]]:
+    """For a listing."""
+    return [
+        {
+            "name": c.name,
+            "of": c.of,
+            "state": c.state,
+            "workspace": c.workspace,
+            "user": c.user,
+            "extras": ",".join(c.extras),
+            "id": c.id,
+        }
+        for c in found
+    ]
+
+
+class Wish:
+    """Which container somebody wants to develop in."""
+
+    def __init__(self, context: Context, name: str, called: str, workspace: Path | None, x11: bool, gpu: bool) -> None:
+        """Raises Invalid for what there is not."""
+        self.what = f"develop in {name}"
+        catalog = context.catalog()
+        self.of, self.spec, self.service, self.image = _meant(context, catalog, name, self.what)
+        self.name = called or name_for(self.of)
+        if not NAME.fullmatch(self.name):
+            raise Invalid(self.what, f"'{self.name}' is no name of a container", "letters, digits, _ . -")
+        if any(s.spec is not None and s.container_name == self.name for s in catalog.services.values()):
+            raise Invalid(self.what, f"the container of a service is called {self.name}", "--name NAME")
+        self.person = caller(os.environ, os.geteuid(), os.getegid())
+        self.developer = Developer(
+            user=self.person.numbers,
+            name=self.person.name,
+            workspace=_workspace(workspace),
+            home=str(context.state.homes.absolute() / str(self.person.uid) / self.name),
+            git=identity(self.person.home),
+            display=_display(self.what, self.person) if x11 else None,
+            gpu=gpu,
+        )
+
+
+def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[str, Spec, Service | None, str]:
+    """(service or image/IMAGE, its container as rendered, the service, what builds the image). Raises Invalid."""
+    content = references_for(context.engine_name, context.state.path).of(catalog)
+    rendered = desire(catalog, str(context.state.run), images=content.references).catalog.services
+    services = {n: (s, s.spec) for n, s in rendered.items() if s.spec is not None}
+    images = {*catalog.images, *(content.named(spec["image"]) for _, spec in services.values())}
+    if (short := name.removeprefix("service/")) in services:
+        service, spec = services[short]
+        return short, spec, service, content.named(str(spec["image"]))
+    if (short := name.removeprefix("image/")) in images:
+        return f"image/{short}", plain_spec(content.references.get(short, short)), None, short
+    if short in catalog.groups:
+        raise Invalid(what, f"{short} is a group", "one of " + ", ".join(catalog.groups[short].services))
+    if short in catalog.services:
+        raise Invalid(what, f"{short} is a meta-service, which has no container", "a service that has one")
+    raise missing("service or image", name, {*services, *images})
+
+
+def _workspace(given: Path | None) -> str:
+    """Absolute. Raises Invalid."""
+    path = os.path.abspath(given or os.getcwd())
+    what = f"work in {path}"
+    if not os.path.isdir(path):
+        raise Invalid(what, "there is no such directory", "another one with --workspace")
+    if path in COVERED:
+        raise Invalid(what, "it would hide what the image has there", "a directory below it, with --workspace")
+    return path
+
+
+def _display(what: str, person: Person) -> dict[str, str]:
+    """DISPLAY, with what there is of its cookies and its sockets (a screen by TCP has none). Raises Invalid."""
+    if not os.environ.get("DISPLAY"):
+        raise Invalid(f"{what} with X11", "DISPLAY is not set: there is no screen", "it without --x11")
+    files = {"XAUTHORITY": os.environ.get("XAUTHORITY") or f"{person.home}/.Xauthority", "SOCKETS": SCREEN}
+    return {"DISPLAY": os.environ["DISPLAY"], **{k: path for k, path in files.items() if os.path.exists(path)}}
+
+
+def _named(found: DevContainer, of: str | None, called: str) -> bool:
+    """Whether a line means it: by what it is of, by its name, or since it names nothing."""
+    if of is None:
+        return called in ("", found.name)
+    same = of in (found.of, found.of.removeprefix("image/"))
+    return found.name == of or (same and found.name == (called or name_for(found.of)))
+
+
+class Developing:
+    """The containers to develop in of one robot."""
+
+    def __init__(self, context: Context) -> None:
+        """Raises Refused where only the socket is known, Invalid where the engine has no containers of this machine."""
+        what = "develop in a container"
+        context.here(what)
+        if context.engine_name != "docker":
+            raise Invalid(what, f"the {context.engine_name} engine has none", "--engine docker")
+        engine = context.engine()
+        assert isinstance(engine, DockerEngine)
+        if not engine.local:
+            raise Invalid(what, "the engine is on another machine, and the workspace is here", "it there")
+        self.context, self.engine, self.containers = context, engine, DevContainers(engine)
+
+    def stop(self, name: str | None, called: str) -> None:
+        """Ends and removes the one that the same line would enter, or, where it names none, all."""
+        of = name and name.removeprefix("service/")
+        found = [c for c in self.containers.list() if _named(c, of, called)]
+        for container in found:
+            note(f"{container.name} of {container.of} ({container.state}, {container.workspace}) is ended and removed")
+        for container in found:
+            self.containers.remove(container)
+        if not found:
+            note(f"there is nothing to stop: no container to develop in{f' of {of}' if of else ''}")
+
+    def enter(self, wish: Wish, command: Sequence[str], fresh: bool, yes: bool) -> int:
+        """The exit code of a shell, or of the command, in the container, which is made where it is not there."""
+        self._consent(wish, yes)
+        self.context.state.prepare()
+        homes = self.context.state.homes
+        with self.context.state.usable():
+            make_directory(homes, 0o755)
+        with self.context.state.usable(), locked(homes / "lock"):  # two that begin at once make one container
+            found = next((c for c in self.containers.list() if c.name == wish.name), None)
+            if found is not None:
+                self._check(wish, found)
+            if found is None or fresh:
+                found = self._make(wish, found)
+            else:
+                self._tell_drift(wish, found)
+                self.containers.start(found)
+        inside = within(wish.developer.workspace, found.workspace)
+        folder = wish.developer.workspace if inside else found.workspace
+        terminal = os.isatty(0) and os.isatty(1)
+        code = self.containers.run(found, command or BASH_OR_SH, terminal, folder)
+        if code == NO_PROGRAM and command:
+            note(
+                f"rorg: {command[0]} in {found.name} gave 127: no such program; try `rorg dev {wish.of}` to look around"
+            )
+        return code
+
+    def _consent(self, wish: Wish, yes: bool) -> None:
+        """Raises Refused where nobody agrees that a second program may use what a driver uses."""
+        service = wish.service
+        if yes or service is None or not (service.driver or service.protected):
+            return
+        if any(c.service == service.name and c.alive for c in self.engine.list()):
+            why = f"{service.name} runs, and may not share what it drives (`rorg hold {service.name} --for 1h` ends it)"
+            consent(wish.what, f"{why}. Go on?", f"{why}; it needs confirmation")
+
+    def _check(self, wish: Wish, found: DevContainer) -> None:
+        """Raises Refused for one that is somebody else's, or of something else."""
+        for theirs, ours_ in ((found.of, wish.of), (f"user {found.user}", f"user {wish.developer.user}")):
+            if theirs != ours_:
+                raise Refused(wish.what, f"{found.name} is that of {theirs}, not of {ours_}", "--name NAME")
+
+    def _tell_drift(self, wish: Wish, found: DevContainer) -> None:
+        image = self.containers.image(wish.spec["image"])
+        why = drift(found, wish.spec, image, wish.developer.workspace, wish.developer.extras)
+        if why:
+            named = ["--name", wish.name] if wish.name != name_for(wish.of) else []
+            line = ["rorg dev", wish.of, *named, *(f"--{extra}" for extra in wish.developer.extras), "--fresh"]
+            note(f"{found.name}: {'; '.join(why)}; `{' '.join(line)}` renews it")
+
+    def _make(self, wish: Wish, before: DevContainer | None) -> DevContainer:
+        """A new one in the place of the one before. Raises EngineError; then that one is as it was."""
+        image = self.containers.image(wish.spec["image"])
+        if not image:
+            remedy = f"`rorg build {wish.image}`"
+            raise EngineError(wish.what, f"no image {wish.spec['image']} on this machine", remedy, "missing_image")
+        self._make_home(wish)
+        spec = dev_spec(self._there(wish.spec), wish.name, wish.developer)
+        labels = dev_labels(self.engine.owner, wish.of, wish.spec, image, wish.developer)
+        return self.containers.make(wish.name, spec, labels, before)
+
+    def _there(self, spec: Spec) -> Spec:
+        """Without the directory of the service's socket while no rorg has made it: the engine would, as root."""
+        sockets = f"{self.context.state.run}/"
+        kept = [
+            v
+            for v in spec.get("volumes", ())
+            if not (isinstance(v, str) and v.startswith(sockets) and not os.path.isdir(v.partition(":")[0]))
+        ]
+        return {**spec, "volumes": kept}
+
+    def _make_home(self, wish: Wish) -> None:
+        """The first time, with what makes a shell pleasant. Raises Invalid."""
+        home, person = Path(wish.developer.home), wish.person
+        with self.context.state.usable():
+            if home.is_dir():
+                return
+            make_directory(home, 0o700)
+            (home / ".bashrc").write_text(BASHRC)
+            if os.geteuid() == 0:
+                for path in (home / ".bashrc", home):
+                    os.chown(path, person.uid, person.gid)
+
+    def write(self, wish: Wish, yes: bool) -> None:
+        """The container for editors. Raises Refused for a file that somebody else has written."""
+        path = Path(wish.developer.workspace) / ".devcontainer" / "devcontainer.json"
+        what, person = f"write {path}", wish.person
+        try:
+            foreign = path.exists() and not ours(path.read_bytes())
+            if foreign and not yes:
+                consent(what, f"{path} is not rorg's. Overwrite it?", "there is one that is not rorg's")
+            self.context.state.prepare()
+            self._make_home(wish)
+            spec = dev_spec(self._there(wish.spec), wish.name, wish.developer)
+            found, left = document(wish.name, wish.of, spec)
+            if not path.parent.is_dir():
+                path.parent.mkdir()
+                os.chown(path.parent, person.uid, person.gid)
+            write_atomic(path, json.dumps(found, indent=2) + "\n", mode=0o644, owner=(person.uid, person.gid))
+        except OSError as error:
+            raise Invalid(what, error.strerror or str(error), "another --workspace") from error
+        note(f"{path} is written" + (f"; it cannot say {', '.join(left)}" if left else ""))

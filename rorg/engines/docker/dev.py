@@ -1,0 +1,87 @@
+"""Containers to develop in, on a Docker engine, beside those of the robot's services."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rorg.engines.docker.attach import attach
+from rorg.engines.docker.body import create_body
+from rorg.engines.docker.create import make
+from rorg.engines.docker.engine import DockerEngine
+from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.model.dev import LABEL_DEV, DevContainer, from_row
+
+COMING = ".new"
+"""Behind the name of one that is to take the place of another."""
+GRACE = 3.0
+"""Seconds that one has to end, with all shells in it."""
+
+
+class DevContainers:
+    """Those of one robot. Raises what an engine raises."""
+
+    def __init__(self, engine: DockerEngine) -> None:
+        self._engine, self._client = engine, engine.client
+
+    def list(self) -> builtins.list[DevContainer]:
+        """By name."""
+        filters = {"label": [f"{LABEL_DEV}={self._engine.owner}"]}
+        with docker_errors("list containers"):
+            rows = self._client.get("/containers/json", all=True, filters=filters)
+        found = [from_row(r["Id"], r["Names"][0].lstrip("/"), r["State"], r.get("Labels") or {}) for r in rows]
+        return sorted(found, key=lambda c: c.name)
+
+    def image(self, reference: str) -> str:
+        """The id of the image that a reference means; empty where there is none."""
+        with docker_errors(f"look for {reference}"):
+            try:
+                return str(self._client.get(f"/images/{reference}/json")["Id"])
+            except Refused as no:
+                if no.status == 404:
+                    return ""
+                raise
+
+    def make(
+        self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: DevContainer | None = None
+    ) -> DevContainer:
+        """Makes and starts one, which takes the place of `before` once it runs. Where it does not come to run, nothing
+        is changed. Volumes without a name are its own, and go with it."""
+        coming = f"{name}{COMING}"
+        for left in self.list():
+            if left.name == coming:  # of a command that was killed in the middle
+                self.remove(left)
+        first = name if before is None else coming
+        with docker_errors(f"create {name}"):
+            made = make(self._client, first, create_body(spec, labels), spec.get("platform"))
+        found = from_row(made, name, "created", labels)
+        try:
+            self.start(found)
+        except BaseException:
+            self.remove(found)
+            raise
+        if before is not None:
+            self.remove(before)
+            self._engine.rename(made, name)
+        return found
+
+    def start(self, found: DevContainer) -> None:
+        """Whatever has become of it, it runs afterwards."""
+        if found.state == "paused":
+            self._engine.resume(found.id)
+        elif found.state != "running":
+            with docker_errors(f"start {found.name}"):
+                self._client.post(f"/containers/{found.id}/start")
+
+    def run(self, found: DevContainer, command: Sequence[str], terminal: bool, folder: str) -> int:
+        """Runs a command in it with this process's standard streams; see Access.attach."""
+        with docker_errors(f"run {command[0]} in {found.name}"):
+            return attach(self._client, found.id, command, terminal, True, self._engine.local, folder)
+
+    def remove(self, found: DevContainer) -> None:
+        """Ends it and all that runs in it."""
+        if found.state in ("running", "paused", "restarting"):
+            self._engine.stop(found.id, "SIGTERM", GRACE)
+        with docker_errors(f"remove {found.name}"):
+            self._client.delete(f"/containers/{found.id}", v=True, force=True)

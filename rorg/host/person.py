@@ -1,0 +1,34 @@
+"""Who is at the keyboard."""
+
+from __future__ import annotations
+
+import pwd
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Person(NamedTuple):
+    """A user of this machine, also one whom no file of it knows."""
+
+    uid: int
+    gid: int
+    name: str
+    home: str
+    """The directory; empty where none is known."""
+
+    @property
+    def numbers(self) -> str:
+        """As an engine takes a user that an image does not know."""
+        return f"{self.uid}:{self.gid}"
+
+
+def caller(environment: Mapping[str, str], uid: int, gid: int) -> Person:
+    """Whoever runs this as `uid` and `gid`; behind sudo, whoever called that (it sets SUDO_UID and SUDO_GID)."""
+    behind, home = (environment.get("SUDO_UID", ""), environment.get("SUDO_GID", "")), environment.get("HOME", "")
+    if uid == 0 and all(number.isascii() and number.isdigit() for number in behind):
+        (uid, gid), home = map(int, behind), ""
+    try:
+        entry = pwd.getpwuid(uid)
+    except (KeyError, OverflowError):
+        return Person(uid, gid, str(uid), home)
+    return Person(uid, gid, entry.pw_name, home or entry.pw_dir)

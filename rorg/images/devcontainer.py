@@ -1,0 +1,132 @@
+"""The same container for editors: .devcontainer/devcontainer.json (https://containers.dev/implementors/json_reference).
+
+They make a container of their own by it, with the flags of `docker run`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+MARK = "rorg"
+"""Below `customizations`: a file that has it is ours."""
+FLAGS = {
+    "cap_add": "cap-add",
+    "cap_drop": "cap-drop",
+    "cgroup": "cgroupns",
+    "cgroup_parent": "cgroup-parent",
+    "cpu_period": "cpu-period",
+    "cpu_quota": "cpu-quota",
+    "cpu_rt_period": "cpu-rt-period",
+    "cpu_rt_runtime": "cpu-rt-runtime",
+    "cpu_shares": "cpu-shares",
+    "cpus": "cpus",
+    "cpuset": "cpuset-cpus",
+    "cpuset_mems": "cpuset-mems",
+    "device_cgroup_rules": "device-cgroup-rule",
+    "devices": "device",
+    "dns": "dns",
+    "dns_opt": "dns-option",
+    "dns_search": "dns-search",
+    "domainname": "domainname",
+    "expose": "expose",
+    "extra_hosts": "add-host",
+    "group_add": "group-add",
+    "hostname": "hostname",
+    "ipc": "ipc",
+    "isolation": "isolation",
+    "links": "link",
+    "mem_limit": "memory",
+    "mem_reservation": "memory-reservation",
+    "mem_swappiness": "memory-swappiness",
+    "memswap_limit": "memory-swap",
+    "network_mode": "network",
+    "oom_score_adj": "oom-score-adj",
+    "pid": "pid",
+    "pids_limit": "pids-limit",
+    "platform": "platform",
+    "runtime": "runtime",
+    "security_opt": "security-opt",
+    "shm_size": "shm-size",
+    "stop_signal": "stop-signal",
+    "tmpfs": "tmpfs",
+    "userns_mode": "userns",
+    "uts": "uts",
+    "volumes_from": "volumes-from",
+}
+"""Options that are a flag of the same value, or one for each of a list."""
+SWITCHES = {
+    "init": "init",
+    "oom_kill_disable": "oom-kill-disable",
+    "privileged": "privileged",
+    "read_only": "read-only",
+}
+PAIRS = {"annotations": "annotation", "storage_opt": "storage-opt", "sysctls": "sysctl"}
+ELSEWHERE = frozenset(
+    ("image", "volumes", "environment", "user", "working_dir", "command", "entrypoint", "stdin_open", "healthcheck")
+)
+"""What has a key of its own in the document, or what the editor decides itself."""
+
+
+def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """(the document of a container to develop in, options of its spec that it cannot say)."""
+    workspace, volumes = spec["working_dir"], spec["volumes"]
+    lines = [v for v in volumes if isinstance(v, str)]
+    mounts = {v["target"]: _mount(v) for v in volumes if not isinstance(v, str)}
+    flags = [flag for option in sorted(spec.keys() - ELSEWHERE) for flag in _flags(option, spec[option])]
+    left = sorted(o for o in spec.keys() - ELSEWHERE if spec[o] not in (None, False, [], {}) and not _flags(o, spec[o]))
+    found = {
+        "name": name,
+        "image": spec["image"],
+        "workspaceFolder": workspace,
+        "workspaceMount": mounts.pop(workspace),
+        "mounts": list(mounts.values()),
+        "runArgs": [*flags, *(f"--volume={line}" for line in lines), "--no-healthcheck"],
+        "containerEnv": dict(spec["environment"]),
+        "containerUser": spec["user"],
+        "remoteUser": spec["user"],
+        "updateRemoteUserUID": False,
+        "overrideCommand": True,
+        "customizations": {MARK: {"of": of}},
+    }
+    return found, left
+
+
+def ours(text: bytes) -> bool:
+    """Whether rorg has written a file. One with comments is somebody else's."""
+    try:
+        return MARK in json.loads(text)["customizations"]
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return False
+
+
+def _mount(volume: Mapping[str, Any]) -> str:
+    words = [f"type={volume['type']}", *([f"source={volume['source']}"] if volume.get("source") else [])]
+    return ",".join([*words, f"target={volume['target']}", *(["readonly"] if volume.get("read_only") else [])])
+
+
+def _flags(option: str, value: Any) -> list[str]:
+    """Of `docker run`; none for what it has no flag for."""
+    if option in SWITCHES:
+        return [f"--{SWITCHES[option]}"] if value else []
+    if option in FLAGS:
+        return [f"--{FLAGS[option]}={v}" for v in (value if isinstance(value, list) else [value])]
+    if option in PAIRS:
+        return [f"--{PAIRS[option]}={k}={v}" for k, v in value.items()]
+    if option == "ulimits":
+        return [f"--ulimit={name}={limit['soft']}:{limit['hard']}" for name, limit in value.items()]
+    if option == "networks":
+        return [f"--network={name}" for name in sorted(value)]
+    if option == "gpus":
+        return [f"--gpus={_gpu(v)}" for v in value]
+    if option == "logging":
+        options = [f"--log-opt={k}={v}" for k, v in value.get("options", {}).items()]
+        return [f"--log-driver={value.get('driver', 'json-file')}", *options]
+    return []
+
+
+def _gpu(value: Mapping[str, Any]) -> str:
+    if value.get("device_ids"):
+        return f'"device={",".join(value["device_ids"])}"'
+    return "all" if value.get("count") in ("all", None, -1) else str(value["count"])
