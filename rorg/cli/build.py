@@ -41,7 +41,7 @@ def command(
         raise NotReady(
             "build all images",
             f"{len(failed)} of {len(results)} failed or were skipped: {', '.join(failed)}",
-            "`rorg build --image NAME` after mending the first one",
+            "fixing the first one, then `rorg build --image NAME`",
         )
     note(f"{len(results)} images are there")
 

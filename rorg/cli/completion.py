@@ -61,5 +61,5 @@ def command(shell: Annotated[str, Argument(help="bash, zsh or fish.", completes=
     Example: source <(rorg completion bash)
     """
     if shell not in SCRIPTS:
-        raise Invalid(f"complete for {shell}", "there is no script for that shell", "one of " + ", ".join(SCRIPTS))
+        raise Invalid(f"complete for {shell}", "no script for that shell", "one of " + ", ".join(SCRIPTS))
     echo(SCRIPTS[shell].strip())

@@ -22,7 +22,7 @@ def select(
     else a name may have been meant as. Raises Invalid for a name that is not there."""
     view = context.view()
     if view.get("pid") is None:
-        note(f"no rorg runs on {context.state.path}: this is how things are by a look of now, and nothing changes them")
+        note(f"no rorg runs on {context.state.path}: this is what the engine shows, and nothing manages it")
     known = view["services"]
     wanted = {m for name in names for m in _members(context, name, known, kinds)}
     inside = _members(context, group, known, ()) if group else known.keys()

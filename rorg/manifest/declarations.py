@@ -83,5 +83,5 @@ def image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -
     for name, image in images.items():
         if image.context and not os.path.isfile(os.path.join(image.context, image.dockerfile)):
             where: Where = sources[name].where("spec", "context")
-            diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
+            diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it"))
     return diagnostics
