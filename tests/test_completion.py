@@ -129,7 +129,7 @@ def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
 @pytest.mark.skipif(not shutil.which("fish"), reason="no fish here")
 def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     (tmp_path / "folder").mkdir()
-    asked = ["why na", "request base ''", "why --engine=p", "restart --wa", "diff fol", "why 'na"]
+    asked = ["why na", "request base ", "why --engine=p", "restart --wa", "diff fol", "why 'na"]
     lines = "\n".join(f'complete -C "rorg {line}"; echo "-- $status"' for line in asked)
     done = subprocess.run(
         ["fish", "--no-config", "-c", f"source {tmp_path}/script\n{lines}"],
@@ -155,8 +155,8 @@ def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
 def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
     """On a terminal: after TAB the line goes on, or shows what may stand there."""
     (tmp_path / "folder").mkdir()
-    pid, terminal = pty.fork()
     environment = shell_of(robot, tmp_path, "zsh")
+    pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(tmp_path)
         os.execvpe("zsh", ["zsh", "-f", "-i"], environment)
@@ -185,12 +185,11 @@ def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
             ("rorg restart --wa\t", "rorg restart --wait "),
             ("rorg diff fol\t", "rorg diff folder/"),
             ("rorg comple\t", "rorg completion "),
-            ("rorg why --eng\t\t", "docker or process"),
+            ("rorg why --\t", "docker or process"),
         ):
             types(typed)
             shows(shown)
-            types("\x03")
-            shows("ready> ")
+            types("\x15")  # the line is given up
     finally:
         os.close(terminal)
         os.waitpid(pid, 0)

@@ -47,7 +47,7 @@ def services(secret: str, seconds: str) -> dict:
         ("command", "curl https://me:x@host/path", "curl https://me:***@host/path"),
         ("command", "curl -H 'Authorization: Bearer x'", "curl -H 'Authorization: Bearer ***"),
         ("command", "DB_PASSWORD=x run", "DB_PASSWORD=*** run"),
-        ("command", "mysql -h db -psecret maps", "mysql -h db -p*** maps"),
+        ("command", "mysql -h db -pX9 maps", "mysql -h db -p*** maps"),
         (
             "command",
             ["sh", "-c", "/usr/bin/mysqldump -p 'a b' maps | ssh -p 22 base"],

@@ -36,7 +36,7 @@ if [ "$funcstack[1]" = _rorg ]; then _rorg "$@"; else compdef _rorg rorg; fi
 """
 FISH = """
 function __rorg_complete
-    set -l begun (commandline -ct)
+    set -l begun (string unescape -- (commandline -ct)) # it may begin with a quote
     set -l words (commandline -opc) "$begun" # an empty one is a word too
     set -l found (env _RORG_COMPLETE=fish rorg $words[2..-1] 2>/dev/null)
     switch "$found[1]"
