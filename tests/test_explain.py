@@ -109,7 +109,7 @@ def test_a_field_needs_no_robot(tmp_path):
     assert found["fields"]["timeout"]["default"] == "30s"
     assert list(tmp_path.iterdir()) == [], "nothing is written"
     assert "try service.spec.ready" in rorg("spec.redy", at=tmp_path, code=2).stderr
-    assert "no manifests to look for a service in" in rorg("navigation", at=tmp_path, code=2).stderr
+    assert "no manifests with a service of that name" in rorg("navigation", at=tmp_path, code=2).stderr
 
 
 # -- services --------------------------------------------------------------------------------------------------

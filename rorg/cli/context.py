@@ -166,7 +166,7 @@ class Context:
         file = RequestsFile(self.state.requests)
         file.read()
         if file.diagnostics:
-            raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "fixing it")
+            raise bad_requests(self.state.requests, str(file.diagnostics[0]))
         return file.document
 
     def client(self) -> Client | None:
@@ -245,6 +245,11 @@ class Context:
             # An answer costs rorg time that it needs for what is waited for: it is asked ever more rarely.
             time.sleep(min(max(0.01, 0.1 * waited), 0.25))
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
+
+
+def bad_requests(path: Path, told: str) -> Invalid:
+    """Of the requests file; `told` may have a remedy of its own."""
+    return Invalid(f"read {path}", told, "" if "; try " in told else "fixing it")
 
 
 def known_engine(given: str | None) -> str:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from rorg_client import Error as ClientError
 
-from rorg.cli.context import Context
+from rorg.cli.context import Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
@@ -59,7 +59,7 @@ def differences(context: Context, unified: bool = False) -> Differences:
             "fixing them, then `rorg validate`",
         )
     if found["requests_errors"]:
-        raise Invalid(f"read {context.state.requests}", found["requests_errors"][0], "fixing it")
+        raise bad_requests(context.state.requests, found["requests_errors"][0])
     return _of(found, Path(found["root"]), told=True)
 
 
