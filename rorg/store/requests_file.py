@@ -79,7 +79,8 @@ class RequestsFile:
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
-                raise Invalid(f"change {self.path}", str(self.diagnostics[0]), "fixing the file first")
+                found = self.diagnostics[0]
+                raise Invalid(f"change {self.path}", f"{found.where}: {found.message}", "fixing the file first")
             changed = edit(self.document)
             if changed != self.document:
                 write_atomic(self.path, render(changed))
