@@ -14,7 +14,7 @@ class Exit(IntEnum):
     """Exit codes of every command."""
 
     OK = 0
-    """Fine, or no differences."""
+    """OK, or no differences."""
     DIFFERENCES = 1
     """`rorg diff` only: the plan is not empty."""
     USAGE = 2

@@ -68,7 +68,7 @@ def test_a_wait_ends_at_once_where_it_cannot_succeed(robot, name):
     assert ("there-is-no-such-program" if name in ("missing", "guide") else "exit code 3") in said
     error, stays = said.splitlines()
     assert error.startswith("rorg: cannot wait for")
-    assert stays == f"request '{name}' stays; `rorg release {name}` takes it back"
+    assert stays == f"request '{name}' stays; `rorg release {name}` withdraws it"
     assert name in requests(robot)
 
 

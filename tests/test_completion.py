@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import re
+import select
+import shutil
 import subprocess
 import sys
 from typing import Annotated
 
 import pytest
+from conftest import wait_for
 from robots import write_tree
 from test_thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
 
@@ -90,15 +96,22 @@ def test_names_of_the_kind_that_is_named_before(robot, monkeypatch):  # noqa: F8
             assert set(after(parameters(command), [kind, ""])[1]) == names, kind
 
 
-def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
-    """By the script that it is given, as it does after TAB."""
-    (tmp_path / "bin").mkdir()
-    command = tmp_path / "bin/rorg"
+def shell_of(robot, folder, name: str) -> dict[str, str]:  # noqa: F811
+    """The environment of a shell that has a command rorg, and in `folder` the script that it is given."""
+    (folder / "bin").mkdir()
+    command = folder / "bin/rorg"
     command.write_text(f'#!/bin/sh\nexec {sys.executable} -m rorg "$@"\n')
     command.chmod(0o755)
-    (tmp_path / "script").write_text(rorg(robot, "completion", "bash").stdout)
+    (folder / "script").write_text(rorg(robot, "completion", name).stdout)
+    path = f"{folder}/bin:/usr/bin:/bin"
+    return {"PATH": path, "RORG_STATE_DIR": str(robot.state.path), "HOME": str(folder), "TERM": "xterm"}
+
+
+def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
+    """By the script that it is given, as it does after TAB."""
+    environment = shell_of(robot, tmp_path, "bash")
     asked = (
-        f"PATH={tmp_path}/bin:$PATH; source {tmp_path}/script\n"
+        f"source {tmp_path}/script\n"
         'tab() { COMP_WORDS=(rorg "$@"); COMP_CWORD=$#; _rorg rorg; echo "${COMPREPLY[*]}"; }\n'
         "tab why na; tab request base ''; tab why --engine = p; tab wh"
     )
@@ -107,12 +120,81 @@ def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
         capture_output=True,
         text=True,
         timeout=60,
-        env={"PATH": "/usr/bin:/bin", "RORG_STATE_DIR": str(robot.state.path)},
+        env=environment,
     )
     lines = done.stdout.splitlines()
     assert lines[0] == "navigation", done.stderr
     assert set(lines[1].split()) == {"developer", "driving", "navigation", "roscore", "spare"}
     assert lines[2:] == ["process", "why"]
+
+
+@pytest.mark.skipif(not shutil.which("fish"), reason="no fish here")
+def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
+    (tmp_path / "folder").mkdir()
+    asked = ["why na", "request base ", "why --engine=p", "restart --wa", "diff fol", "why 'na"]
+    lines = "\n".join(f'complete -C "rorg {line}"; echo "-- $status"' for line in asked)
+    done = subprocess.run(
+        ["fish", "--no-config", "-c", f"source {tmp_path}/script\n{lines}"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+        env=shell_of(robot, tmp_path, "fish"),
+    )
+    found = [{w.split("\t")[0] for w in part.split("\n")} - {""} for part in done.stdout.split("-- 0\n")]
+    assert found == [
+        {"navigation"},
+        {"developer", "driving", "navigation", "roscore", "spare"},
+        {"--engine=process"},
+        {"--wait"},
+        {"folder/"},
+        {"navigation"},
+        set(),
+    ], done.stderr
+
+
+@pytest.mark.skipif(not shutil.which("zsh"), reason="no zsh here")
+def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
+    """On a terminal: after TAB the line goes on, or shows what may stand there."""
+    (tmp_path / "folder").mkdir()
+    environment = shell_of(robot, tmp_path, "zsh")
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.chdir(tmp_path)
+        os.execvpe("zsh", ["zsh", "-f", "-i"], environment)
+    seen = ""
+
+    def shows(text: str) -> None:
+        def look() -> bool:
+            nonlocal seen
+            while select.select([terminal], [], [], 0)[0]:
+                seen += os.read(terminal, 65536).decode(errors="replace")
+            return text in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|[\r\x07]", "", seen)
+
+        wait_for(look, 30, f"{text!r} in {seen!r}")
+
+    def types(text: str) -> None:
+        nonlocal seen
+        seen = ""
+        os.write(terminal, text.encode())
+
+    try:
+        types("PS1='ready> '; autoload -Uz compinit && compinit -D -u; source ./script; echo be''gins\n")
+        shows("begins")
+        for typed, shown in (
+            ("rorg why na\t", "rorg why navigation "),
+            ("rorg why --engine=p\t", "rorg why --engine=process"),
+            ("rorg restart --wa\t", "rorg restart --wait "),
+            ("rorg diff fol\t", "rorg diff folder/"),
+            ("rorg comple\t", "rorg completion "),
+            ("rorg why --\t", "docker or process"),
+        ):
+            types(typed)
+            shows(shown)
+            types("\x15")  # the line is given up
+    finally:
+        os.close(terminal)
+        os.waitpid(pid, 0)
 
 
 def test_a_shell_that_nobody_answers_offers_nothing(tmp_path, monkeypatch):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import ssl
 import subprocess
+import sys
 import threading
 import time
 
@@ -174,6 +176,7 @@ def pump(here: socket.socket, there: socket.socket) -> None:
     try:
         while data := here.recv(1 << 16):
             there.sendall(data)
+        there.shutdown(socket.SHUT_RDWR if isinstance(there, ssl.SSLSocket) else socket.SHUT_WR)
     except OSError:
         pass
 
@@ -192,6 +195,30 @@ def test_tls_is_told_by_docker_s_own_variables(encrypted, monkeypatch):
     (certificates / "ca.pem").unlink()
     with pytest.raises(Unreachable, match="certificate"):
         DockerEngine("me", host).ping()
+
+
+def test_standard_input_ends_over_tls_while_output_goes_on(engine, encrypted, monkeypatch, tmp_path):
+    """As over a unix socket: what a command says after the end of its input still comes."""
+    host, certificates = encrypted
+    monkeypatch.setenv("DOCKER_TLS_VERIFY", "1")
+    monkeypatch.setenv("DOCKER_CERT_PATH", str(certificates))
+    container, content = engine.list()[0].id, os.urandom(3 << 20)
+    (tmp_path / "content").write_bytes(content)
+    program = (
+        "import sys\nfor chunk in iter(lambda: sys.stdin.buffer.read(9999), b''): sys.stdout.buffer.write(chunk)\n"
+        "print('the end')"
+    )
+    client = "import sys\nfrom rorg.engines.docker.engine import DockerEngine\n"
+    client += "sys.exit(DockerEngine('me', sys.argv[1]).attach(sys.argv[2], sys.argv[3:], False, True))"
+    with (tmp_path / "content").open("rb") as file:
+        done = subprocess.run(
+            [sys.executable, "-c", client, host, container, "python3", "-S", "-c", program],
+            stdin=file,
+            capture_output=True,
+            timeout=60,
+        )
+    assert done.stdout == content + b"the end\n", done.stderr
+    assert done.returncode == 0
 
 
 def test_a_stream_that_is_closed_ends(dockerd):

@@ -131,8 +131,8 @@ def test_what_somebody_else_has_changed_meanwhile_stays(robot):
 @pytest.mark.parametrize(
     ("name", "code", "told", "environment"),
     [
-        ("amr", 2, "find the service 'amr': there is none of that name; try 'arm'", {}),
-        ("gruop/both", 2, "find the kind 'gruop': there is none of that name; try 'group'", {}),
+        ("amr", 2, "find the service 'amr': no such service; try 'arm'", {}),
+        ("gruop/both", 2, "find the kind 'gruop': no such kind; try 'group'", {}),
         ("arm", 2, "another EDITOR", {"EDITOR": "false"}),
         ("arm", 2, "try EDITOR=nano", {"EDITOR": "/nosuch/editor"}),
         ("arm", 2, "there is no terminal; try", {"EDITOR": ""}),

@@ -109,7 +109,7 @@ def test_a_field_needs_no_robot(tmp_path):
     assert found["fields"]["timeout"]["default"] == "30s"
     assert list(tmp_path.iterdir()) == [], "nothing is written"
     assert "try service.spec.ready" in rorg("spec.redy", at=tmp_path, code=2).stderr
-    assert "no manifests to look for a service in" in rorg("navigation", at=tmp_path, code=2).stderr
+    assert "no manifests with a service of that name" in rorg("navigation", at=tmp_path, code=2).stderr
 
 
 # -- services --------------------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ def test_names_of_services(tree):
     assert "services/arm.yaml" in rorg("arm", str(tree), at=at).stdout
     assert "try arm" in rorg("amr", at=at, code=2).stderr
     assert "it is a group; try one of arm" in rorg("all", at=at, code=2).stderr
-    assert "none of that name" in rorg("services/idle", at=at, code=2).stderr
+    assert "no such service" in rorg("services/idle", at=at, code=2).stderr
     (tree / "services/base.yaml").write_text("x: [")
     assert "base.yaml:2:1: error" in rorg("arm", at=at, code=2).stderr
 

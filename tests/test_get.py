@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import pty
+import struct
 import subprocess
 import sys
+import termios
+import threading
 from datetime import datetime
 
 import pytest
@@ -14,6 +19,7 @@ from conftest import wait_for
 from robots import RealRobot
 
 from rorg.cli.services import age
+from rorg.cli.watching import Watch
 
 SERVICES = {
     "fine": {"always_on": True, "priority": 9},
@@ -83,7 +89,7 @@ def test_services_are_chosen_by_group_and_label(robot):
     assert names(rorg(robot, "get", "-l", "site=lab,arm")) == ["fine"]
     assert names(rorg(robot, "get", "-l", "site=home")) == []
     assert names(rorg(robot, "get", "--group", "good", "quits")) == []
-    assert "none of that name" in rorg(robot, "get", "--group", "god", code=2)
+    assert "no such group" in rorg(robot, "get", "--group", "god", code=2)
     assert "about services" in rorg(robot, "get", "groups", "-l", "site=lab", code=2)
 
 
@@ -97,7 +103,7 @@ def test_services_are_sorted(robot):
 def test_profiles_and_policies_are_listed(robot):
     assert rorg(robot, "get", "policies").split() == ["NAME", "FILE", "policy", "policies/policy.yaml"]
     assert [p["name"] for p in json.loads(rorg(robot, "get", "profiles", "-o", "json"))] == ["slow"]
-    assert "none of that name" in rorg(robot, "get", "profile", "fast", code=2)
+    assert "no such profile" in rorg(robot, "get", "profile", "fast", code=2)
 
 
 def test_an_age_is_as_kubectl_has_it():
@@ -122,7 +128,7 @@ def test_describe_in_numbers_without_secrets(robot):
     assert "TOKEN" in idle["container"]["environment"]
     assert isinstance(fine["idle"]["linger"], float)
     assert datetime.fromisoformat(fine["status"]["started_at"]).utcoffset() is not None
-    assert "none of that name" in rorg(robot, "describe", "fin", code=2)
+    assert "no such service" in rorg(robot, "describe", "fin", code=2)
 
 
 def test_beside_a_running_rorg_nothing_else_is_read(robot, tmp_path):
@@ -148,7 +154,94 @@ def test_a_robot_whose_loop_is_gone_says_so(tmp_path):
         assert "no rorg runs" not in rorg(found, "get")
         found.stop()
         told = rorg(found, "get")
-        assert f"no rorg runs on {found.state.path}: this is how things are by a look of now" in told
+        assert f"no rorg runs on {found.state.path}: this is what the engine shows" in told
         assert "running" in told
     finally:
         found.close()
+
+
+# -- watching --------------------------------------------------------------------------------------------------
+
+
+def row(name: str, state: str, age: str = "1s") -> dict[str, str]:
+    return {"name": name, "state": state, "age": age}
+
+
+def test_piped_the_head_comes_once_and_then_each_row_that_changes(capsys):
+    watch, columns = Watch(), ("name", "state", "age")
+    for rows in (
+        [row("arm", "created"), row("base", "running")],
+        [row("arm", "created", "2s"), row("base", "running", "2s")],
+        [row("arm", "running", "3s"), row("base", "running", "3s")],
+        [row("arm", "running", "4s")],
+    ):
+        watch.show(rows, "table", columns, ())
+    told = ["NAME  STATE    AGE", "arm   created  1s", "base  running  1s", "arm   running  3s", "base  -        -"]
+    assert capsys.readouterr().out.splitlines() == told
+    watch = Watch()
+    for state in ("created", "running"):
+        watch.show([row("arm", state), row("base", "running")], "name", columns, ())
+    assert capsys.readouterr().out.split() == ["arm", "base", "arm"]
+
+
+def watching(robot: RealRobot, **more) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "rorg", "get", "-w"],
+        text=True,
+        env={
+            **{k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")},
+            "RORG_STATE_DIR": str(robot.state.path),
+            "TERM": "xterm",
+        },
+        **more,
+    )
+
+
+def test_a_watching_pipe_gets_a_change_and_ends_with_its_reader(robot):
+    with watching(robot, stdout=subprocess.PIPE) as process:
+        said: list[str] = []
+        reading = threading.Thread(target=lambda: [said.append(line) for line in process.stdout], daemon=True)
+        reading.start()
+        wait_for(lambda: any(line.startswith("idle") for line in said), 30)
+        robot.request("idle")
+        try:
+            wait_for(lambda: any(line.startswith("idle") and " running " in line for line in said), 30)
+        finally:
+            robot.release("idle")
+        process.terminate()
+    reading.join(30)
+    assert not [line for line in said[len(SERVICES) + 1 :] if line.startswith("fine")], "it has not changed"
+
+
+def test_on_a_terminal_of_few_lines_the_head_stays_on_top(robot):
+    main, other = pty.openpty()
+    fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack("HHHH", 5, 200, 0, 0))
+    said = bytearray()
+
+    def read() -> None:
+        try:
+            while data := os.read(main, 65536):
+                said.extend(data)
+        except OSError:
+            pass
+
+    process = watching(robot, stdout=other, stdin=other, start_new_session=True)
+    os.close(other)
+    threading.Thread(target=read, daemon=True).start()
+
+    def frames() -> list[list[str]]:
+        return [f.replace("\r", "").splitlines() for f in said.decode().split("\x1b[J")]
+
+    try:
+        wait_for(lambda: any("more lines" in line for line in frames()[0]), 30)
+        robot.request("idle")
+        wait_for(lambda: len(frames()) > 1 and any("more lines" in line for line in frames()[1]), 30)
+    finally:
+        robot.release("idle")
+        process.terminate()
+        process.wait(30)
+        os.close(main)
+    for frame in frames()[:2]:
+        lines = [line for line in frame if line.strip("\x1b[0123456789AmJ")]
+        assert len(lines) == 4
+        assert "NAME" in lines[0]

@@ -117,7 +117,7 @@ def test_the_same_is_said_with_a_running_rorg_and_without(robot, running):
     assert "keeps no times" in said(robot, "greeter", "--since", "10m", code=2)
     assert "is no time" in said(robot, "greeter", "--since", "soon", code=2)
     assert "has no container" in said(robot, "stub", code=2)
-    assert "none of that name" in said(robot, "greter", code=2)
+    assert "no such service" in said(robot, "greter", code=2)
 
 
 def test_following_tells_every_line_once_over_restarts_and_replacement(robot, tmp_path):

@@ -135,7 +135,7 @@ COMMANDS = [
     "get service driving",
     "get neither",
 ]
-NOBODY = "no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`\n"
+NOBODY = "no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""
 NO_LOOP = r"no rorg runs on \S+: this is how .*\n"
 """What stands above a listing of services that nobody keeps."""

@@ -100,7 +100,7 @@ def test_containers_have_nothing_of_it(tree):
     """Their digests, too, are what they were: a robot's containers are not made anew."""
     loaded = load(tree, engine="docker")
     assert [(d.severity, d.message.partition(":")[0]) for d in loaded.diagnostics] == [
-        ("warning", "the docker engine has no meaning for inherit_environment")
+        ("warning", "the docker engine has ignores inherit_environment")
     ]
     spec = loaded.catalog.services["arm"].spec
     assert not {"working_dir", "inherit_environment"} & set(spec)
@@ -111,12 +111,12 @@ def test_containers_have_nothing_of_it(tree):
 
 
 CANNOT = [
-    ({"working_dir": "/no/such/place"}, "no directory /no/such/place", "to create it"),
+    ({"working_dir": "/no/such/place"}, "no directory /no/such/place", "creating it"),
     ({"command": ["no-such-program"]}, "no program 'no-such-program' on this machine", "`rorg build`"),
-    ({"command": ["./nothing.sh"]}, "no program {folder}/nothing.sh", "to create it"),
-    ({"command": ["/opt/nothing"]}, "no program /opt/nothing", "to create it"),
+    ({"command": ["./nothing.sh"]}, "no program {folder}/nothing.sh", "creating it"),
+    ({"command": ["/opt/nothing"]}, "no program /opt/nothing", "creating it"),
     ({"command": ["./plain.sh"]}, "{folder}/plain.sh may not be executed", "chmod +x"),
-    ({"command": ["./lost.sh"]}, "is a script for /no/python, and there is none", "to install that"),
+    ({"command": ["./lost.sh"]}, "is a script for /no/python, which is not installed", "installing that"),
     ({"command": []}, "no program is named", "`rorg build`"),
 ]
 

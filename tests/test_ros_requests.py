@@ -294,7 +294,7 @@ def test_manifests_are_changed_with_the_rights_of_the_requester(robot, port):
     assert (done, message) == (True, "written to services/lab-radio.yaml")
     assert bridge.request("/tour", "x", ["lab-radio"], "", 20.0).success
     assert bridge.get_manifest("/tour", "Service", "lab-radio") == (True, "", text, digest)
-    assert "there is one already" in bridge.put_manifest("/tour", "", "lab-radio", text, "", "")[1]
+    assert "one already exists" in bridge.put_manifest("/tour", "", "lab-radio", text, "", "")[1]
     assert bridge.put_manifest("/tour", "", "lab-radio", text.replace("600", "500"), digest, "")[0]
     assert "changed meanwhile" in bridge.remove_manifest("/tour", "", "lab-radio", digest, "").message
     assert bridge.remove_manifest("/tour", "", "lab-radio", "", "").success

@@ -128,7 +128,7 @@ def test_header_sort_filter_and_help(terminal):
     terminal.press("\x1b")
     terminal.shows("arm")
     terminal.press("?")
-    terminal.shows("choose a service", "restart it, after a question")
+    terminal.shows("choose a service", "restart it, after asking")
     terminal.press(" ")
     terminal.shows("2 alive")
     terminal.press("q")
@@ -162,7 +162,7 @@ def test_a_restart_asks_and_a_driver_asks_twice(robot, terminal):
     terminal.shows("arm moves hardware", "[y/N]")
     assert robot.client().service("arm")["incarnation"] == run
     terminal.press("y")
-    terminal.shows("restart of arm asked for")
+    terminal.shows("restart of arm requested")
     wait_for(lambda: robot.client().service("arm")["incarnation"] not in (run, ""))
 
 

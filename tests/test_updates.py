@@ -76,7 +76,7 @@ def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot):
         data = look(robot, container)
         assert data["State"]["Running"]
         assert data["Name"] == f"/{name}"
-    assert any("said last" in line and "rosluanch" in line for line in robot.lines)
+    assert any("printed last" in line and "rosluanch" in line for line in robot.lines)
     assert "exit code 127" in failed(robot, "program")
     assert "nosuch" in failed(robot, "user")
     assert "exit code 3" in failed(robot, "crash")

@@ -31,14 +31,14 @@ from rorg.errors import RorgError
 RESPONSES: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem, "description": what, "content": {"application/problem+json": {}}}
     for code, what in (
-        (400, "no JSON"),
-        (403, "may not"),
-        (404, "no such thing"),
+        (400, "not JSON"),
+        (403, "forbidden"),
+        (404, "not found"),
         (409, "refused"),
         (413, "too large"),
         (422, "invalid"),
-        (429, "asked too much"),
-        (503, "not now"),
+        (429, "too many calls"),
+        (503, "unavailable"),
         (504, "not ready"),
     )
 }
@@ -91,7 +91,7 @@ def _errors(app: FastAPI) -> None:
             "internal",
             f"cannot {request.method} {request.url.path}",
             f"{type(error).__name__}: {error}",
-            "to report this bug",
+            "reporting this bug",
         )
 
     app.add_middleware(_Bounded)

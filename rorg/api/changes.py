@@ -43,7 +43,7 @@ def put_request(current: Current, request: Request) -> Change:
         _refuse(request, problems(catalog, document.requests, request))
         full = no_room(document, request)
         if full:
-            raise Refused(f"accept another request of {request.requester}", full, "to release some, or to name groups")
+            raise Refused(f"accept another request of {request.requester}", full, "releasing some, or naming groups")
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
@@ -74,9 +74,9 @@ def restart(current: Current, name: str, force: bool, now: float) -> Change:
         raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
     drivers = [n for n in names if current.catalog.services[n].driver]
     if drivers and not force:
-        raise Unconfirmed(f"restart {name}", f"{', '.join(drivers)} moves hardware", "to say force", drivers)
+        raise Unconfirmed(f"restart {name}", f"{', '.join(drivers)} moves hardware", "again with force", drivers)
     if not any(current.statuses[n].wanted for n in names):
-        cause = "nobody active requests it, so there is nothing to restart"
+        cause = "it is not wanted, so there is nothing to restart"
         raise Refused(f"restart {name}", cause, f"`rorg request {name}`")
 
     def edit(document: RequestsDocument) -> RequestsDocument:
@@ -92,7 +92,7 @@ def hold(current: Current, asked: Sequence[str], seconds: float | None, reason: 
     for name in asked:
         own = [s.name for s in current.containers_of(name)]
         if not own:
-            cause = "a meta-service has no container that could be ceased"
+            cause = "a meta-service has no container to stop"
             raise Invalid(f"hold {name}", cause, "the services that it requests")
         found += own
     names = tuple(dict.fromkeys(found))

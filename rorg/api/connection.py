@@ -45,7 +45,7 @@ class Connection(HttpToolsProtocol):
         self.due, self._begun, self._stuck = self.loop.time() + limits.IDLE, 0.0, 0
         self._asking = self._heading = False
         self._head = self._half = self._heads = self._lines = self._body = 0
-        self._refusal = _Refusal(400, "invalid", "it is no HTTP/1.1")
+        self._refusal = _Refusal(400, "invalid", "it is not HTTP/1.1")
         self.refused = not self.account.fits(self.left())
         self.account.connections += 1
         self.account.charge(limits.GREETING)

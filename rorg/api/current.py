@@ -50,18 +50,16 @@ class Current:
         if service is None or service.meta:
             return None
         if not self.decision.situation.observed.complete:
-            raise Busy(f"request as {requester}", "the engine has not told yet what runs", "again in a moment")
+            raise Busy(f"request as {requester}", "the engine has not reported yet what runs", "again in a moment")
         if not self.runs(requester):
             raise Refused(
                 f"request as {requester}",
                 f"{requester} does not run, and a request belongs to a run of its requester",
-                "to request it first",
+                "requesting it first",
             )
         return self.statuses[requester].incarnation
 
 
 def missing(name: str, known: set[str]) -> Missing:
     """The error for a name that stands for no service; `known` are those that do."""
-    return Missing(
-        f"find the service '{name}'", "there is none of that name", nearest(name, known) or "`rorg get` for all names"
-    )
+    return Missing(f"find the service '{name}'", "no such service", nearest(name, known) or "`rorg get` for all names")

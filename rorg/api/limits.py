@@ -103,7 +103,9 @@ class Account:
     def reading(self, length: int) -> Iterator[None]:
         """While a body of this length is read and answered. Raises TooMany."""
         if self.limited and self.bodies + length > MOST_HELD:
-            raise TooMany("read the request", f"{self.name} sends {self.bodies} bytes already", "again in a moment")
+            raise TooMany(
+                "read the request", f"{self.name} is already sending {self.bodies} bytes", "again in a moment"
+            )
         self.bodies += length
         try:
             yield

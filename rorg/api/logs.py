@@ -36,7 +36,9 @@ class Readers:
     def check(self, more: int) -> None:
         """Raises TooMany."""
         if self.count + more > MOST_LOGS:
-            raise TooMany("read logs", f"{self.count} of {MOST_LOGS} are being read", "fewer, or again later", 5)
+            raise TooMany(
+                "read logs", f"{self.count} of {MOST_LOGS} are being read already", "fewer at once, or again later", 5
+            )
 
     @contextlib.contextmanager
     def taken(self, more: int) -> Iterator[None]:

@@ -70,7 +70,7 @@ class Manifests:
         """File and content of a manifest. Raises Missing."""
         found = self.all().get((kind, name))
         if found is None:
-            raise Missing(f"find the {kind} '{name}'", "there is none of that name", "GET /v1/manifests for all")
+            raise Missing(f"find the {kind} '{name}'", f"no such {kind}", "GET /v1/manifests for all")
         return found
 
     def allow(self, caller: Caller, kind: str, name: str) -> None:
@@ -91,7 +91,7 @@ class Manifests:
                     raise Refused(
                         f"write the {kind} '{name}'",
                         f"{path.relative_to(self.root)} declares something else",
-                        "to give that file the name of what it declares",
+                        "renaming that file after what it declares",
                     )
             check_name(kind, name, body.text)
             check_tree(self.root, path, body.text, self._engine, f"change the {kind} '{name}'")
@@ -133,7 +133,7 @@ class Manifests:
         if now != base:
             raise Refused(
                 what,
-                "it was changed meanwhile" if now and base else "there is one already" if now else "it is gone",
+                "it was changed meanwhile" if now and base else "one already exists" if now else "it was deleted",
                 f"again, on the version {now}",
             )
 
@@ -150,7 +150,7 @@ class Manifests:
             change.carry_out(self.root, self.note, text)
         except OSError as error:
             raise Unreachable(
-                f"write {change.file}", error.strerror or str(error), "to make room on the disk"
+                f"write {change.file}", error.strerror or str(error), "freeing space on the disk"
             ) from error
         return self._told(change, f"{message} (by {change.author})")
 

@@ -41,7 +41,7 @@ class Metered:
 
     def _admit(self, account: Account) -> None:
         if owed := account.owed():
-            told = f"{account.name} asks for more than its share of rorg and is told to wait"
+            told = f"{account.name} uses more than its share of rorg and has to wait"
             self.operations.loop.recorder.when_new(f"share of {account.name}", True, "too-many-requests", told)
             raise TooMany(
                 "answer",

@@ -53,7 +53,7 @@ class ServiceView(BaseModel):
     held: str
     lowered: bool
     ros_nodes: list[str]
-    withheld: str = Field(description="Why it is still there though no manifest declares it any more.")
+    withheld: str = Field(description="Why it stays though no manifest declares it.")
     driver: bool = Field(description="It moves hardware.")
     labels: dict[str, str] = Field(description="Of its manifest.")
     conditions: list[ConditionView]

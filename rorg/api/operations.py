@@ -162,12 +162,12 @@ class Operations:
             raise Missing(what, "the engine is on another machine")
         forebears = lineage(find())
         if not forebears:
-            raise Missing(what, "no process is known to")
+            raise Missing(what, "no known process does")
         runs = {s.pid: name for name, s in self.statuses().items() if s.incarnation}
         if not runs.keys() & set(forebears):
             containers = self.loop.engine.list()
             if any(c.brief for c in containers):
-                raise Busy(what, "the engine holds back what runs", "again in a moment")
+                raise Busy(what, "the engine does not tell what runs", "again in a moment")
             runs = {c.pid: c.service for c in containers if c.alive}
         return {"pid": forebears[0], "service": next((runs[pid] for pid in forebears if pid in runs), "")}
 
@@ -195,7 +195,7 @@ class Operations:
             key, self.committer.file, lambda r: allow_request(caller, r.requester, r.services, catalog, r.priority)
         )
         if found is None:
-            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request again")
+            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "requesting again")
         return request_json(found)
 
     def release(self, caller: Caller, key: tuple[str, str]) -> Future[int]:

@@ -132,7 +132,7 @@ def allow(caller: Caller, operation: str) -> None:
     """Raises Forbidden unless the table says that this kind of caller may."""
     if caller.kind not in OPERATIONS[operation]:
         who = {"service": f"the service {caller.service}", "developer": "a developer"}.get(caller.kind, caller.author)
-        remedy = "a person in the group of rorg" + (
+        remedy = "as a member of rorg's group" + (
             f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else ""
         )
         raise Forbidden(WORDS[operation], f"{who} may not", remedy)

@@ -67,7 +67,7 @@ def readiness(decision: Decision, found: Mapping[str, Status], question: Questio
 
 def _one(decision: Decision, status: Status | None, question: Question) -> Ready:
     if status is None:
-        return Ready(False, "", "is not declared any more", hopeless=True)
+        return Ready(False, "", "is no longer declared", hopeless=True)
     name, situation = status.service, decision.situation
     ready = status.condition("Ready")
     if status.state == "meta":
@@ -82,7 +82,7 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
         status.held
         or situation.preempted.get(name)
         or (
-            "nobody active requests it"
+            "nothing active requests it"
             if not status.wanted
             else waiting or ready.message or ready.reason or "not ready"
         )

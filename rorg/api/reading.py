@@ -100,7 +100,7 @@ def _add_services(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/services", dependencies=read, response_model=list[ServiceView])
     async def services() -> Response:
-        """How every service is."""
+        """The state of every service."""
         return Response(
             b"[" + b",".join(operations.service_text(n) for n in operations.statuses()) + b"]",
             media_type="application/json",

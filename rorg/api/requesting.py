@@ -60,5 +60,5 @@ def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], a
 
     @app.delete("/v1/requests/{id}", dependencies=request, status_code=204, response_class=Response)
     async def release(id: Id, caller: Who, requester: Requester = None) -> Response:
-        """Give a request up. What is released already is fine."""
+        """End a request. Releasing what is already released is no error."""
         return accepted(await asyncio.wrap_future(operations.release(caller, (requester or caller.requester, id))))

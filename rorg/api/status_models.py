@@ -112,7 +112,7 @@ class StatusView(BaseModel):
     )
     engine: EngineView
     suspended: str = Field(description="Why nothing is changed now; empty when it is.")
-    withheld: dict[str, str] = Field(description="What stays though no manifest declares it any more, with the reason.")
+    withheld: dict[str, str] = Field(description="What stays though no manifest declares it, with the reason.")
     requests: list[RequestView]
     restarts: list[str] = Field(description="Services whose restart is asked for.")
     pressure: PressureView

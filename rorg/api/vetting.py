@@ -72,7 +72,7 @@ def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
         raise Forbidden(
             f"change the Service '{name}'",
             f"{caller.service} may not give it {'; '.join(found)}",
-            "a profile that a person writes, or a person",
+            "a profile that a person writes, or asking a person",
         )
 
 

@@ -28,7 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Run a robot's services: declared in YAML, started and ceased by requests.",
-    epilog="Exit codes: 0 fine, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
+    epilog="Exit codes: 0 ok, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
     "4 applied but not ready, 5 refused, 70 internal error.\n\n"
     "Aliases: " + "; ".join(f"{name} is {command}" for name, command in ALIASES.items()) + ".",
     context_settings={"help_option_names": ["-h", "--help"]},

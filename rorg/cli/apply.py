@@ -40,7 +40,7 @@ def command(
     warn_of_other_tree(context, shown)
     note(shown.overview().rstrip())
     if shown.withheld:
-        note(f"To be removed on your word, though they are named: {', '.join(shown.withheld)}")
+        note(f"To be removed once you confirm, though still named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
         raise Refused("apply the plan", f"rorg is {shown.suspended}", "`rorg suspend --end`")
     if not (shown.empty or yes):
@@ -99,7 +99,7 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
             f"apply {context.root}",
             f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
             + (f" and follows {followed}" if followed else ""),
-            "to change that tree, or to stop it first",
+            "changing that tree, or stopping it first",
         )
 
 
@@ -139,5 +139,5 @@ def _unfinished(view: dict[str, Any], wait: bool) -> str:
         return str(view["plan"]["summary"])
     tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]
     if wait and tried:
-        return f"{', '.join(tried)}: it is to be seen whether the new container comes up"
+        return f"{', '.join(tried)}: not yet known whether the new container comes up"
     return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""

@@ -13,6 +13,7 @@ from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
 from rorg.daemon.tree import Tree
 from rorg.errors import NotReady
+from rorg.model.units import counted
 
 BULK = 8
 """Engine calls at once: no rorg serves, so nobody can request anything meanwhile that would have to wait for them."""
@@ -33,7 +34,7 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
     if timed_out or failed or (late and wait):
         raise NotReady(
             "finish",
-            f"{len(late)} service(s) are not ready" + (f" after {timeout:g} s" if timed_out else ""),
+            counted(len(late), "service") + " not ready" + (f" after {timeout:g} s" if timed_out else ""),
             "`rorg describe SERVICE`",
         )
 

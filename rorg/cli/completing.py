@@ -96,7 +96,7 @@ def after(taken: Sequence[Parameter], words: Sequence[str]) -> tuple[str, dict[s
         return name + equals, _values(options[name], given)
     if begun.startswith("-"):
         free = {n: p for n, p in options.items() if p.many or p.name not in given.options}
-        return "", {**{n: p.declared.help for n, p in free.items()}, "--help": "Show help and end."}
+        return "", {**{n: p.declared.help for n, p in free.items()}, "--help": "Show help and exit."}
     arguments = [p for p in taken if isinstance(p.declared, Argument) and not p.rest]
     at = len(given.arguments)
     if at >= len(arguments) and not (arguments and arguments[-1].many):

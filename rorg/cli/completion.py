@@ -36,7 +36,7 @@ if [ "$funcstack[1]" = _rorg ]; then _rorg "$@"; else compdef _rorg rorg; fi
 """
 FISH = """
 function __rorg_complete
-    set -l begun (commandline -ct)
+    set -l begun (string unescape -- (commandline -ct)) # it may begin with a quote
     set -l words (commandline -opc) "$begun" # an empty one is a word too
     set -l found (env _RORG_COMPLETE=fish rorg $words[2..-1] 2>/dev/null)
     switch "$found[1]"
@@ -61,5 +61,5 @@ def command(shell: Annotated[str, Argument(help="bash, zsh or fish.", completes=
     Example: source <(rorg completion bash)
     """
     if shell not in SCRIPTS:
-        raise Invalid(f"complete for {shell}", "there is no script for that shell", "one of " + ", ".join(SCRIPTS))
+        raise Invalid(f"complete for {shell}", "no script for that shell", "one of " + ", ".join(SCRIPTS))
     echo(SCRIPTS[shell].strip())

@@ -167,7 +167,7 @@ class Context:
         file = RequestsFile(self.state.requests)
         file.read()
         if file.diagnostics:
-            raise Invalid(f"read {self.state.requests}", str(file.diagnostics[0]), "to mend it")
+            raise bad_requests(self.state.requests, str(file.diagnostics[0]))
         return file.document
 
     def client(self) -> Client | None:
@@ -197,7 +197,7 @@ class Context:
         with self.state.usable():
             RequestsFile(self.state.requests).change(edit)
         if self.state.owner() is None:
-            note("no rorg runs here: it takes effect with the next `rorg run` or `rorg apply`")
+            note("no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`")
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
@@ -218,12 +218,12 @@ class Context:
 
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
-        errors = view.get("tree", {}).get("errors") or []
-        found = (
-            [f"manifests refused: {len(errors)} error(s), the last good ones are in force; try `rorg validate`"]
-            if errors
-            else []
-        )
+        found = []
+        if errors := view.get("tree", {}).get("errors"):
+            from rorg.model.units import counted
+
+            kept = "the last good ones are in force; try `rorg validate`"
+            found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}"]
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         for text in found:
@@ -234,7 +234,7 @@ class Context:
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""
         begun = time.monotonic()
-        why = "it has not said anything yet"
+        why = "it has not reported anything yet"
         while (waited := time.monotonic() - begun) < timeout:
             view = self.live(min(ANSWER, timeout - waited))
             if view is None and self.state.owner() is None:
@@ -248,12 +248,17 @@ class Context:
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
 
 
+def bad_requests(path: Path, told: str) -> Invalid:
+    """Of the requests file; `told` may have a remedy of its own."""
+    return Invalid(f"read {path}", told, "" if "; try " in told else "fixing it")
+
+
 def known_engine(given: str | None) -> str:
     """The name of an engine, by default RORG_ENGINE; empty without that. Raises Invalid where there is none of that
     name."""
     engine = given or os.environ.get("RORG_ENGINE") or ""
     if engine and engine not in ENGINES:
-        raise Invalid(f"use the engine '{engine}'", "there is none of that name", " or ".join(ENGINES))
+        raise Invalid(f"use the engine '{engine}'", "no such engine", " or ".join(ENGINES))
     return engine
 
 

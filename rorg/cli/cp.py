@@ -27,11 +27,13 @@ def command(
     what = f"copy {source} to {target}"
     (from_service, origin), (to_service, place) = _parted(source), _parted(target)
     if bool(from_service) == bool(to_service) or not (origin and place):
-        raise Invalid(what, "one of both is SERVICE:PATH, the other a path here", "`rorg cp SERVICE:/path .`")
+        raise Invalid(
+            what, "one of the two must be SERVICE:PATH, the other a path of this machine", "`rorg cp SERVICE:/path .`"
+        )
     if from_service and not Path(place).is_dir() and not Path(place).absolute().parent.is_dir():
-        raise Invalid(what, f"there is no directory {Path(place).parent}", "to make it first")
+        raise Invalid(what, f"no directory {Path(place).parent}", "creating it first")
     if to_service and not Path(origin).exists():
-        raise Invalid(what, f"there is no {origin}", "another path")
+        raise Invalid(what, f"no such file: {origin}", "another path")
     context = Context(state_dir, engine)
     container = container_of(context, from_service or to_service, what)
     if from_service:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def command(
     service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
 ) -> None:
-    """Everything about one service: what is declared, and by which profile or manifest (`sources`), how it is, who
-    wants it, and at the end what happened to it and what it printed last.
+    """Everything about one service: what is declared, and by which profile or manifest (`sources`), its state, who
+    wants it, and at the end its last events and the last lines of its log.
 
     Example: rorg describe navigation
     """

@@ -20,7 +20,7 @@ def command(
         Option(
             names=("--service",),
             show_default=False,
-            help="Only of this service.",
+            help="Only this service.",
             metavar="SERVICE",
             completes=SERVICES,
         ),
@@ -29,7 +29,7 @@ def command(
         bool,
         Option(
             names=("--unified", "-u"),
-            help="Each container that changes as a unified diff, what may be secret masked.",
+            help="A unified diff of each container that changes; what may be secret is masked.",
         ),
     ] = False,
     state_dir: StateDirectory = None,
@@ -38,7 +38,7 @@ def command(
         str,
         Option(
             names=("-o", "--output"),
-            help="table: a line a service; wide: every step; name, yaml or json.",
+            help="table: one line per service; wide: every step; name, yaml or json.",
             completes=FORMS,
         ),
     ] = "table",

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from rorg_client import Error as ClientError
 
-from rorg.cli.context import Context
+from rorg.cli.context import Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
@@ -51,13 +51,15 @@ def differences(context: Context, unified: bool = False) -> Differences:
     if found is None:
         return _computed(context, unified)
     if found["errors"]:
+        from rorg.model.units import counted
+
         raise Invalid(
             f"use the manifests in {found['root']}",
-            f"{len(found['errors'])} error(s)\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
-            "`rorg validate` after mending them",
+            counted(len(found["errors"]), "error") + "\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
+            "fixing them, then `rorg validate`",
         )
     if found["requests_errors"]:
-        raise Invalid(f"read {context.state.requests}", found["requests_errors"][0], "to mend it")
+        raise bad_requests(context.state.requests, found["requests_errors"][0])
     return _of(found, Path(found["root"]), told=True)
 
 

@@ -21,7 +21,7 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and remove everything of this robot, in order, and forget it; of its files the manifests stay.
+    """Stop and remove all services of this robot, in order, and forget it; the manifests stay.
 
     Example: rorg down --yes
     """
@@ -70,9 +70,11 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
     """Shows what goes, and asks. Raises Refused."""
     if rows:
         note(table(rows, ("name", "state", "remark")))
+    from rorg.model.units import counted
+
     kept = "kept" if keep_requests else "forgotten"
     note(
-        f"to be stopped and removed: {len(rows)} service{'s' * (len(rows) != 1)}; requests {kept}: {requests}; "
+        f"to stop and remove: {counted(len(rows), 'service')}; requests {kept}: {requests}; "
         "then rorg ends, and the manifests stay"
     )
     if not yes:
@@ -87,7 +89,7 @@ def _until_gone(context: Context, timeout: float) -> None:
 
     from rorg.errors import NotReady
 
-    client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg goes on"
+    client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg still runs"
     while time.monotonic() - began < timeout:
         try:
             left = ", ".join(row["name"] for row in _rows(client.status()["services"])) or left
@@ -110,7 +112,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> 
     from rorg.store.last_good import read_kept
 
     if not context.state.path.is_dir():
-        raise Invalid(f"take the robot of {context.state.path} down", "there is none", "another one with --state-dir")
+        raise Invalid(f"take the robot of {context.state.path} down", "no such directory", "another --state-dir")
     context.state.acquire("rorg down")
     found, last = context.engine().list(), read_kept(context.state.path).catalog
     known = last.services if last else {}

@@ -94,7 +94,7 @@ class Alone:
                 raise Refused(what, "it was changed meanwhile", "`rorg edit` again")
             change.carry_out(self.root, self.state.prepare().manifest_change, text)
         except OSError as error:
-            raise Refused(what, f"{error.filename}: {error.strerror}", "to mend what is there") from error
+            raise Refused(what, f"{error.filename}: {error.strerror}", "fixing what is there") from error
 
 
 def _message(kind: str, name: str) -> str:

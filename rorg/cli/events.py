@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def command(
     follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new entries.")] = False,
-    tail: Annotated[int, Option(names=("--tail",), least=0, help="Begin with the last so many.")] = 20,
+    tail: Annotated[int, Option(names=("--tail",), least=0, help="Start with the last so many entries.")] = 20,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:

@@ -18,7 +18,8 @@ def command(
         bool, Option(names=("-i", "--interactive"), help="Pass standard input on; a terminal is passed on anyway.")
     ] = False,
     terminal: Annotated[
-        bool, Option(names=("-t", "--tty"), help="Insist on a terminal; without, it has one where this is one.")
+        bool,
+        Option(names=("-t", "--tty"), help="Fail without a terminal. Default: the command has one where this is one."),
     ] = False,
     state_dir: StateDirectory = None,
     engine: EngineName = None,

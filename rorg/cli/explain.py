@@ -23,7 +23,8 @@ def command(
     what: Annotated[
         str,
         Argument(
-            help="A field, such as service.idle.linger, or a service; services/NAME for sure.", completes=SERVICES
+            help="A field, such as service.idle.linger, or a service; services/NAME where a field has the same name.",
+            completes=SERVICES,
         ),
     ],
     directory: Directory = None,
@@ -88,9 +89,9 @@ def _unknown(what: str, services: Any) -> Invalid:
     near = [nearest_path(what), *difflib.get_close_matches(what, services or (), 1)]
     likely = next(filter(None, near if "." in what else reversed(near)), "")
     if services is None:
-        why = "there is no field of that name, and no manifests to look for a service in"
+        why = "no field of that name, and no manifests with a service of that name"
         return Invalid(f"explain '{what}'", why, likely or "the directory of the manifests after it")
-    return Invalid(f"explain '{what}'", "there is no field and no service of that name", likely or "rorg get")
+    return Invalid(f"explain '{what}'", "no field or service of that name", likely or "rorg get")
 
 
 def _page(place: Place) -> str:

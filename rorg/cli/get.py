@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg.cli.options import GROUPS, SERVICES, Argument, EngineName, Option, Output, StateDirectory
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rorg.cli.context import Context
 
@@ -56,10 +56,10 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
-    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Go on showing changes.")] = False,
+    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Keep showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, profiles, policies, requests. RESTARTS counts unexpected ends
-    since rorg runs; AGE is that of the run of now.
+    since rorg started; AGE counts from the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """
@@ -69,8 +69,12 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.output import end_with_reader, print_rows
 
+    show: Callable[..., None] = print_rows
     if watch:
+        from rorg.cli.watching import Watch
+
         end_with_reader()
+        show = Watch().show
     words = list(what or ())
     named = bool(words) and words[0] in KINDS
     kind = KINDS[words.pop(0)] if named else "services"
@@ -78,7 +82,6 @@ def command(
     sort = SORTS.get(sort_by) or _no_sort(sort_by)
     if kind != "services" and (label or group or sort_by != "name"):
         _only_services(kind)
-    last = None
     while True:
         if kind == "services":
             from rorg.cli.services import select, service_rows
@@ -87,13 +90,10 @@ def command(
             rows, full = service_rows(sorted(chosen, key=sort))
         else:
             rows, full = ROWS[kind](context, words)
-        # An age that goes on is no change.
-        if (seen := [{**row, "age": ""} for row in rows]) != last:
-            columns, wide = COLUMNS[kind]
-            print_rows(rows, output, _with_message(rows, columns), wide, full, below=BELOW)
+        columns, wide = COLUMNS[kind]
+        show(rows, output, _with_message(rows, columns), wide, full, below=BELOW)
         if not watch:
             return
-        last = seen
         time.sleep(0.2)
 
 

@@ -26,9 +26,9 @@ def command(
 
     check_form(output)
     if not end and not duration:
-        raise Invalid(f"hold {', '.join(services)}", "it must end by itself", "--for 10m")
+        raise Invalid(f"hold {', '.join(services)}", "a hold needs a duration", "--for 10m")
     if end and duration:
-        raise Invalid(f"hold {', '.join(services)}", "--for and --end contradict each other", "one of both")
+        raise Invalid(f"hold {', '.join(services)}", "--for and --end contradict each other", "one of them")
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
     names = operating(Context(state_dir, engine)).hold(body)

@@ -121,16 +121,16 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     from rorg.engines.docker.errors import docker_errors
     from rorg.engines.docker.images import remove_image
     from rorg.errors import EngineError, NotReady
-    from rorg.model.units import format_memory
+    from rorg.model.units import counted, format_memory
 
     going = [image for image in robot.kept(keep) if not image.reasons]
     _print(going, output)
     freed = format_memory(sum(image.freed for image in going))
     if dry_run or not going:
-        note(f"{len(going)} image{'s' * (len(going) != 1)} would go, {freed}" if going else "nothing to remove")
+        note(f"{counted(len(going), 'image')} would go, {freed}" if going else "nothing to remove")
         return
     if not yes:
-        consent(f"remove {len(going)} image{'s' * (len(going) != 1)}", f"Remove them ({freed})?")
+        consent(f"remove {counted(len(going), 'image')}", f"Remove them ({freed})?")
     failed, gone = [], []
     for image in going:
         for reference in image.references or (image.id,):
@@ -143,7 +143,7 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     robot.records.forget(gone)
     if failed:
         raise NotReady("remove all of them", "; ".join(failed), "`docker rmi` for the reason")
-    note(f"{len(going)} image{'s' * (len(going) != 1)} removed, {freed} freed")
+    note(f"{counted(len(going), 'image')} removed, {freed} freed")
 
 
 def _save(robot: _Robot, path: Path, names: list[str]) -> None:
@@ -151,6 +151,7 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
     from rorg.errors import Invalid
     from rorg.images.archive import write_archive
     from rorg.model.image_names import declared
+    from rorg.model.units import counted
 
     for name in names:
         if not declared(name, robot.catalog.images):
@@ -174,13 +175,14 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
         raise Invalid(f"write {path}", error.strerror or str(error), "another place") from error
     finally:
         part.unlink(missing_ok=True)
-    note(f"{len(references)} image{'s' * (len(references) != 1)} in {path}")
+    note(f"{counted(len(references), 'image')} in {path}")
 
 
 def _load(robot: _Robot, path: Path) -> None:
     from rorg.errors import Invalid
     from rorg.images.archive import read_records
     from rorg.images.docker import library_errors
+    from rorg.model.units import counted
 
     try:
         with path.open("rb") as file:
@@ -193,4 +195,4 @@ def _load(robot: _Robot, path: Path) -> None:
     robot.context.state.prepare()
     robot.records.note(built)
     loaded = sum("Loaded image" in str(line.get("stream", "")) for line in said)
-    note(f"{loaded} image{'s' * (loaded != 1)} loaded")
+    note(f"{counted(loaded, 'image')} loaded")

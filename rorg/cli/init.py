@@ -17,7 +17,9 @@ NEXT = """{name} is a robot of three services{git}. Next:
 
 
 def command(
-    directory: Annotated[Path, Argument(help="Where; it is made if it is not there.", show_default=False)] = Path("."),
+    directory: Annotated[
+        Path, Argument(help="Directory to write to; it is created where missing.", show_default=False)
+    ] = Path("."),
 ) -> None:
     """Write a first robot, ready to run: three services with comments, schemas for editors, in git.
 
@@ -30,7 +32,7 @@ def command(
     files = {_place(path): path for path in sorted(TEMPLATE.rglob("*")) if path.is_file() and path.suffix != ".pyc"}
     there = [str(place) for place in (*files, Path("schemas")) if (directory / place).exists()]
     if there:
-        raise Refused(f"write a robot into {directory}", f"{', '.join(there)} is there already", "another directory")
+        raise Refused(f"write a robot into {directory}", f"{', '.join(there)} already exists", "another directory")
     try:
         for place, path in files.items():
             (directory / place).parent.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,7 @@ def run_inside(context: Context, service: str, command: Sequence[str], stdin: bo
     what = f"run {command[0]} in {service}"
     ours = sys.stdin.isatty() and sys.stdout.isatty()
     if terminal and not ours:
-        raise Invalid(what, "there is no terminal here", "it without -t")
+        raise Invalid(what, "this is not a terminal", "it without -t")
     container = container_of(context, service, what)
     remedy = f"`rorg request {service} --wait` first"
     if container.state == "paused":

@@ -21,8 +21,12 @@ AGAIN = 0.3
 def command(
     services: ServiceNames,
     follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new lines.")] = False,
-    tail: Annotated[int | None, Option(names=("-n", "--tail"), least=0, help="Last lines of each, as 100.")] = None,
-    since: Annotated[str, Option(names=("--since",), help="Lines since then: 10m, or 2026-01-31T12:00:00Z.")] = "",
+    tail: Annotated[
+        int | None, Option(names=("-n", "--tail"), least=0, help="Only the last lines of each: 100.")
+    ] = None,
+    since: Annotated[
+        str, Option(names=("--since",), help="Only newer lines: 10m, or since 2026-01-31T12:00:00Z.")
+    ] = "",
     timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,
     output: Annotated[
         str, Option(names=("-o", "--output"), help="table or json.", completes=("table", "json"))

@@ -104,10 +104,10 @@ EngineName = Annotated[
 ]
 Output = Annotated[str, Option(names=("-o", "--output"), help="table, wide, name, yaml or json.", completes=FORMS)]
 Yes = Annotated[bool, Option(names=("--yes", "-y"), help="Do not ask.")]
-Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is ready; exit 4 if it does not get so.")]
+Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is ready; exit 4 if that fails.")]
 Timeout = Annotated[
     float,
-    Option(names=("--timeout",), parser=duration, metavar="DURATION", help="How long to wait at the most: 10s, 5m."),
+    Option(names=("--timeout",), parser=duration, metavar="DURATION", help="Longest time to wait: 10s, 5m."),
 ]
 ServiceName = Annotated[str, Argument(help="A service or a group.", completes=SERVICES)]
 ServiceNames = Annotated[list[str], Argument(help="Services or groups.", completes=SERVICES)]
@@ -123,4 +123,4 @@ For = Annotated[
     ),
 ]
 End = Annotated[bool, Option(names=("--end",), help="End it now.")]
-Reason = Annotated[str, Option(names=("--reason",), help="For people: shown in every listing.")]
+Reason = Annotated[str, Option(names=("--reason",), help="Why; shown wherever this is listed.")]

@@ -22,10 +22,10 @@ def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
 
 def echo(text: Any, end: str = "\n") -> None:
     """Data: to standard output, at once, in lines that can be shown."""
-    _write(lines(text), end)
+    write(lines(text), end)
 
 
-def _write(text: str, end: str = "\n") -> None:
+def write(text: str, end: str = "\n") -> None:
     """What rorg has made itself, and may have colours."""
     print(text, end=end, flush=True)
 
@@ -67,7 +67,7 @@ def consent(what: str, question: str, why: str = "it needs confirmation") -> Non
     if not sys.stdin.isatty():
         raise Refused(what, f"{why}, and there is no terminal", "--yes")
     if not confirm(question):
-        raise Refused(what, "you said no")
+        raise Refused(what, "you answered no")
 
 
 def dump(value: Any, form: str) -> None:
@@ -180,7 +180,7 @@ def print_rows(
     the table, such as what was done; `below`: columns that a terminal that is too narrow shows in lines of their own.
     The first column is the name."""
     check_form(form)
-    shown = [*columns, *(wide if form == "wide" else ())]
+    shown = columns_of(form, columns, wide)
     if form in ("json", "yaml"):
         dump(rows if full is None else full, form)
     elif form == "name":
@@ -190,10 +190,20 @@ def print_rows(
         if text:
             echo(text)
     elif sys.stdout.isatty():
-        colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
-        _write(coloured_table(rows, shown, _terminal_width(), below, colours))
+        write(screen_table(rows, shown, below))
     else:
         echo(table(rows, shown))
+
+
+def columns_of(form: str, columns: Sequence[str], wide: Sequence[str]) -> list[str]:
+    """Those that a form shows."""
+    return [*columns, *(wide if form == "wide" else ())]
+
+
+def screen_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], below: Sequence[str]) -> str:
+    """For the terminal that this is."""
+    colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+    return coloured_table(rows, columns, _terminal_width(), below, colours)
 
 
 def _terminal_width() -> int:
@@ -208,4 +218,4 @@ def missing(what: str, name: str, known: Any) -> Invalid:
     from rorg.model.diagnostics import nearest
 
     remedy = nearest(name, known) or "`rorg get` for all names"
-    return Invalid(f"find the {what} '{printable(name)}'", "there is none of that name", remedy)
+    return Invalid(f"find the {what} '{printable(name)}'", f"no such {what}", remedy)

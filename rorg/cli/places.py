@@ -29,9 +29,9 @@ class Place(NamedTuple):
         """For what is only done where all of the robot can be seen."""
         if self.elsewhere:
             why = f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs"
-            return Refused(what, why, "it there, or to unset RORG_ADDRESS")
+            return Refused(what, why, "it there, or unsetting RORG_ADDRESS")
         why = f"rorg is only known by its socket {self.remote}, which does not do this"
-        return Refused(what, why, "root, or its --state-dir")
+        return Refused(what, why, "as root, or with its --state-dir")
 
 
 def find(state_dir: Path | None, own: bool = False) -> Place:
@@ -76,7 +76,7 @@ def _not_allowed(path: str) -> Refused:
         return Refused(what, f"you may not look into {os.path.dirname(path)}", f"`sudo ls {error.filename}`")
     group = _group_of(about.st_gid)
     if about.st_gid == 0 or not about.st_mode & 0o020:
-        return Refused(what, "it has been given to no group", "`rorg run --group GROUP`, or root")
+        return Refused(what, "it has been given to no group", "`rorg run --group GROUP`, or as root")
     return Refused(what, f"you are not in the group {group}", f"`sudo usermod -aG {group} $USER` and log in again")
 
 
@@ -93,6 +93,6 @@ def nobody(what: str, state: StateDir) -> Unreachable:
     """Where a running rorg is needed, and there is none."""
     if not state.readable:
         why = f"you may not look into {state.path}, and nothing serves at {state.run / NAME}"
-        return Unreachable(what, why, "root, or another one with --socket or --state-dir")
+        return Unreachable(what, why, "as root, or another one with --socket or --state-dir")
     why = f"no rorg runs on {state.path}"
     return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")

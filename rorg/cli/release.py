@@ -16,7 +16,7 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Give a request up. Releasing what is already released is fine.
+    """End a request. Releasing what is already released is no error.
 
     Example: rorg release tour
     """
@@ -35,4 +35,4 @@ def command(
     text = "\n".join(f"request '{id}' of {name} released" for name in found)
     print_rows([{"id": id, "requester": name} for name in found], output, ("id", "requester"), text=text)
     if not found:
-        note(f"there is no request '{id}'; nothing to release")
+        note(f"no request '{id}': nothing to release")

@@ -20,7 +20,7 @@ def command(
             names=("--id",), help="Id of the request; the same id again replaces it. Default: the first service's name."
         ),
     ] = "",
-    reason: Annotated[str, Option(names=("--reason",), help="For people, shown by `rorg why`.")] = "",
+    reason: Annotated[str, Option(names=("--reason",), help="Why; shown by `rorg why`.")] = "",
     ttl: Annotated[
         float | None,
         Option(
@@ -28,7 +28,7 @@ def command(
             parser=duration,
             metavar="DURATION",
             show_default=False,
-            help=("Lease: it is dropped after so long, unless the same request is sent again."),
+            help=("Lease, such as 10s: the request ends then, unless it is sent again."),
         ),
     ] = None,
     priority: Annotated[
@@ -38,7 +38,7 @@ def command(
             least=0,
             most=100,
             show_default=False,
-            help=("Raises what it asks for, where not everything can run. Default: that of the services."),
+            help=("Its services' priority while it lasts, where higher. Default: that of the services."),
         ),
     ] = None,
     output: Output = "table",
@@ -47,14 +47,14 @@ def command(
         bool,
         Option(
             names=("--rollback",),
-            help="With --wait: where it does not get ready, or at Ctrl-C, requests are again as they were.",
+            help="With --wait: undo the request if that fails, or at Ctrl-C.",
         ),
     ] = False,
     timeout: Timeout = 60.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Ask for services; they run, with all that they need, until the request is released.
+    """Request services; they run, with all that they need, until the request is released.
 
     Example: rorg request navigation --id tour --ttl 10m --wait
     """
@@ -102,10 +102,10 @@ class Asked:
             return
         if self.rollback:
             self._roll_back()
-            told = "is again as it was before" if self.before else "is withdrawn"
+            told = "is as it was before" if self.before else "is withdrawn"
         else:
             whose = "" if self.requester == "developer" else f" --as {self.requester}"
-            told = f"stays; `rorg release {self.id}{whose}` takes it back"
+            told = f"stays; `rorg release {self.id}{whose}` withdraws it"
         text = f"request '{self.id}' {told}"
         if isinstance(error, Exception):
             error.add_note(text)  # told after it

@@ -32,7 +32,7 @@ def command(
     except Unconfirmed as asked:
         consent(f"restart {service}", f"{asked.why}. Restart?", f"{asked.why}; it needs confirmation")
         names = robot.restart(service, force=True)
-    text = f"restart of {', '.join(names)} asked for"
+    text = f"restart of {', '.join(names)} requested"
     print_rows([{"service": name} for name in names], output, ("service",), text=text)
     if wait:
         robot.wait([n for n in names if robot.why(n)[0]["wanted"]], timeout)

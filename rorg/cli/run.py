@@ -73,13 +73,15 @@ def command(
     _run_until_told(loop, server)
     if loop.is_down:
         clear(context.state)
-        note("the robot is down: nothing of it is left but its manifests")
+        note("the robot is down; only its manifests are left")
     context.state.release()
     if loop.hung:
         import os
         import sys
 
-        note(f"{loop.hung} call(s) or probe(s) had not ended; the next rorg sees what came of them")
+        from rorg.model.units import counted
+
+        note(f"{counted(loop.hung, 'unfinished call')} to the engine or of probes: the next rorg sees the outcome")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
 
@@ -92,7 +94,7 @@ def _check(root: Path, group: str) -> None:
     if not root.is_dir():
         raise Invalid(f"run {root}", "no such directory", "the directory that holds services/")
     if group_id(group) is None and group != GROUP:
-        raise Invalid(f"let the group '{group}' in", "there is none of that name", f"`sudo groupadd --system {group}`")
+        raise Invalid(f"let the group '{group}' in", "no such group", f"`sudo groupadd --system {group}`")
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:

@@ -23,12 +23,13 @@ def command(
     services: ServiceNames,
     program: Rest,
     no_wait: Annotated[
-        bool, Option(names=("--no-wait",), help="Begin the command at once, rather than when all is ready.")
+        bool, Option(names=("--no-wait",), help="Start the command at once, without waiting until all is ready.")
     ] = False,
     timeout: Timeout = 60.0,
     requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
     reason: Annotated[
-        str, Option(names=("--reason",), show_default=False, help="For people. Default: the program's name.")
+        str,
+        Option(names=("--reason",), show_default=False, help="Why; shown by `rorg why`. Default: the program's name."),
     ] = "",
     priority: Annotated[
         int | None,
@@ -51,7 +52,7 @@ def command(
 
     client = Context(state_dir, None).serving(f"run with {', '.join(services)}")
     if shutil.which(program[0]) is None:
-        raise Invalid(f"run {program[0]}", "there is no such program", "its path")
+        raise Invalid(f"run {program[0]}", "no such program", "its path")
     reason = reason or f"runs {os.path.basename(program[0])}"
     with _ending():
         request = client.request(*services, reason=reason, priority=priority, requester=requester)

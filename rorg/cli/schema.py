@@ -9,7 +9,7 @@ from rorg.cli.options import Argument
 
 
 def command(
-    directory: Annotated[Path, Argument(help="Where; it is made if it is not there.")] = Path("schemas"),
+    directory: Annotated[Path, Argument(help="Directory to write to; it is created where missing.")] = Path("schemas"),
 ) -> None:
     """Write the JSON schemas of manifests: an editor completes and checks by them.
 
@@ -25,4 +25,4 @@ def command(
         raise Invalid(
             f"write schemas into {directory}", f"{error.filename}: {error.strerror}", "another one"
         ) from error
-    note(f"{directory}: {', '.join(written)} written" if written else f"{directory} is as it should be")
+    note(f"{directory}: {', '.join(written)} written" if written else f"{directory} is up to date")

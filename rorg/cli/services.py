@@ -22,10 +22,10 @@ def select(
     else a name may have been meant as. Raises Invalid for a name that is not there."""
     view = context.view()
     if view.get("pid") is None:
-        note(f"no rorg runs on {context.state.path}: this is how things are by a look of now, and nothing changes them")
+        note(f"no rorg runs on {context.state.path}: this is what the engine shows, and nothing manages it")
     known = view["services"]
-    wanted = {m for name in names for m in _members(context, name, known, kinds)}
-    inside = _members(context, group, known, ()) if group else known.keys()
+    wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
+    inside = _members(context, "group", group, known, ()) if group else known.keys()
     return [
         service
         for name, service in known.items()
@@ -33,11 +33,11 @@ def select(
     ]
 
 
-def _members(context: Context, name: str, known: dict[str, Any], kinds: Iterable[str]) -> set[str]:
-    """The services that a name stands for. Raises Invalid."""
+def _members(context: Context, what: str, name: str, known: dict[str, Any], kinds: Iterable[str]) -> set[str]:
+    """The services that a name stands for. Raises Invalid, which says `what` it was taken for."""
     found = {name} if name in known else {*context.members(name)} & known.keys()
     if not found:
-        raise missing("service", name, {*known, *kinds})
+        raise missing(what, name, {*known, *kinds} if what == "service" else {g["name"] for g in context.groups()})
     return found
 
 

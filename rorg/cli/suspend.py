@@ -24,9 +24,9 @@ def command(
 
     check_form(output)
     if not end and not duration:
-        raise Invalid("suspend", "it must end by itself", "--for 10m")
+        raise Invalid("suspend", "a suspension needs a duration", "--for 10m")
     if end and duration:
-        raise Invalid("suspend", "--for and --end contradict each other", "one of both")
+        raise Invalid("suspend", "--for and --end contradict each other", "one of them")
     robot = operating(Context(state_dir, None))
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
     text = "no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}"

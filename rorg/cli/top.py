@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    once: Annotated[bool, Option(names=("--once",), help="Print one table and end.")] = False,
+    once: Annotated[bool, Option(names=("--once",), help="Print one table and exit.")] = False,
     interval: Annotated[
         float,
         Option(
@@ -19,7 +19,7 @@ def command(
             parser=duration,
             metavar="DURATION",
             least=0.2,
-            help="Time between two looks: 500ms, 2s.",
+            help="Time between updates: 500ms, 2s.",
         ),
     ] = 1.0,
     output: Output = "table",

@@ -104,7 +104,7 @@ class Screen:
             robot.put_request(name, "developer", body)
             return f"request '{name}' of developer: {name}"
         if deed.verb == "restart":
-            return f"restart of {', '.join(robot.restart(name, deed.force))} asked for"
+            return f"restart of {', '.join(robot.restart(name, deed.force))} requested"
         names = {name, *(g["name"] for g in self.client.groups() if name in g["services"])}
         found = [r for r in self.client.requests() if names & set(r["services"]) and not r["standing"]]
         if not found:

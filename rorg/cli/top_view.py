@@ -20,10 +20,10 @@ KEYS = (
     ("up, down, j, k", "choose a service"),
     ("c, m, n", "sort by CPU, memory, name"),
     ("/", "show only names with a text; Enter keeps it, Escape drops it"),
-    ("l", "follow its log; Ctrl-C comes back"),
+    ("l", "follow its log; Ctrl-C returns"),
     ("+", "request it"),
-    ("-", "release the requests that name it, after a question"),
-    ("r", "restart it, after a question"),
+    ("-", "release the requests that name it, after asking"),
+    ("r", "restart it, after asking"),
     ("q", "quit"),
     ("?", "this page"),
 )

@@ -13,7 +13,7 @@ LOOKING = frozenset(
     ("validate", "diff", "get", "describe", "why", "events", "top", "logs", "graph", "ps", "ls", "status")
 )
 """Commands that change nothing: they may be guessed."""
-REMOVE = "`rorg release NAME` to give a request up; what no manifest declares any more is removed"
+REMOVE = "`rorg release NAME` to end a request; rorg removes what no manifest declares"
 RESUME = "`rorg request NAME` for a service, `rorg hold NAME --end` or `rorg suspend --end`"
 KNOWN = {
     **dict.fromkeys(("delete", "rm", "remove", "uninstall"), REMOVE),
@@ -37,7 +37,7 @@ def unknown_command(word: str) -> Invalid:
     """The error for a command that there is not."""
     from rorg.cli.terminal import printable
 
-    return Invalid(f"run `rorg {printable(word)}`", "there is no such command", suggestion(word))
+    return Invalid(f"run `rorg {printable(word)}`", "no such command", suggestion(word))
 
 
 def suggestion(word: str) -> str:
@@ -83,7 +83,7 @@ def misread(command: str, error: Exception) -> Invalid:
     """A complaint of typer's, as every other error of ours. `command`: what was run, such as `rorg get`."""
     if type(error).__name__ == "NoSuchOption":
         option = str(getattr(error, "option_name", ""))
-        return Invalid(f"run `{command}`", f"there is no option {option}", _option(command, option))
+        return Invalid(f"run `{command}`", f"unknown option {option}", _option(command, option))
     told = error.format_message() if hasattr(error, "format_message") else str(error)
     text = " ".join(told.split()).rstrip(".")
     return Invalid(f"run `{command}`", text[:1].lower() + text[1:], f"`{command} --help`")

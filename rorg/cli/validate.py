@@ -36,6 +36,7 @@ def _read(root: Path, engine: str, output: str) -> None:
     """By the files of a directory."""
     from rorg.cli.output import note
     from rorg.manifest.load import load
+    from rorg.model.units import counted
 
     loaded = load(root, engine=engine)
     _tell([d.as_json() for d in loaded.diagnostics], output)
@@ -48,7 +49,7 @@ def _read(root: Path, engine: str, output: str) -> None:
         "image": len(found.images),
         "standing request": len(found.requests),
     }
-    note("ok: " + ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items() if n or what == "service"))
+    note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
 
 
 def _followed(told: dict[str, Any], output: str) -> None:
@@ -74,6 +75,7 @@ def _tell(found: list[dict[str, Any]], output: str) -> None:
 def _refuse(errors: int) -> NoReturn:
     from rorg.cli.output import note
     from rorg.errors import Exit
+    from rorg.model.units import counted
 
-    note(f"{errors} error(s): nothing would be changed by these manifests")
+    note(f"{counted(errors, 'error')}: rorg would refuse these manifests")
     sys.exit(int(Exit.USAGE))

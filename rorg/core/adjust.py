@@ -78,7 +78,7 @@ def _restart(view: View, service: Service, moving: Callable[[str], bool], contai
     if not container.alive or service.name not in view.s.wanted:
         return ""
     if view.s.restarts.get(service.name) == container.incarnation:
-        return "restart asked for"
+        return "restart requested"
     memory = view.s.memory.of(service.name)
     if memory.hung == container.incarnation:
         return memory.error

@@ -77,11 +77,11 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
         )
         if first:
             return _exclusion(decision, first), situation.preempted[first]
-        return "ceased", "nothing wants it any more"
+        return "ceased", "it is no longer wanted"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of == "replace" else "restarted"), action.reason
     if name in situation.restarts:
-        return "restarted", "its restart was asked for"
+        return "restarted", "a restart was requested"
     return _by_itself(step, run, action)
 
 
@@ -94,7 +94,7 @@ def _by_itself(step: Progress, run: str, action: Action | None) -> tuple[str, st
         return "restarted", "another run has begun"
     if step.running_since is not None:
         return "unready", step.probe or "its probe says no"
-    return "ceased", "it does not run any more"
+    return "ceased", "it no longer runs"
 
 
 def _exclusion(decision: Decision, name: str) -> str:

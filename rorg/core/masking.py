@@ -9,12 +9,18 @@ MASK = "***"
 _NAME = r"[\w.-]*(?:passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key)[\w.-]*"
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SECRET_NAME = re.compile(_NAME, re.IGNORECASE)
+_SHORT = {r"(?:mysql|mariadb)[\w-]*|sshpass": "-p", r"redis-cli": "-a", r"curl": "-u"}
+"""Programs, and their option of one letter that takes a secret, with or without a space. Of others `-p` is a port."""
 _RULES = (
     (re.compile(r"(\b(?:bearer|basic)\s+)\S+", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), rf"\1{MASK}@"),
     # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header); a colon alone also parts the paths of a mount.
     (re.compile(rf"({_NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(rf"((?:^|\s)--?{_NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
+    *(
+        (re.compile(rf"((?:^|[\s/])(?:{programs})\s(?:[^;|&\n]*?\s)?{option}\s*){_VALUE}"), rf"\1{MASK}")
+        for programs, option in _SHORT.items()
+    ),
 )
 
 
@@ -39,8 +45,14 @@ def _text(text: str) -> str:
 
 def _list(items: list[Any]) -> list[Any]:
     """What follows the name of a secret option is its value."""
-    before = [None, *items]
-    return [
-        MASK if isinstance(name, str) and name.startswith("-") and _SECRET_NAME.fullmatch(name) else masked("", item)
-        for name, item in zip(before, items, strict=False)
-    ]
+    words = [item for item in items if isinstance(item, str)]
+    short = tuple(o for p, o in _SHORT.items() if any(re.fullmatch(p, w.rpartition("/")[2]) for w in words))
+
+    def shown(name: Any, item: Any) -> Any:
+        if isinstance(name, str) and name.startswith("-") and (name in short or _SECRET_NAME.fullmatch(name)):
+            return MASK
+        if isinstance(item, str) and item.startswith(short) and item not in short:
+            return item[:2] + MASK
+        return masked("", item)
+
+    return [shown(name, item) for name, item in zip([None, *items], items, strict=False)]

@@ -148,7 +148,7 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
             cause = f"'{a}' and '{b}' conflict and would both be wanted"
             found.append(Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which"))
     own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
-    remedy = "to request them one after another, or `resources` in the Policy"
+    remedy = "requesting them one after another, or `resources` in the Policy"
     found += [
         Problem(ProblemCode.RESOURCES, f"it does not fit: {why}", remedy)
         for why in overbooked(catalog, closure(catalog.services, own))
@@ -157,7 +157,7 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)
         if why and expected(catalog, names) != expected(catalog, wanted(catalog, [*catalog.requests, *kept])):
-            remedy = "to release something, or a larger budget in the Policy"
+            remedy = "releasing something, or a larger budget in the Policy"
             found.append(Problem(ProblemCode.OVER_BUDGET, f"it does not fit: {why}", remedy))
     return found
 

@@ -57,7 +57,7 @@ class Status:
     ros_nodes: tuple[str, ...] = ()
     """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
     withheld: str = ""
-    """Why it is still there though no manifest declares it any more."""
+    """Why it stays though no manifest declares it."""
     driver: bool = False
     """It moves hardware."""
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -260,7 +260,7 @@ def _ending(situation: Situation, service: Service, current: Container | None, a
         if current is not None and ends(action, current.incarnation):
             return f"{action.verb}: {action.reason}"
     asked = situation.restarts.get(service.name)
-    return "restart asked for" if current is not None and asked == current.incarnation else ""
+    return "restart requested" if current is not None and asked == current.incarnation else ""
 
 
 def _readiness(

@@ -17,7 +17,7 @@ from rorg.store.requests_file import RequestsFile
 
 Key = tuple[str, str]
 """(requester, id)."""
-UNKNOWN = Hold(253402300799.0, "the requests file has a mistake, and what it said before is not known; try to mend it")
+UNKNOWN = Hold(253402300799.0, "the requests file has a mistake, and what it said before is not known; try fixing it")
 """While nothing is known of what this robot is asked for, what runs goes on running."""
 MANY = 1000
 """Renewals to remember, beyond which those of requests that are gone are forgotten."""

@@ -19,7 +19,7 @@ from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.model.diagnostics import nearest
-from rorg.model.units import format_seconds
+from rorg.model.units import counted, format_seconds
 from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
@@ -126,26 +126,27 @@ class Recorder:
             for error in tree.errors:
                 self.event("manifest-error", str(error))
             kept = "the last good manifests stay in force" if tree.loaded else "nothing is in force yet"
-            self.event("tree-refused", f"manifests refused: {len(tree.errors)} error(s); {kept}")
+            self.event("tree-refused", f"manifests refused: {counted(len(tree.errors), 'error')}; {kept}")
         elif tree.loaded:
             count = sum(not s.meta for s in tree.desired.catalog.services.values())
             self.event(
                 "tree-accepted",
-                f"manifests in force: {count} services" + (f", revision {tree.revision}" if tree.revision else ""),
+                f"manifests in force: {counted(count, 'service')}"
+                + (f", revision {tree.revision}" if tree.revision else ""),
             )
             for warning in tree.warnings:
                 self.event("manifest-warning", str(warning))
             self._ignored(tree)
 
     def _ignored(self, tree: Tree) -> None:
-        """Options that somebody asked for, and the engine has no meaning for, are not passed over in silence."""
+        """Options that somebody declared and the engine ignores are not passed over in silence."""
         users: dict[str, int] = {}
         for service in tree.desired.catalog.services.values():
             for option in self.engine.capabilities.ignored_options & set(service.spec or {}) - set(service.defaults):
                 users[option] = users.get(option, 0) + 1
         if users:
-            found = ", ".join(f"{option} ({count} services)" for option, count in sorted(users.items()))
-            self.event("options-ignored", f"the {self.engine.name} engine has no meaning for: {found}")
+            found = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))
+            self.event("options-ignored", f"the {self.engine.name} engine ignores options: {found}")
 
     def _requests(self, requests: RequestsFile) -> None:
         for error in requests.diagnostics:
@@ -168,7 +169,7 @@ class Recorder:
 
     def _engine(self, observed: Any) -> None:
         if observed.complete:
-            self.event("engine", f"engine answers: {len(observed.containers)} containers of ours")
+            self.event("engine", f"engine answers: {counted(len(observed.containers), 'container')} of this robot")
         elif observed.error:
             self.event("engine-lost", observed.error)
 
@@ -188,7 +189,7 @@ class Recorder:
         kind = "driver " if service and service.driver else ""
         self.event(
             "crashed",
-            f"{kind}{name} {step.error} (unexpected end {step.crashes} since rorg runs)",
+            f"{kind}{name} {step.error} (unexpected exit {step.crashes} since rorg started)",
             service=name,
             crashes=step.crashes,
         )
@@ -198,9 +199,7 @@ class Recorder:
         again = format_seconds(max(0.0, step.retry_at - self.clock()))
         self.event(
             "stalled" if step.stalled else "recovered",
-            f"{name} is stalled: {step.error}; next try in {again}"
-            if step.stalled
-            else f"{name} is not stalled any more",
+            f"{name} is stalled: {step.error}; next try in {again}" if step.stalled else f"{name} is no longer stalled",
             service=name,
         )
 
@@ -224,16 +223,14 @@ class Recorder:
 
     def _holds(self, decision: Decision) -> None:
         held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
-        self.event("holds", held or "no service is held any more", services=list(decision.holds))
+        self.event("holds", held or "no service is held", services=list(decision.holds))
 
     def _withheld(self, decision: Decision) -> None:
         found = decision.situation.withheld
-        lines = "; ".join(f"{name} is not declared any more, but {why}" for name, why in found.items())
+        lines = "; ".join(f"{name} is no longer declared, but {why}" for name, why in found.items())
         self.event(
             "withheld",
-            f"removals withheld: {lines}; `rorg apply` shows and confirms them"
-            if found
-            else "no removal is withheld any more",
+            f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found else "no removal is withheld",
             services=list(found),
         )
 

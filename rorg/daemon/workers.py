@@ -102,7 +102,7 @@ class Workers:
             if said := said.strip():
                 self.recorder.event(
                     "last-words",
-                    f"the container of {action.service} that failed said last:\n{said.decode(errors='replace')}",
+                    f"the container of {action.service} that failed printed last:\n{said.decode(errors='replace')}",
                     service=action.service,
                     container=action.container[:12],
                 )

@@ -22,4 +22,4 @@ def make_engine(name: str, state: StateDir) -> RealEngine:
 
         with state.usable():
             return ProcessEngine(owner, state.path / "process")
-    raise Invalid(f"use the engine '{name}'", "there is none of that name", " or ".join(ENGINES))
+    raise Invalid(f"use the engine '{name}'", "no such engine", " or ".join(ENGINES))

@@ -29,4 +29,4 @@ def refused(what: str) -> Iterator[None]:
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         raise Invalid(what, f"{error.filename}: {error.strerror}", "another place") from error
     except tarfile.TarError as error:
-        raise Invalid(what, f"what the engine sent is no archive: {error}") from error
+        raise Invalid(what, f"what the engine sent is not an archive: {error}") from error

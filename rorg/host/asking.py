@@ -111,7 +111,7 @@ def _look_up(host: str, port: int, found: Future[list[Any]]) -> None:
     except OSError as error:
         addresses = error
     except UnicodeError:
-        addresses = OSError(errno.EINVAL, "it is no host name")
+        addresses = OSError(errno.EINVAL, "it is not a host name")
     with _lock:
         del _lookups[host, port]
     if isinstance(addresses, OSError):

@@ -65,7 +65,7 @@ class _Build:
             sorter.prepare()
         except CycleError as error:
             cycle = " -> ".join(error.args[1])
-            raise Invalid("build", f"images stand on each other: {cycle}", "to break the cycle") from error
+            raise Invalid("build", f"images stand on each other: {cycle}", "breaking the cycle") from error
         most = min(max(1, jobs), sum(not _is_present(order) for order in self._orders.values()))
         workers = [threading.Thread(target=self._work, name=f"build-{n}", daemon=True) for n in range(most)]
         for worker in workers:

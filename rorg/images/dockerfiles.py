@@ -19,7 +19,7 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
     try:
         if not buildkit and read(text, image.args, image.target, image.platform).buildkit:
-            remedy = "to install the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
+            remedy = "installing the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
         found = rewritten(text, image.args, order.replacements, image.target, image.platform)
     except DockerfileError as error:

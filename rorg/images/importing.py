@@ -35,7 +35,7 @@ def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterato
             start_new_session=True,
         )
     except OSError as error:
-        raise EngineError(f"import {image.name}", str(error), "to look at spec.import") from error
+        raise EngineError(f"import {image.name}", str(error), "fixing spec.import") from error
     assert process.stdout
     assert process.stderr
     said = bytearray()
@@ -52,7 +52,7 @@ def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterato
         listener.join(PATIENCE)
     if process.returncode != 0:
         why = said.decode(errors="replace").strip()
-        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "to look at spec.import")
+        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "fixing spec.import")
 
 
 def _listen(pipe: IO[bytes], said: bytearray) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
 from rorg.model.image_names import plain
+from rorg.model.units import counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,6 @@ def _reasons(
 ) -> tuple[str, ...]:
     said = ["in force"] if any(r in tags for r in in_force) else []
     used = [n for n, revision in enumerate(revisions) if any(r in tags for r in revision)]
-    said += [f"{used[0]} revision{'s' * (used[0] != 1)} back"] if used and used[0] else []
+    said += [f"{counted(used[0], 'revision')} back"] if used and used[0] else []
     containers = row.get("Containers") or 0
-    return (*said, f"{containers} container{'s' * (containers != 1)}") if containers > 0 else tuple(said)
+    return (*said, counted(containers, "container")) if containers > 0 else tuple(said)

@@ -104,7 +104,7 @@ class ContainerOptions(Strict):
         unset="the image's",
     )
     hostname: Annotated[str, check.HOST_NAME] | None = recreate("Host name inside the container.", "robot")
-    init: bool | None = recreate("Runs a small init that passes signals on and reaps what has ended.", True)
+    init: bool | None = recreate("Runs a small init that forwards signals and reaps zombies.", True)
     ipc: Annotated[str, check.IPC] | None = recreate(
         "Shared memory: none, private, shareable, host or container:NAME. ROS 2 shares memory by `host`.", "host"
     )
@@ -123,7 +123,7 @@ class ContainerOptions(Strict):
         "Paths that are hidden inside the container.", ["/proc/kcore"], unset="the engine's list"
     )
     mem_limit: Limit | None = live(
-        "Most memory that the container may use; the kernel ends what takes more.", "512Mi", unset="no limit"
+        "Most memory that the container may use; the kernel kills what takes more.", "512Mi", unset="no limit"
     )
     mem_reservation: Limitless | None = live(
         "Memory that it is cut back to when the machine runs short.", "256Mi", unset="none"
@@ -140,10 +140,10 @@ class ContainerOptions(Strict):
     )
     networks: Networks | None = recreate("Networks to join, in place of network_mode.", ["robot"])
     oom_kill_disable: bool | None = recreate(
-        "The kernel does not end its processes when memory is short (cgroup v1).", True, unset="false"
+        "The kernel does not kill its processes when memory is short (cgroup v1).", True, unset="false"
     )
     oom_score_adj: Annotated[int, Field(ge=-1000, le=1000)] | None = recreate(
-        "How soon the kernel ends it when memory is short: -1000 never, 1000 first.", -500, unset="0"
+        "How soon the kernel kills it when memory is short: -1000 never, 1000 first.", -500, unset="0"
     )
     pid: Annotated[str, check.PID] | None = recreate("Processes that it sees: host, or container:NAME.", "host")
     pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live(

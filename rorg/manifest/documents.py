@@ -25,7 +25,7 @@ UNEXPECTED = "cannot be understood"
 
 def unexpected(where: Where, bug: Exception) -> Diagnostic:
     """For what nobody thought of: whatever a file says, the robot goes on with what it said before."""
-    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "to report this")
+    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "reporting this")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def read_tree(
             texts[path] = read_text(path, root) if text is None else text
         except OSError as error:
             diagnostics.append(
-                Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or delete it")
+                Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
             )
             broken.add(path.stem)
     for path, text in texts.items():
@@ -188,7 +188,7 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     path: Any = (kind, *loc[len(at) :])
     feature = NOT_YET.get(path)
     if feature:
-        return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "to leave it out")
+        return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "leaving it out")
     parent = _model_at(model, loc[len(at) : -1])
     known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
     remedy = nearest(key, known)

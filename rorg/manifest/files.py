@@ -42,7 +42,7 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
     try:
         # Judged before it is opened: to open a device, or a pipe, may already do something.
         if not stat.S_ISREG(os.fstat(place).st_mode):
-            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
         if _leads_out(path, os.readlink(f"/proc/self/fd/{place}"), root):
             raise OSError(errno.EPERM, "it is a link that leads out of the tree", str(path))
         descriptor = os.open(f"/proc/self/fd/{place}", os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)

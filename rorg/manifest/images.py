@@ -64,7 +64,7 @@ def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], list[Diagnosti
     path = _path(image)
     if not os.path.isfile(path):
         where = source.where("spec", "context")
-        return (), [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it")]
+        return (), [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it")]
     try:
         text = read_text(path, Path(image.context or ""))
         whole = read(text, image.args, platform=image.platform)
@@ -72,9 +72,9 @@ def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], list[Diagnosti
             return (), [_no_stage(image, source, whole)]
         used = read(text, image.args, image.target, image.platform).uses if image.target else whole.uses
     except OSError as error:
-        return (), [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend it")]
+        return (), [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")]
     except DockerfileError as error:
-        return (), [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "to mend it")]
+        return (), [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")]
     except Exception as bug:
         return (), [unexpected(Where(str(path)), bug)]
     return used, list(_odd_arguments(image, source, whole))
@@ -105,7 +105,7 @@ def _circles(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
     for cycle in cycles({name: [b for b in below if b in images] for name, below in stands_on(images).items()}):
         name, base = cycle[:2]
         line = next(use.line for use in used[name] if plain(use.reference) == base)
-        remedy = "to break the cycle" if name != base else "another name for the Image"
+        remedy = "breaking the cycle" if name != base else "another name for the Image"
         message = f"images stand on each other: {' -> '.join(cycle)}"
         yield Diagnostic(Where(str(_path(images[name])), line), message, remedy)
 

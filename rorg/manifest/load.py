@@ -30,6 +30,7 @@ from rorg.model.catalog import (
 )
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import stems
+from rorg.model.units import counted
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def _load(
 ) -> Loaded:
     sources, diagnostics, broken = read_tree(root, overlay)
     if not sources and not diagnostics:
-        raise Invalid(f"read manifests in {root}", "there are none", "a directory with services/*.yaml")
+        raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
     diagnostics += more
     found(inputs(root, by_kind))
@@ -93,7 +94,7 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
         Diagnostic(
             s.where("metadata", "name"),
             f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
-            f"'{s.path.stem}', or to rename the file",
+            f"'{s.path.stem}', or renaming the file",
             "warning",
         )
         for s in sources
@@ -113,7 +114,9 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     """Why the tree cannot be used."""
     lines = "\n".join(map(str, errors))
     return Invalid(
-        f"use the manifests in {root}", f"{len(errors)} error(s)\n{lines}\n", "`rorg validate` after mending them"
+        f"use the manifests in {root}",
+        f"{counted(len(errors), 'error')}\n{lines}\n",
+        "fixing them, then `rorg validate`",
     )
 
 
@@ -148,7 +151,7 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
             diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
-            diagnostics.append(Diagnostic(where, "a second Policy", f"to merge it into {other.document.file}"))
+            diagnostics.append(Diagnostic(where, "a second Policy", f"merging it into {other.document.file}"))
         else:
             found.setdefault(source.kind, {})[source.name] = source
     return found, diagnostics
@@ -220,7 +223,7 @@ def _resolve(
             )
             if field == "conflicts" and (name == service.name or name in service.needs):
                 what = "itself" if name == service.name else f"'{name}', which it needs"
-                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them"))
+                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
             elif name not in known:
                 by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))

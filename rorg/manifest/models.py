@@ -24,8 +24,8 @@ class Metadata(Strict):
     name: Name = field(
         "What it is called, in its kind: 2 to 63 small letters, digits, -, _ and dots.", "navigation", ...
     )
-    description: str | None = field("For people: what it is for.", "Drives the robot to a place on the map.")
-    labels: Pairs = field("Keys and values of your own, to find it by.", {"team": "navigation"}, dict)
+    description: str | None = field("What it is for.", "Drives the robot to a place on the map.")
+    labels: Pairs = field("Keys and values of your own; `rorg get -l` selects by them.", {"team": "navigation"}, dict)
 
 
 class ImageMetadata(Metadata):
@@ -74,15 +74,13 @@ class ImageSpec(Strict):
 class ProfileSpec(Strict):
     """What several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
-    extends: list[Name] = field("Profiles that this one begins with; what it says itself wins.", ["ros1"], list)
-    common: bool = field(
-        "false: it stands on nothing; what the profile common gives to every container is left out.", False, True
-    )
+    extends: list[Name] = field("Profiles that this one extends; its own values win.", ["ros1"], list)
+    common: bool = field("false: leaves out what the profile common gives to every container.", False, True)
     needs: Needs = field("Added to what the services need themselves.", ["roscore"], list)
-    idle: Idle | None = field("For services that do not say.", {"action": "pause", "linger": "20s"})
-    ready: Ready | None = field("For services that do not say.", {"delay": "2s"})
-    live: Live | None = field("For services that do not say.", {"tcp": 9090, "interval": "10s"})
-    restart: Restart | None = field("For services that do not say.", "on-failure")
+    idle: Idle | None = field("Default for services that declare none.", {"action": "pause", "linger": "20s"})
+    ready: Ready | None = field("Default for services that declare none.", {"delay": "2s"})
+    live: Live | None = field("Default for services that declare none.", {"tcp": 9090, "interval": "10s"})
+    restart: Restart | None = field("Default for services that declare none.", "on-failure")
     without_hardware: bool = field(
         "Each device of a driver is /dev/null and realtime limits are left out: for laptops and tests.", True, False
     )
@@ -100,7 +98,7 @@ class RequestSpec(Strict):
     services: Annotated[list[Name], Field(min_length=1)] = field(
         "Services and groups that are requested.", ["navigation"], ...
     )
-    reason: str | None = field("For people: shown in every listing.", "the robot guides visitors")
+    reason: str | None = field("Why; shown wherever this is listed.", "the robot guides visitors")
     priority: Priority | None = field("0 to 100.", 80, unset="that of the services it names")
 
 

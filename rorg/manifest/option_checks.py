@@ -98,13 +98,13 @@ def _near(name: str, known: Collection[str]) -> str:
 def _capability(value: str) -> None:
     name = value.upper().removeprefix("CAP_")
     if name not in CAPABILITIES:
-        raise ValueError(f"'{value}' is no capability{_near(name, CAPABILITIES)}")
+        raise ValueError(f"'{value}' is not a capability{_near(name, CAPABILITIES)}")
 
 
 def check_ulimit(name: str) -> None:
     """Raises ValueError for a limit that Linux does not have."""
     if name not in ULIMITS:
-        raise ValueError(f"'{name}' is no limit{_near(name, ULIMITS)}")
+        raise ValueError(f"'{name}' is not a limit{_near(name, ULIMITS)}")
 
 
 def read_signal(value: object) -> str:
@@ -143,12 +143,14 @@ def _cpus(value: str) -> None:
     for part in value.split(","):
         found = re.fullmatch(r"([0-9]{1,4})(?:-([0-9]{1,4}))?", part, re.ASCII)
         if not found or int(found[1]) > int(found[2] or found[1]):
-            raise ValueError(f"'{value}' is no list of numbers; write 0-2,4")
+            raise ValueError(f"'{value}' is not a list of numbers; write 0-2,4")
 
 
 def _working_dir(value: str) -> None:
     if not (value.startswith(("/", "./", "../", "~/")) or value in (".", "..", "~")):
-        raise ValueError(f"'{value}' is no absolute path in the container; write ./{value} for one beside the manifest")
+        raise ValueError(
+            f"'{value}' is not an absolute path in the container; write ./{value} for one beside the manifest"
+        )
 
 
 def _image(value: str) -> None:
@@ -157,14 +159,14 @@ def _image(value: str) -> None:
     digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
     name = rf"(?:{domain}/)?{part}(?:/{part})*(?::\w[\w.-]{{0,127}})?(?:@{digest})?"
     if not re.fullmatch(rf"{name}|sha256:[0-9a-f]{{64}}", value, re.ASCII):
-        raise ValueError(f"'{value}' is no reference of an image; write name:tag in small letters")
+        raise ValueError(f"'{value}' is not an image reference; write name:tag in small letters")
 
 
 def _network_mode(value: str) -> None:
     if value.lower() in ("host", "none", "bridge", "default") and value != value.lower():
         raise ValueError(f"'{value}' must be written {value.lower()}")
     if value and not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII):
-        raise ValueError(f"'{value}' is no network; write host, bridge, none, a network's name or container:NAME")
+        raise ValueError(f"'{value}' is not a network; write host, bridge, none, a network's name or container:NAME")
 
 
 def _namespace(*modes: str) -> Callable[[str], None]:
@@ -182,12 +184,12 @@ def _security(value: str) -> None:
     if key == "no-new-privileges" and (not sign or rest in ("true", "false")):
         return
     if not rest or (key not in ("label", "apparmor", "seccomp") and value != "systempaths=unconfined"):
-        raise ValueError(f"'{value}' is no security option; write no-new-privileges, seccomp=, apparmor= or label=")
+        raise ValueError(f"'{value}' is not a security option; write no-new-privileges, seccomp=, apparmor= or label=")
 
 
 def _volumes_from(value: str) -> None:
     if not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", value, re.ASCII):
-        raise ValueError(f"'{value}' is no container; write NAME, or NAME:ro")
+        raise ValueError(f"'{value}' is not a container; write NAME, or NAME:ro")
 
 
 def _word(value: str) -> None:
@@ -201,7 +203,7 @@ def _sysctl(name: str) -> None:
         r"domainname)$)",
         name,
     ):
-        raise ValueError(f"'{name}' is not of a container alone; set it on the host")
+        raise ValueError(f"'{name}' is not namespaced; set it on the host")
 
 
 def keys(check: Callable[[str], None]) -> AfterValidator:

@@ -230,7 +230,7 @@ def read_networks(value: object) -> object:
 def _network_names(value: dict[str, Any]) -> dict[str, Any]:
     for name, network in value.items():
         if name.lower() in ("host", "none"):
-            raise ValueError(f"'{name}' is no network to join; write network_mode: {name.lower()}")
+            raise ValueError(f"'{name}' is not a network to join; write network_mode: {name.lower()}")
         check.require(check.NETWORK, name, "the name of a network")
         if name in ("bridge", "default") and network != Network():
             raise ValueError(f"'{name}' takes no options; write the name of a network of your own")

@@ -32,14 +32,14 @@ class Escalate(Strict):
 
 
 class Idle(Strict):
-    """What becomes of a service that nobody wants any more."""
+    """What happens to a service that is no longer wanted."""
 
     action: Literal["pause", "stop", "remove"] | None = unchanging(
         "Pause keeps its memory and resumes at once; stop ends its processes; remove takes the container away too.",
         "pause",
         unset="stop",
     )
-    linger: Duration | None = unchanging("How long it stays active after nobody wants it any more.", "20s", unset="0s")
+    linger: Duration | None = unchanging("How long it stays active once it is no longer wanted.", "20s", unset="0s")
     min_active: Duration | None = unchanging(
         "Once started or resumed, it stays active at least so long.", "1m", unset="0s"
     )
@@ -60,7 +60,7 @@ class Budget(Strict):
     )
     memory: Memory | None = field("Memory.", "6Gi", unset="all of the machine's")
     over: Literal["admit", "queue", "refuse"] = field(
-        "What becomes of a request whose services' expected use (`resources`) does not fit beside what is wanted "
+        "What happens to a request whose services' expected use (`resources`) does not fit beside what is wanted "
         "already.",
         "queue",
         "admit",
@@ -115,7 +115,7 @@ class Images(Strict):
 class PolicySpec(Strict):
     """Settings of the loop, for the whole machine."""
 
-    idle: Idle | None = field("For services that do not say.", {"action": "pause", "linger": "20s"})
+    idle: Idle | None = field("Default for services that declare none.", {"action": "pause", "linger": "20s"})
     resync: Interval = field("Time between two full lists of the engine.", "2m", 60.0)
     bulk_workers: Annotated[int, Field(ge=1, le=16)] | None = field(
         "Engine calls at once for work that no request waits for.",
@@ -139,7 +139,7 @@ class PolicySpec(Strict):
         {"pull": "never", "update": "when_ceased"},
     )
     removals: Literal["ask", "auto"] = field(
-        "What becomes of a service that is not declared any more though a request, a need or a group names it: it "
+        "What happens to a service that is no longer declared though a request, a need or a group names it: it "
         "stays until a person has confirmed its removal, or it is removed.",
         "auto",
         "ask",

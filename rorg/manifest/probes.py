@@ -92,8 +92,8 @@ class ServiceProbe(Probe):
 class Ready(ServiceProbe):
     """When a running service counts as ready. Without it, running is ready."""
 
-    delay: Duration | None = unchanging("Ready this long after it began to run.", "3s")
-    timeout: Duration = unchanging("After this, the service counts as late.", "60s", 30.0)
+    delay: Duration | None = unchanging("Ready so long after its start.", "3s")
+    timeout: Duration = unchanging("Longest time to become ready; after it the service counts as late.", "60s", 30.0)
     failures: Failures | None = unchanging(
         "Go on probing a ready service, once a second at the most; so many failures in a row, and it is not ready any "
         "more.",

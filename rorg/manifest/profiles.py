@@ -183,7 +183,7 @@ def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[
         last = sources[ring[-2]]
         where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
         what = f"profiles extend each other: {' -> '.join(ring)}"
-        diagnostics.append(Diagnostic(where, what, "to break the cycle"))
+        diagnostics.append(Diagnostic(where, what, "breaking the cycle"))
     closing = {pair for ring in rings for pair in pairwise(ring)}
     return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}, diagnostics
 

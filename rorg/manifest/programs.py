@@ -61,7 +61,7 @@ def _as_container(source: Source, spec: Mapping[str, Any]) -> Iterator[Diagnosti
     if source.spec.inherit_environment is not None:
         yield Diagnostic(
             source.where("spec", "inherit_environment"),
-            "the docker engine has no meaning for inherit_environment: a container has an environment of its own",
+            "the docker engine ignores inherit_environment: a container has its own environment",
             "container.environment or container.env_file",
             "warning",
         )
@@ -80,17 +80,17 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
     where = source.where("spec", "command")
     if not os.path.isdir(folder):
         where = source.where("spec", "container", "working_dir")
-        yield Diagnostic(where, f"no directory {folder}", "to create it", _severity(source, folder))
+        yield Diagnostic(where, f"no directory {folder}", "creating it", _severity(source, folder))
     elif not words:
         yield Diagnostic(where, "no command, and a process has none from its image", "`command`", "warning")
     elif "/" in words[0]:
         path = os.path.normpath(os.path.join(folder, words[0]))
         if not os.path.isfile(path):
-            yield Diagnostic(where, f"no program {path}", "to create it", _severity(source, path))
+            yield Diagnostic(where, f"no program {path}", "creating it", _severity(source, path))
         elif not os.access(path, os.X_OK):
             yield Diagnostic(where, f"{path} may not be executed", f"chmod +x {path}", "warning")
     elif not declared(spec["image"], images) and not shutil.which(words[0], path=_path(spec)):
-        remedy = f"to install it, or ./{words[0]} for a program beside the manifest"
+        remedy = f"installing it, or ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
 
 

@@ -31,7 +31,7 @@ def expand_groups(
         source = sources[cycle[0]]
         index = list(source.spec.services).index(cycle[1])
         where, what = source.where("spec", "services", index), f"groups contain each other: {' -> '.join(cycle)}"
-        diagnostics.append(Diagnostic(where, what, "to break the cycle"))
+        diagnostics.append(Diagnostic(where, what, "breaking the cycle"))
     if rings:
         return {}, diagnostics
     groups: dict[str, Group] = {}
@@ -53,7 +53,7 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
         written = [n.service for n in source.spec.needs]
         where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
         what = f"services need each other: {' -> '.join(cycle)}"
-        diagnostics.append(Diagnostic(where, what, "to drop one of these needs"))
+        diagnostics.append(Diagnostic(where, what, "dropping one of these needs"))
     return diagnostics
 
 
@@ -65,7 +65,7 @@ def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Dia
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
         source = sources[a if catalog.services[a].always_on else b]
         diagnostics.append(
-            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "to drop one")
+            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "dropping one")
         )
     return diagnostics + _conflicting_requests(catalog, roots)
 
@@ -78,7 +78,7 @@ def _conflicting_needs(catalog: Catalog, sources: Mapping[str, Source]) -> list[
                 Diagnostic(
                     _place(sources[name], "needs"),
                     f"'{name}' needs both '{a}' and '{b}', which conflict",
-                    "to drop one",
+                    "dropping one",
                 )
             )
         needs = catalog.services[name].needs
@@ -108,7 +108,7 @@ def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagno
                 Diagnostic(
                     request.where,
                     f"with this request both '{a}' and '{b}' would be wanted, which conflict",
-                    "to drop one",
+                    "dropping one",
                 )
             )
     return diagnostics

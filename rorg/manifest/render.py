@@ -196,7 +196,7 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not os.path.exists(source.directory / local):
-            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "to create it"))
+            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "creating it"))
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes
@@ -227,7 +227,7 @@ def _security(source: Source, values: list[str], diagnostics: list[Diagnostic]) 
             except (OSError, ValueError, RecursionError) as error:
                 where = source.where("spec", "container", "security_opt", index)
                 why = getattr(error, "strerror", None) or "not JSON"
-                diagnostics.append(Diagnostic(where, f"seccomp profile '{name}': {why}", "to create it"))
+                diagnostics.append(Diagnostic(where, f"seccomp profile '{name}': {why}", "creating it"))
                 continue
             value = f"seccomp={json.dumps(profile, separators=(',', ':'))}"
         found.append(value)
@@ -268,7 +268,7 @@ def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagno
             lines = read_plain(source.directory / name, source.root).splitlines()
         except OSError as error:
             where = source.where("spec", "container", "env_file", index)
-            remedy = "to create it" if error.errno == errno.ENOENT else "to mend it"
+            remedy = "creating it" if error.errno == errno.ENOENT else "fixing it"
             diagnostics.append(Diagnostic(where, f"env_file '{name}': {error.strerror}", remedy))
             continue
         found |= dict(line.split("=", 1) for line in lines if "=" in line and not line.lstrip().startswith("#"))

@@ -112,7 +112,7 @@ class ServiceSpec(Strict):
 
     type: Literal["container", "meta"] = unchanging("meta: no container, always active.", "meta", "container")
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
-        "An Image of this tree, or any reference that the engine knows. Every service but a meta one has one.",
+        "An Image of this tree, or any reference that the engine knows. Required, except for type: meta.",
         "fetch-navigation",
     )
     command: Words | None = recreate(
@@ -130,16 +130,16 @@ class ServiceSpec(Strict):
         ["localization", {"service": "roscore", "restart": True}],
         list,
     )
-    always_on: bool = unchanging("Active as long as rorg runs, though nobody requests it.", True, False)
+    always_on: bool = unchanging("Active as long as rorg runs, without a request.", True, False)
     conflicts: list[Name] = unchanging("Services that must not be active beside this one.", ["mapping"], list)
     idle: Idle | None = unchanging(
-        "What becomes of it when nobody wants it any more.", {"action": "pause", "linger": "20s"}, unset="stop at once"
+        "What happens to it when it is no longer wanted.", {"action": "pause", "linger": "20s"}, unset="stop at once"
     )
     ready: Ready | None = unchanging(
         "When it counts as ready, once it runs.", {"ros_node": "/move_base", "timeout": "30s"}, unset="when it runs"
     )
     live: Live | None = unchanging(
-        "Restarts it when it runs and does not answer any more.",
+        "Restarts it when it runs and no longer answers.",
         {"http": "http://localhost:8080/health", "interval": "10s"},
         unset="not probed",
     )
@@ -147,7 +147,7 @@ class ServiceSpec(Strict):
         "Never ceased because the machine is under pressure.", True, unset="true for drivers, else false"
     )
     interlock: Interlock | None = unchanging(
-        "What must allow it before its container is touched.",
+        "What must allow it before its container is started, paused, stopped or removed.",
         {"file": "/run/robot/arm-is-parked"},
         unset="for drivers and protected services the Policy's, else nothing",
     )
@@ -176,7 +176,7 @@ class ServiceSpec(Strict):
         list,
     )
     restart: Restart | None = unchanging(
-        "What to do when it exits though it is wanted. The pauses between restarts grow.", "on-failure", unset="always"
+        "What to do when it exits while it is wanted. Delays between restarts grow.", "on-failure", unset="always"
     )
     on_change: OnChange = unchanging(
         "What to do when files change that this service mounts from the tree, read only.", "signal SIGHUP", "restart"
@@ -188,7 +188,7 @@ class ServiceSpec(Strict):
         Resources,
     )
     driver: Driver | None = recreate(
-        "Hardware that it talks to: it gets these devices and nothing more.", {"devices": ["/dev/ttyUSB0:/dev/base"]}
+        "Hardware that it talks to: it gets these devices and no others.", {"devices": ["/dev/ttyUSB0:/dev/base"]}
     )
     mounts: list[str] | None = recreate(
         "Configuration of this tree inside the container, read only: ./dir:/path/in/container.",

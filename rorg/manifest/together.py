@@ -35,7 +35,7 @@ def _network(options: Options) -> Iterator[Clash]:
         yield Clash(
             ("networks",),
             f"networks and network_mode: {mode} exclude each other",
-            "to drop one of them",
+            "dropping one of them",
             "network_mode",
         )
     if mode.startswith("container:"):
@@ -53,7 +53,7 @@ def _network(options: Options) -> Iterator[Clash]:
                 yield Clash(
                     (option,),
                     f"{option} is not for a container that uses the network of another one",
-                    "to declare it there",
+                    "declaring it there",
                     "network_mode",
                 )
     elif mode in ("host", "none"):
@@ -62,14 +62,14 @@ def _network(options: Options) -> Iterator[Clash]:
                 yield Clash(
                     (option,),
                     f"{option} has no effect under network_mode: {mode}",
-                    "network_mode: bridge, or to drop it",
+                    "network_mode: bridge, or dropping it",
                     "network_mode",
                 )
 
 
 def _namespaces(options: Options) -> Iterator[Clash]:
     if options.get("uts") == "host" and options.get("hostname"):
-        yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them", "uts")
+        yield Clash(("hostname",), "under uts: host the host's name is used", "dropping one of them", "uts")
     for name in options.get("sysctls", {}):
         foreign = {
             "network_mode": name.startswith("net."),
@@ -81,7 +81,7 @@ def _namespaces(options: Options) -> Iterator[Clash]:
                 yield Clash(
                     ("sysctls", name),
                     f"'{name}' belongs to the host under {option}: host",
-                    f"to set it on the host, or another {option}",
+                    f"setting it on the host, or another {option}",
                     option,
                 )
 
@@ -90,9 +90,9 @@ def _limits(options: Options) -> Iterator[Clash]:
     memory, swap = options.get("mem_limit", 0), options.get("memswap_limit", 0)
     for option in ("cpu_period", "cpu_quota"):
         if options.get("cpus") and options.get(option, 0) > 0:
-            yield Clash((option,), f"cpus and {option} exclude each other", "to drop one of them")
+            yield Clash((option,), f"cpus and {option} exclude each other", "dropping one of them")
     if swap > 0 and not memory:
-        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "to declare mem_limit too")
+        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "declaring mem_limit too")
     elif 0 < swap < memory:
         yield Clash(("memswap_limit",), "memswap_limit, which is memory and swap together, is below mem_limit")
     if memory and options.get("mem_reservation", 0) > memory:
@@ -154,7 +154,7 @@ def _logging(options: Options) -> Iterator[Clash]:
     logging = options.get("logging", {})
     driver, values = logging.get("driver", "json-file"), logging.get("options", {})
     if driver not in _DRIVERS and (near := difflib.get_close_matches(driver, _DRIVERS, 1, 0.75)):
-        yield Clash(("logging", "driver"), f"'{driver}' is no driver of logs", f"'{near[0]}'")
+        yield Clash(("logging", "driver"), f"'{driver}' is not a logging driver", f"'{near[0]}'")
     known = _DRIVERS.get(driver)
     if known is None:
         return
@@ -164,7 +164,7 @@ def _logging(options: Options) -> Iterator[Clash]:
                 ("logging", "options", key), f"the driver {driver} has no option '{key}'", f"one of {', '.join(known)}"
             )
         elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
-            yield Clash(("logging", "options", key), f"'{value}' is no value of {key}")
+            yield Clash(("logging", "options", key), f"'{value}' is not a value of {key}")
     if values.get("max-buffer-size") and values.get("mode") != "non-blocking":
         yield Clash(("logging", "options", "max-buffer-size"), "max-buffer-size needs mode: non-blocking")
 
@@ -172,7 +172,7 @@ def _logging(options: Options) -> Iterator[Clash]:
 def _security(options: Options) -> Iterator[Clash]:
     for option in ("masked_paths", "readonly_paths"):
         if options.get(option) and "systempaths=unconfined" in options.get("security_opt", ()):
-            yield Clash((option,), f"{option} and systempaths=unconfined exclude each other", "to drop one of them")
+            yield Clash((option,), f"{option} and systempaths=unconfined exclude each other", "dropping one of them")
 
 
 RULES: tuple[Rule, ...] = (_network, _namespaces, _limits, _places, _logging, _security)

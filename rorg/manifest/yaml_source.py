@@ -99,7 +99,7 @@ class _Reader:
                 continue
             if key in result:
                 line = self.document.keys[(*path, key)][0]
-                self.error(key_node, f"key '{key}' appears twice in one mapping", f"to drop it here or in line {line}")
+                self.error(key_node, f"key '{key}' appears twice in one mapping", f"dropping it here or in line {line}")
                 continue
             self.document.keys[(*path, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             result[key] = self.read(value_node, (*path, key))
@@ -116,7 +116,7 @@ class _Reader:
         if tag != "str":
             self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
         if "\0" in text and not self.nul:
-            self.error(node, "a NUL character, which ends a text for the engine and for programs", "to leave it out")
+            self.error(node, "a NUL character, which ends a text for the engine and for programs", "leaving it out")
         return text
 
     def number(self, node: yaml.Node, tag: str, text: str) -> int | float:
@@ -129,7 +129,7 @@ class _Reader:
             value = math.inf
         if not -MOST_NUMBER <= value <= MOST_NUMBER:
             shown = text if len(text) <= 40 else f"{text[:40]}..."
-            self.error(node, f"{shown} is not a number that anything takes", "quotes around it where it is a text")
+            self.error(node, f"{shown} is out of range for any number", "quotes around it where it is a text")
             return 0
         return value
 
@@ -159,7 +159,7 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
         if not nodes or nodes[0] is None or (nodes[0].tag.endswith(":null") and not nodes[0].value):
-            return None, [Diagnostic(Where(file), "the document is empty", "to fill it, or to delete the file")]
+            return None, [Diagnostic(Where(file), "the document is empty", "filling it, or deleting the file")]
         reader.document.value = reader.read(nodes[0])
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

@@ -96,7 +96,7 @@ def parse_since(text: str, now: float) -> float:
     try:
         return parse_time(text)
     except ValueError as error:
-        raise ValueError(f"{text!r} is no time; write 10m, or 2026-01-31T12:00:00Z") from error
+        raise ValueError(f"{text!r} is not a time; write 10m, or 2026-01-31T12:00:00Z") from error
 
 
 def parse_time(value: object) -> float:
@@ -108,6 +108,11 @@ def parse_time(value: object) -> float:
         return epoch
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{value!r} is not a time; write one such as 2026-01-31T12:00:00Z") from error
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things for people: 1 service, 3 services."""
+    return f"{number} {noun}" + "s" * (number != 1)
 
 
 def format_memory(count: float) -> str:

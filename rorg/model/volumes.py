@@ -110,7 +110,7 @@ def parse_tmpfs(text: str) -> tuple[str, str]:
     """Where it is mounted, and its options."""
     target, colon, options = text.partition(":")
     if not is_target(target) or (colon and not options):
-        raise ValueError(f"'{text}' is no file system in memory; write /path/in/container, with :size=64m behind it")
+        raise ValueError(f"'{text}' is not a tmpfs mount; write /path/in/container, with :size=64m behind it")
     for option in options.split(",") if options else ():
         name, equals, value = option.partition("=")
         if not (name in _TMPFS_VALUES and value) if equals else name not in _TMPFS_FLAGS:

@@ -51,7 +51,7 @@ class ProbeRunner:
             return ask_host(probe)  # it is about this machine, whichever the engine is on
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
-            return cannot_ask("it is not the same run any more")
+            return cannot_ask("it is another run by now")
         try:
             return self._ask(key, probe, container)
         except RorgError as error:

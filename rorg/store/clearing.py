@@ -11,7 +11,17 @@ from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import SPARE, RequestsFile
 from rorg.store.state_dir import StateDir
 
-FILES = ("status.json", "manifest-change.json", "process-images.json", ".process-images.lock", "wakeup", NAME, SPARE)
+FILES = (
+    "status.json",
+    "manifest-change.json",
+    "images.json",
+    ".images.lock",
+    "process-images.json",
+    ".process-images.lock",
+    "wakeup",
+    NAME,
+    SPARE,
+)
 LAST = ("instance", "instance.lock", ".requests.lock", "owner.json", "lock")
 """What says whose robot this is."""
 FOLDERS = ("process", "run", "builds")

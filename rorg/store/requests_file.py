@@ -79,7 +79,8 @@ class RequestsFile:
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
-                raise Invalid(f"change {self.path}", str(self.diagnostics[0]), "to mend the file first")
+                found = self.diagnostics[0]
+                raise Invalid(f"change {self.path}", f"{found.where}: {found.message}", "fixing the file first")
             changed = edit(self.document)
             if changed != self.document:
                 write_atomic(self.path, render(changed))
@@ -97,8 +98,8 @@ def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], boo
     except FileNotFoundError:
         return RequestsDocument(), [], True
     except OSError as error:
-        return None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend or move it")], False
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or moving it")], False
     try:
         return *parse(text, str(path)), True
     except Exception as bug:
-        return None, [Diagnostic(Where(str(path)), f"cannot be read: {type(bug).__name__}: {bug}", "to mend it")], True
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {type(bug).__name__}: {bug}", "fixing it")], True

@@ -49,7 +49,7 @@ class StateDir:
             raise Invalid(
                 f"use the state directory {self.path}",
                 f"{error.filename2 or error.filename or self.path}: {error.strerror or error}",
-                "to mend or move what is there, or another directory: --state-dir DIR, or RORG_STATE_DIR",
+                "fixing or moving what is there, or another directory: --state-dir DIR, or RORG_STATE_DIR",
             ) from error
 
     @property
@@ -94,7 +94,7 @@ class StateDir:
             raise Invalid(
                 f"tell which robot {self.path} is",
                 f"{path} holds no id",
-                "to write there what the containers of this robot have in their label rorg.io/owner",
+                "writing there what the containers of this robot have in their label rorg.io/owner",
             )
         return found
 
@@ -111,7 +111,7 @@ class StateDir:
             raise Refused(
                 f"own {self.path}",
                 f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
-                "to stop that one first, or another --state-dir",
+                "stopping that one first, or another --state-dir",
             ) from None
         with self.usable():
             write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)

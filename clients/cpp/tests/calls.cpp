@@ -38,7 +38,7 @@ void manifests(rorg::Client& client) {
   const auto changed = client.put_manifest("Service", "sonar", text + "# better\n", digest, "better");
   check(changed != digest, "and changed");
   client.remove_manifest("Service", "sonar", changed);
-  throws<rorg::NotFound>([&] { client.manifest("Service", "sonar"); }, "none of that name", "and removed");
+  throws<rorg::NotFound>([&] { client.manifest("Service", "sonar"); }, "no such Service", "and removed");
 }
 
 void names(rorg::Client& client) {
@@ -88,7 +88,7 @@ void calls() {
   const auto lidar = client.request({"lidar"}, "first");
   throws<rorg::Refused>([&] { client.request({"arm"}); }, "conflict", "a conflict");
   throws<rorg::Invalid>([&] { client.request({"camra"}); }, "try 'camera'", "a typo");
-  throws<rorg::NotFound>([&] { client.service("nobody"); }, "none of that name", "an unknown service");
+  throws<rorg::NotFound>([&] { client.service("nobody"); }, "no such service", "an unknown service");
   throws<rorg::Refused>([&] { client.restart("arm"); }, "moves hardware", "a driver");
   throws<rorg::NotReady>([&] { client.wait({"camera"}, rorg::Seconds(0.1)); }, "camera", "a wait without a request");
   client.release("nothing");

@@ -166,7 +166,7 @@ inline void losses() {
   check(lost && lost->cause == "crashed" && lost->incarnation == first, "and lost() tells");
   hear();
   const auto second = request.wait(Seconds(60))["camera"].incarnation;
-  check(!request.lost() && first != second, "a wait that succeeds takes it back");
+  check(!request.lost() && first != second, "a wait that succeeds withdraws it");
   client.restart("camera");
   check(heard("restarted camera"), "a restart is heard of");
   request.wait(Seconds(60));

@@ -50,7 +50,7 @@ class Address:
         else:
             raise invalid(
                 f"cannot reach rorg on {self.text}",
-                f"'{scheme}' is no way to rorg",
+                f"'{scheme}' is not a way to reach rorg",
                 "unix:///PATH or https://HOST:PORT",
             )
         self._context: ssl.SSLContext | None = None

@@ -70,7 +70,7 @@ class AsyncWatcher:
                 try:
                     loss = lost_meanwhile(name, run, await self._client.service(name))
                 except NotFound:
-                    loss = Loss(name, "ceased", f"{name} is not declared any more", run)
+                    loss = Loss(name, "ceased", f"{name} is no longer declared", run)
                 if loss:
                     request.runs.pop(name, None)
                     request.note(loss)

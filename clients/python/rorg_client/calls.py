@@ -52,7 +52,7 @@ class Call(Generic[T]):
 
     def __init__(self, method: str, path: str, body: Any = None, pick: str = "", wait: float | None = None) -> None:
         if not re.fullmatch(r"/[!-~]*", path):
-            raise invalid(f"cannot {method} {path!r}", "that is no path", "letters, digits and %XX")
+            raise invalid(f"cannot {method} {path!r}", "that is not a path", "letters, digits and %XX")
         self.method, self.path, self.pick, self.wait = method, path, pick, wait
         self.body = None if body is None else json.dumps(body).encode()
         self.renewal = method == "POST" and path.partition("?")[0].endswith("/renew")
@@ -138,7 +138,7 @@ class Attempts:
             return Unreachable(
                 f"cannot {self.call.method} {self.call.path}",
                 f"{failed.error}, and it is not known whether it was done",
-                "to look, then again",
+                "looking, then again",
                 "unreachable",
             )
         return unreachable(self.where, failed.error)

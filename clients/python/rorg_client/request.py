@@ -76,7 +76,7 @@ class Kept:
 
 
 def unknown(id: str) -> Loss:
-    return Loss("", "dropped", f"rorg did not know the request '{id}' any more")
+    return Loss("", "dropped", f"rorg no longer knew the request '{id}'")
 
 
 def tell(call: Callable[[Loss], None], loss: Loss) -> None:

@@ -103,7 +103,7 @@ class Watcher:
                 try:
                     loss = lost_meanwhile(name, run, client.service(name))
                 except NotFound:
-                    loss = Loss(name, "ceased", f"{name} is not declared any more", run)
+                    loss = Loss(name, "ceased", f"{name} is no longer declared", run)
                 if loss:
                     request.runs.pop(name, None)
                     request.note(loss)
@@ -119,7 +119,7 @@ class Watcher:
 def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
     """Whether another run, or none, is there now. Raises Unreachable while that is not known."""
     if view["sync"] == "Unknown":
-        raise Unreachable(f"cannot look at {name}", "the engine has not told yet what runs", "again in a moment")
+        raise Unreachable(f"cannot look at {name}", "the engine has not reported yet what runs", "again in a moment")
     if view["incarnation"] == run and view["state"] == "running":
         return None
     cause = "restarted" if view["incarnation"] and view["incarnation"] != run else "held" if view["held"] else "ceased"

@@ -10,11 +10,13 @@ from rorg.cli.options import EngineName, Option
 
 def command(
     engine: EngineName = None,
-    speed: Annotated[float, Option(names=("--speed",), help="2 is twice as fast.", least=0.1, most=20)] = 1.0,
-    keep: Annotated[bool, Option(names=("--keep",), help="Leave everything as it is at the end.")] = False,
-    svg: Annotated[str | None, Option(names=("--svg",), help="Save standby and tour as a picture.")] = None,
+    speed: Annotated[float, Option(names=("--speed",), help="Speed; 2 is twice as fast.", least=0.1, most=20)] = 1.0,
+    keep: Annotated[bool, Option(names=("--keep",), help="Keep the robot running at the end.")] = False,
+    svg: Annotated[
+        str | None, Option(names=("--svg",), help="Save a picture of standby and tour to this file.")
+    ] = None,
 ) -> None:
-    """Show the main job on a tour-guide robot of stand-ins, and leave nothing behind.
+    """Run a tour-guide robot of stand-in services through its work, and leave nothing behind.
 
     Example: rorg demo --engine process --speed 2
     """

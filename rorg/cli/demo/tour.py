@@ -38,7 +38,7 @@ def play(robot: DemoRobot, show: Show) -> None:
     robot.run()
     robot.wait("the start", lambda v: len(v["services"]) == 42)
     robot.settle("the start")
-    show.line(f"rorg runs: {len(robot.active())} of 41 services are always on, nobody wants the rest")
+    show.line(f"rorg runs: {len(robot.active())} of 41 services are always on, the rest is not wanted")
     figures = _cycle(robot, show)
     _commits(robot, show)
     _compare(robot, show, figures)
@@ -75,7 +75,7 @@ def _changes(show: Show, view: Mapping[str, Any], before: set[str], after: set[s
     for name in sorted(after - before):
         show.line(f"  > {name:<28} {view['services'][name]['why']}")
     for name in sorted(before - after):
-        show.line(f"  # {name:<28} {view['services'][name]['state']}: nobody wants it any more")
+        show.line(f"  # {name:<28} {view['services'][name]['state']}: no longer wanted")
     show.line(f"  {len(after)} services are active" + (f", ready after {seconds:.1f} s" if seconds else ""))
 
 

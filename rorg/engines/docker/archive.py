@@ -34,7 +34,7 @@ def fetch(client: Client, container: str, path: str, place: Path) -> None:
     """See Access.fetch. Raises the client's errors, and Invalid."""
     found = _look(client, container, path)
     if found is None:
-        raise Invalid(f"copy {path}", "there is no such file inside", "a path as the service sees it")
+        raise Invalid(f"copy {path}", "no such file in the container", "a path as the service sees it")
     target = place_of(path, place, place.is_dir(), found.directory)
     url = f"/containers/{container}/archive"
     with (
@@ -71,7 +71,7 @@ def put(client: Client, container: str, source: Path, path: str) -> None:
     """See Access.put. Raises the client's errors, and Invalid."""
     found, directory = _look(client, container, path), source.is_dir()
     if found and directory and not found.directory:
-        raise Invalid(f"copy {source} to {path}", "there is a file inside, and this is a directory", "another path")
+        raise Invalid(f"copy {source} to {path}", "it is a file in the container, and a directory here", "another path")
     whole = _absolute(client, container, path)
     target = place_of(str(source), Path(found.path if found else whole), bool(found and found.directory), directory)
     with refused(f"copy {source} to {path}"), tempfile.TemporaryFile() as file:
@@ -83,7 +83,7 @@ def put(client: Client, container: str, source: Path, path: str) -> None:
         except Refused as no:
             if no.status != 404:
                 raise
-            raise Invalid(f"copy {source} to {path}", f"there is no directory {target.parent} inside") from no
+            raise Invalid(f"copy {source} to {path}", f"no directory {target.parent} in the container") from no
 
 
 def _of_root(member: tarfile.TarInfo) -> tarfile.TarInfo:

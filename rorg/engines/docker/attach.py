@@ -73,7 +73,7 @@ def attach(
 def _talk(client: Client, made: str, terminal: bool, stdin: bool) -> str:
     """Until the command has ended; what the engine said in place of its output where it did not begin."""
     frames, size, begun, failure = Frames(), _Size(client, made), False, ""
-    with client.stream("POST", f"/exec/{made}/start", {"Tty": terminal, "Detach": False}) as stream:
+    with client.stream("POST", f"/exec/{made}/start", {"Tty": terminal, "Detach": False}, both_ways=stdin) as stream:
         if stdin:
             threading.Thread(target=_pass_on, args=(stream,), daemon=True, name="stdin").start()
         with raw_terminal() if terminal else contextlib.nullcontext():

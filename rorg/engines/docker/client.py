@@ -19,6 +19,7 @@ from typing import IO, Any, Literal
 from urllib.parse import quote, urlencode, urlsplit
 
 from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.tls import through_tls
 from rorg.errors import EngineError
 
 DEFAULT = "unix:///var/run/docker.sock"
@@ -90,10 +91,12 @@ class Client:
         /,
         body: Body = None,
         timeout: float | None = None,
+        both_ways: bool = False,
         **query: Any,
     ) -> Iterator[Stream]:
-        """An answer that is read as it comes, on a connection of its own. `timeout`: seconds without a byte."""
-        connection = _connect(self.host, timeout or API_TIMEOUT)
+        """An answer that is read as it comes, on a connection of its own. `timeout`: seconds without a byte;
+        `both_ways`: something is sent, too, whose end is told."""
+        connection = _connect(self.host, timeout or API_TIMEOUT, both_ways)
         try:
             with suppress(BrokenPipeError):  # the engine does not want the rest of a file, and its answer says why
                 _ask(connection, method, self._url(path, query), body)
@@ -158,13 +161,12 @@ class Stream:
         writable.register(self._taken, select.POLLOUT)
         while content:
             writable.poll()
-            with suppress(TimeoutError, BlockingIOError, ssl.SSLWantWriteError):  # the reader sets the time-out of both
+            with suppress(TimeoutError, BlockingIOError):  # the reader sets the time-out of both
                 content = content[self._taken.send(content) :]
 
     def end_of_input(self) -> None:
-        """Says that nothing more is sent. TLS has no such word."""
-        if not isinstance(self._taken, ssl.SSLSocket):
-            self._taken.shutdown(socket.SHUT_WR)
+        """Says that nothing more is sent."""
+        self._taken.shutdown(socket.SHUT_WR)
 
     def read(self) -> bytes:
         """What is there, as it comes; empty at the end."""
@@ -199,7 +201,13 @@ class _Unix(http.client.HTTPConnection):
         self.sock.connect(self.path)
 
 
-def _connect(host: str, timeout: float) -> http.client.HTTPConnection:
+class _Tls(http.client.HTTPConnection):
+    def connect(self) -> None:
+        super().connect()
+        self.sock = through_tls(self.sock, _tls(), self.host)
+
+
+def _connect(host: str, timeout: float, both_ways: bool = False) -> http.client.HTTPConnection:
     scheme, _, rest = host.rpartition("://")
     if scheme in ("unix", "http+unix"):
         return _Unix(rest, timeout)
@@ -208,6 +216,8 @@ def _connect(host: str, timeout: float) -> http.client.HTTPConnection:
         raise EngineError("reach the engine", f"{host}: {scheme} is not spoken", remedy if scheme == "ssh" else "")
     where, verified = urlsplit(f"//{rest}"), bool(os.environ.get("DOCKER_TLS_VERIFY"))
     name = where.hostname or "localhost"
+    if both_ways and (scheme == "https" or verified):
+        return _Tls(name, where.port or 2376, timeout=timeout)
     if scheme == "https" or verified:
         return http.client.HTTPSConnection(name, where.port or 2376, timeout=timeout, context=_tls())
     return http.client.HTTPConnection(name, where.port or 2375, timeout=timeout)

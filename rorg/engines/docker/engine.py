@@ -170,7 +170,7 @@ class DockerEngine:
     def stop(self, container: str, signal: str, grace: float) -> None:
         """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws). One that the engine
         refuses, such as a number that an image declares, is passed over."""
-        why = EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "to look for a hung device")
+        why = EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "looking for a hung device")
         for name, seconds in stop_sequence(signal, grace):
             try:
                 self._do("stop", container, "kill", signal=name)

@@ -20,10 +20,10 @@ class Refused(Exception):
 
 KINDS = (
     ("missing_image", r"no such image", "`rorg build` first"),
-    ("name_taken", r"is already in use by container", "to remove or rename that container; rorg did not make it"),
-    ("missing_device", r"gathering device information|no such file or directory.*dev", "to plug the device in"),
-    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or to drop the option"),
-    ("forbidden", r"could not select device driver", "an engine with that runtime, or to drop gpus"),
+    ("name_taken", r"is already in use by container", "removing or renaming that container, which is not rorg's"),
+    ("missing_device", r"gathering device information|no such file or directory.*dev", "plugging the device in"),
+    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
+    ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
     ("gone", r"no such container", ""),
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
 )

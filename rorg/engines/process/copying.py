@@ -15,7 +15,7 @@ def copy(source: str, place: str) -> None:
     target = place_of(source, Path(place), Path(place).is_dir(), directory)
     what = f"copy {source} to {target}"
     if not directory and not origin.is_file():
-        why = "it is no file and no directory" if origin.exists() else "there is no such file"
+        why = "it is neither a file nor a directory" if origin.exists() else "no such file"
         raise Invalid(what, why, "another path")
     if target.resolve() == origin.resolve() or (directory and origin.resolve() in target.resolve().parents):
         raise Invalid(what, "it would be copied into itself", "another place")

@@ -82,7 +82,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
         )
     except OSError as error:
         why = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        raise EngineError(f"start {record['name']}", why, "to mend that") from error
+        raise EngineError(f"start {record['name']}", why, "fixing that") from error
 
 
 def _log_of(records: Records, record: Record) -> int:
@@ -90,7 +90,7 @@ def _log_of(records: Records, record: Record) -> int:
     try:
         return open_private(records.log(record["id"]), os.O_WRONLY | os.O_APPEND)
     except OSError as error:
-        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "to move it") from error
+        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "moving it") from error
 
 
 def run_beside(

@@ -16,7 +16,7 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     """Raises EngineError where its directory or its program is not there, or may not be used."""
     what, program = f"start {service}", command[0] if command else ""
     if not os.path.isdir(folder):
-        raise EngineError(what, f"no directory {folder}", "to create it, or another `working_dir`")
+        raise EngineError(what, f"no directory {folder}", "creating it, or another `working_dir`")
     if not os.access(folder, os.X_OK):
         raise EngineError(what, f"rorg may not enter {folder}", f"chmod +x {folder}", "forbidden")
     if "/" not in program:
@@ -27,12 +27,12 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     else:
         found = os.path.normpath(os.path.join(folder, program))
         if not os.path.isfile(found):
-            raise EngineError(what, f"no program {found}", "to create it, or another `command`", "missing_image")
+            raise EngineError(what, f"no program {found}", "creating it, or another `command`", "missing_image")
         if not os.access(found, os.X_OK):
             raise EngineError(what, f"{found} may not be executed", f"chmod +x {found}", "forbidden")
     interpreter = _interpreter(found)
     if interpreter.startswith("/") and not os.access(interpreter, os.X_OK):
-        raise EngineError(what, f"{found} is a script for {interpreter}, and there is none", "to install that")
+        raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "installing that")
 
 
 def _interpreter(path: str) -> str:

@@ -49,7 +49,7 @@ class Records:
         record = read_json(path) or {}
         if record.get("id") != container or not _whole(record):
             raise EngineError(
-                f"find {container}", f"{path} cannot be read", "to end its processes, and remove its folder"
+                f"find {container}", f"{path} cannot be read", "ending its processes, and removing its folder"
             )
         return record
 

@@ -45,7 +45,7 @@ def end(records: Records, record: Record, name: str, grace: float) -> None:
         send(record, signal.SIGCONT)
         if _ended(records, record, seconds):
             return
-    raise EngineError(f"stop {record['name']}", "it outlived SIGKILL", "to look for a hung device")
+    raise EngineError(f"stop {record['name']}", "it outlived SIGKILL", "looking for a hung device")
 
 
 def _ended(records: Records, record: Record, seconds: float) -> bool:

@@ -163,7 +163,7 @@ class Bridge:
             self.client.call("POST", f"/v1/services/{quote(self.resolve(name))}/restart{query}")
         except Error as error:
             return Done(False, str(error))
-        return Done(True, "restart asked for")
+        return Done(True, "restart requested")
 
     # -- manifests ---------------------------------------------------------------------------------------------
 
@@ -203,7 +203,7 @@ class Bridge:
         for found in self.client.call("GET", f"/v1/manifests{query}"):
             if (found["kind"], found["name"]) == (kind, name):
                 return str(found["digest"])
-        raise NotFound(f"cannot find the {kind} '{name}'", "there is none of that name", "", "not-found", 404)
+        raise NotFound(f"cannot find the {kind} '{name}'", f"no such {kind}", "", "not-found", 404)
 
     # -- who is who --------------------------------------------------------------------------------------------
 
