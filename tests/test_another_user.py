@@ -44,7 +44,7 @@ LINES = {
     "events": ["events", "events -o json --tail 3"],
     "top": ["top --once", "top -o json"],
     "logs": ["logs base"],
-    "graph": ["graph", "graph -o dot", "graph -o json"],
+    "graph": ["graph", "graph -o dot", "graph images -o json"],
     "schema": ["schema schemas"],
     "completion": ["completion bash"],
     "run": ["run nowhere"],

@@ -32,6 +32,8 @@ OFFERED = [
     ("why --engine p", {"process"}),
     ("why --engine=p", {"--engine=process"}),
     ("completion ", {"bash", "zsh", "fish"}),
+    ("graph ", {"services", "images"}),
+    ("graph images ", {":directories"}),
     ("diff ", {":directories"}),
     ("why --state-dir ", {":directories"}),
     ("release ", {"tour"}),

@@ -1,6 +1,6 @@
-"""What a Dockerfile uses, against cases written by hand (tests/cases/dockerfiles) and against made-up and broken ones.
+"""What a Dockerfile uses: cases written by hand (tests/cases/dockerfiles), and made-up and broken ones.
 
-Cases of `heredocs.yaml` and the like say what Docker does; a use is written as "FROM reference".
+The cases say what Docker does. A use is written as "FROM reference"; a case without stages has one without a name.
 """
 
 from __future__ import annotations
@@ -111,7 +111,24 @@ def test_variables_within_each_other_have_a_limit():
 
 PARTS = st.sampled_from(
     ["FROM ", "from", " AS x", "COPY --from=", "RUN --mount=", "type=bind,from=", "ARG ", "X=", "${X:-", "$X", "}", "x"]
-    + ["<<EOF", "EOF", "\n", "\r\n", "\\\n", "\\", "'", '"', "`", "# escape=`\n", " ", "\t", "0", "ONBUILD ", "lab/a:1"]
+    + [
+        "<<EOF",
+        "<<-",
+        "EOF",
+        "\n",
+        "\r\n",
+        "\\\n",
+        "\\",
+        "'",
+        '"',
+        "`",
+        "# escape=`\n",
+        " ",
+        "\t",
+        "0",
+        "ONBUILD ",
+        "lab/a:1",
+    ]
     + ["#", "\ufeff", "\x0b", "\u2028", "${X#", "${X//", "/", "*", "?", "--", "-", "=", ",", "scratch", "\0", "é"]
 )
 TEXTS = st.one_of(st.text(), st.lists(PARTS, max_size=40).map("".join))

@@ -31,7 +31,7 @@ DIRECT: dict[str, set[str]] = {
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
     "sim": set(),
     "daemon": set(),
-    "images": {"docker", "requests", "urllib3"},
+    "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),
     "engines": {"docker"},
     "host": {"psutil", "watchfiles"},

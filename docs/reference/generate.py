@@ -20,7 +20,7 @@ from rorg.cli.commands import ALIASES, command_of
 from rorg.cli.main import app
 from rorg.cli.signature import parameters
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
-from rorg.manifest.models import SPECS, Manifest
+from rorg.manifest.models import ENVELOPES, SPECS
 from rorg.manifest.schema import below
 
 HERE = Path(__file__).parent
@@ -73,7 +73,8 @@ def table(model: type[BaseModel]) -> str:
 
 def manifests() -> str:
     models = list(SPECS.values())
-    parts = sorted({m for kind in (Manifest, *models) for m in below(kind)} - {Manifest, *models}, key=title)
+    tops = [*ENVELOPES.values(), *models]
+    parts = sorted({m for top in tops for m in below(top)} - set(tops), key=title)
     text = NOTE + ABOUT_MANIFESTS
     for model in (*models, *parts):
         text += f"\n## {title(model)}\n\n{inspect.getdoc(model)}\n\n{table(model)}"

@@ -24,10 +24,13 @@ from rorg.api.permissions import Caller, allow_manage, manages
 from rorg.api.vetting import vet
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
+from rorg.model import image_names
 from rorg.model.units import NAME
 
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
-ManifestName = Annotated[str, Parameter(pattern=NAME)]
+ManifestName = Annotated[str, Parameter(pattern=f"{NAME}|{image_names.NAME}", max_length=image_names.LONGEST)]
+ONE = "/v1/manifests/{kind}/{name:path}"
+"""Names of Images may have a /."""
 
 
 def listed(root: Path) -> list[dict[str, Any]]:
@@ -83,7 +86,7 @@ class Manifests:
             path, content = self.all().get((kind, name), (None, None))
             self._same(content, body.base, f"change the {kind} '{name}'")
             if path is None:
-                path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{name}.yaml"
+                path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{image_names.stem(name)}.yaml"
                 if path.is_symlink() or path.exists():
                     raise Refused(
                         f"write the {kind} '{name}'",
@@ -164,7 +167,7 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
     app.state.manifests = manifests
     _add_reading(app, manifests, allowed)
 
-    @app.put("/v1/manifests/{kind}/{name}", dependencies=allowed, response_model=ManifestView)
+    @app.put(ONE, dependencies=allowed, response_model=ManifestView)
     def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
         """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
         repository. Refused when `base` is not the digest of what is there now."""
@@ -180,7 +183,7 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
             headers={GENERATION: str(generation)},
         )
 
-    @app.delete("/v1/manifests/{kind}/{name}", dependencies=allowed, status_code=204, response_class=Response)
+    @app.delete(ONE, dependencies=allowed, status_code=204, response_class=Response)
     async def delete_one(
         kind: Kind,
         name: ManifestName,
@@ -211,7 +214,7 @@ def _add_reading(app: FastAPI, manifests: Manifests, allowed: list[Any]) -> None
             ]
         )
 
-    @app.get("/v1/manifests/{kind}/{name}", dependencies=allowed, response_class=Response)
+    @app.get(ONE, dependencies=allowed, response_class=Response)
     def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
         """The text of a manifest. Its digest is the ETag."""
         manifests.allow(caller, kind, name)

@@ -113,12 +113,30 @@ class Graph(BaseModel):
     edges: list[Edge]
 
 
+class ImageEdge(BaseModel):
+    """That one image stands on another."""
+
+    from_: str = Field(alias="from")
+    to: str
+
+
+class ImageGraph(BaseModel):
+    """What the images of the tree stand on."""
+
+    images: list[str]
+    external: list[str] = Field(description="What they stand on and the tree does not declare.")
+    edges: list[ImageEdge]
+    services: dict[str, list[str]] = Field(description="By image, the services that are made from it, where any are.")
+
+
 class ImageView(BaseModel):
     """An image of the tree."""
 
     name: str
     context: str | None = Field(description="Absolute directory of the build; null where nothing is built.")
     dockerfile: str
+    bases: list[str] = Field(description="What it stands on: images of the tree, and external ones.")
+    services: list[str] = Field(description="Those that are made from it.")
 
 
 class Held(BaseModel):

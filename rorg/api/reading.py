@@ -13,7 +13,17 @@ from fastapi.responses import Response
 
 from rorg.api import views
 from rorg.api.callers import needs
-from rorg.api.models import Graph, GroupView, ImageView, ProcessView, RequestView, ServiceView, Usage, Why
+from rorg.api.models import (
+    Graph,
+    GroupView,
+    ImageGraph,
+    ImageView,
+    ProcessView,
+    RequestView,
+    ServiceView,
+    Usage,
+    Why,
+)
 from rorg.api.operations import Operations
 from rorg.api.status_models import PlanView, StatusView
 
@@ -50,6 +60,11 @@ def add_reading(app: FastAPI, operations: Operations, changed: Callable[[], asyn
     async def graph() -> Response:
         """Who needs and who requests whom."""
         return text(views.graph(operations.catalog, operations.decision.settled.requests))
+
+    @app.get("/v1/graph/images", dependencies=read, response_model=ImageGraph)
+    async def image_graph() -> Response:
+        """What images stand on."""
+        return text(views.image_graph(operations.catalog))
 
     @app.get("/v1/requests", dependencies=read, response_model=list[RequestView])
     async def requests() -> Response:

@@ -8,6 +8,7 @@ from typing import Any
 from rorg.api.current import Current, missing
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
+from rorg.model.graph import made_from, stands_on
 
 
 def requests(current: Current) -> list[dict[str, Any]]:
@@ -70,6 +71,29 @@ def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
     }
 
 
+def image_graph(catalog: Catalog) -> dict[str, Any]:
+    """What the images of the tree stand on, and which services are made from them."""
+    below, made = stands_on(catalog.images), made_from(catalog)
+    edges = sorted({(name, base) for name, bases in below.items() for base in bases})
+    external = {base for _, base in edges} - set(below)
+    return {
+        "images": sorted(below),
+        "external": sorted(external),
+        "edges": [{"from": name, "to": base} for name, base in edges],
+        "services": {name: made[name] for name in sorted({*below, *external} & set(made))},
+    }
+
+
 def images(catalog: Catalog) -> list[dict[str, Any]]:
     """The declared images; `context` is an absolute directory, or null where nothing is built."""
-    return [{"name": i.name, "context": i.context, "dockerfile": i.dockerfile} for i in catalog.images.values()]
+    below, made = stands_on(catalog.images), made_from(catalog)
+    return [
+        {
+            "name": i.name,
+            "context": i.context,
+            "dockerfile": i.dockerfile,
+            "bases": list(below[i.name]),
+            "services": made.get(i.name, []),
+        }
+        for i in catalog.images.values()
+    ]

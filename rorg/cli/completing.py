@@ -17,9 +17,13 @@ if TYPE_CHECKING:
 
 PATIENCE = 1.0
 """Seconds that a shell waits for names at the most."""
+BREAKS = ("=", ":")
+"""Signs that are words of their own to bash."""
 MOST = 1 << 16
 """Characters of a manifest that are glanced at."""
-NAME = re.compile(r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+)""", re.MULTILINE)
+NAME = re.compile(
+    r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
+)
 KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
 KINDS = {
     "service": (SERVICES, "service", "svc"),
@@ -44,30 +48,32 @@ class Given(NamedTuple):
 
 def answer(shell: str, words: Sequence[str]) -> str:
     """What may stand for the last of the words after `rorg`, in lines as the shell's script takes them."""
+    typed = words[-1] if words else ""
     words = _joined(words) if shell == "bash" else list(words) or [""]
     begun = words[-1]
+    cut = len(begun.removesuffix(typed if typed not in BREAKS else "")) if shell == "bash" else 0
     prefix, offered = "", {n: "" for n in COMMANDS} if not begun.startswith("-") else {"--help": "", "--version": ""}
     if len(words) > 1:
         if words[0] not in (*COMMANDS, *ALIASES):
             return ""
         prefix, offered = after(parameters(command_of(words[0])), words[1:])
     begun = begun[len(prefix) :]
-    if shell == "bash":
-        prefix = ""  # what is before the = is a word of its own there
-    found = {prefix + word: about for word, about in offered.items() if word.startswith((begun, ":"))}
+    found = {(prefix + word)[cut:]: about for word, about in offered.items() if word.startswith(begun)}
+    found |= {word: about for word, about in offered.items() if word in (FILES, DIRECTORIES)}
     return "\n".join(_line(shell, word, about) for word, about in found.items() if word.isprintable())
 
 
 def _joined(words: Sequence[str]) -> list[str]:
-    """Bash takes --output=json for three words."""
+    """Bash takes --output=json for three words, and base:1.2 too; the last of them is the one that it completes."""
     found: list[str] = []
     glue = False
     for word in words:
-        if found and (glue or (word == "=" and found[-1].startswith("--"))):
+        sign = bool(found) and (word == ":" or (word == "=" and found[-1].startswith("--")))
+        if sign or glue:
             found[-1] += word
         else:
             found.append(word)
-        glue = word == "=" and found[-1].startswith("--")
+        glue = sign
     return found or [""]
 
 

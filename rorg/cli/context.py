@@ -127,8 +127,9 @@ class Context:
         client = None if self.directory else self.client()
         if client:
             return list(client.call("GET", "/v1/images"))
-        found = self.catalog().images.values()
-        return [{"name": i.name, "context": i.context, "dockerfile": i.dockerfile} for i in found]
+        from rorg.api.views import images
+
+        return images(self.catalog())
 
     def manifests(self) -> list[Any]:
         """All manifests of the tree, as the API shows them."""

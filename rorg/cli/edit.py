@@ -31,18 +31,20 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.editing import manifests
     from rorg.cli.output import echo, missing, note
+    from rorg.model.image_names import stem
 
-    kind, slash, name = manifest.rpartition("/")
+    kind, _, name = manifest.partition("/") if "/" in manifest else ("service", "", manifest)
     tree = manifests(Context(state_dir, engine, Path(directory) if directory else None, local=True))
-    chosen = _kind(kind if slash else "service")
+    chosen = _kind(kind)
     if name not in tree.names(chosen):
         raise missing(chosen.lower(), name, tree.names(chosen))
     editor, before = _editor(), tree.text(chosen, name)
     folder = Path(tempfile.mkdtemp(prefix="rorg-edit-"))
+    path = folder / f"{stem(name)}.yaml"
     try:
-        written = _until_right(editor, folder / f"{name}.yaml", before, lambda text: tree.write(chosen, name, text))
+        written = _until_right(editor, path, before, lambda text: tree.write(chosen, name, text))
     except Exception:
-        note(f"nothing changed; your text is in {folder / name}.yaml")
+        note(f"nothing changed; your text is in {path}")
         raise
     shutil.rmtree(folder)
     echo(f"{chosen.lower()} {name} edited") if written else note("nothing changed")

@@ -131,7 +131,14 @@ def _groups(context: Context, names: Sequence[str]) -> Found:
 
 def _images(context: Context, names: Sequence[str]) -> Found:
     found = _named("image", names, context.images(), "name")
-    rows = [{"name": i["name"], "from": i["context"] or "import", "dockerfile": i["dockerfile"]} for i in found]
+    rows = [
+        {
+            **i,
+            "from": ", ".join(i["bases"]) or ("scratch" if i["context"] else "import"),
+            "services": len(i["services"]),
+        }
+        for i in found
+    ]
     return rows, found
 
 
@@ -182,10 +189,10 @@ ROWS = {
 COLUMNS = {
     "services": (("name", "state", "sync", "health", "restarts", "age", "why"), ("priority", "container")),
     "groups": (("name", "services"), ("description",)),
-    "images": (("name", "from"), ("dockerfile",)),
+    "images": (("name", "from"), ("services", "context", "dockerfile")),
     "profiles": (("name", "file"), ("digest",)),
     "policies": (("name", "file"), ("digest",)),
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),
 }
-BELOW = ("why", "message", "reason", "services", "description", "from", "file", "digest")
+BELOW = ("why", "message", "reason", "services", "description", "from", "context", "file", "digest")
 """Columns that go to lines of their own where a terminal is too narrow."""

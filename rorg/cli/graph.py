@@ -2,56 +2,79 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import FORMS, Directory, Option, StateDirectory
+from rorg.cli.drawing import FORMS as DRAWN
+from rorg.cli.options import FORMS, Argument, Directory, Option, StateDirectory
 from rorg.cli.output import check_form, echo, print_rows
 
 if TYPE_CHECKING:
-    from rorg.cli.context import Context
+    from collections.abc import Callable, Sequence
 
+    from rorg.cli.context import Context
+    from rorg.model.catalog import Catalog
+
+KINDS = ("services", "images")
 Graph = dict[str, Any]
-"""`services`, `always_on`, and `edges` with from, to and kind: needs or requests."""
-DRAWN = ("dot", "mermaid")
-"""What programs draw pictures of."""
+"""What the API answers: names, and `edges` with from and to."""
 
 
 def command(
+    what: Annotated[
+        str, Argument(help="services or images; or the directory, and then it is services.", completes=KINDS)
+    ] = "services",
     directory: Directory = None,
     form: Annotated[
         str,
         Option(
-            names=("-o", "--output"), help="table, wide, name, yaml, json, dot or mermaid.", completes=(*FORMS, *DRAWN)
+            names=("-o", "--output"),
+            help="table, wide, name, yaml, json, dot, mermaid or svg.",
+            completes=(*FORMS, *DRAWN),
         ),
     ] = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Show who needs and who requests whom.
+    """Show who needs and who requests whom, or what images stand on.
 
-    Example: rorg graph -o mermaid
+    Example: rorg graph images -o mermaid
     """
     from rorg.cli.context import Context
 
     check_form(form, (*FORMS, *DRAWN))
-    found = _graph(Context(state_dir, None, directory, local=True))
+    if what not in KINDS:
+        if directory or not Path(what).exists():
+            from rorg.cli.output import missing
+
+            raise missing("graph", what, KINDS)
+        what, directory = "services", Path(what)
+    show = _services if what == "services" else _images
+    show(Context(state_dir, None, directory, local=True), form)
+
+
+def _asked(context: Context, path: str, here: Callable[[Catalog], Graph]) -> Graph:
+    """That of the running rorg, unless it is about another directory."""
+    client = None if context.directory else context.client()
+    if client is None:
+        return here(context.catalog())
+    told: Graph = client.call("GET", path)
+    return told
+
+
+def _services(context: Context, form: str) -> None:
+    def here(catalog: Catalog) -> Graph:
+        from rorg.api.views import graph
+
+        return graph(catalog, () if context.remote else context.document().requests)
+
+    found = _asked(context, "/v1/graph", here)
     if form in DRAWN:
-        echo("\n".join((_dot if form == "dot" else _mermaid)(found)))
+        echo(_drawn_services(found, form))
     elif form == "wide":
         print_rows(found["edges"], form, ("from", "kind", "to"))
     else:
         names = [{"name": name} for name in found["services"]]
         print_rows(names, form, ("name",), full=found, text="\n".join(_text(found)))
-
-
-def _graph(context: Context) -> Graph:
-    """That of the running rorg, unless it is about another directory."""
-    client = None if context.directory else context.client()
-    if client:
-        told: Graph = client.call("GET", "/v1/graph")
-        return told
-    from rorg.api.views import graph
-
-    return graph(context.catalog(), () if context.remote else context.document().requests)
 
 
 def _text(graph: Graph) -> list[str]:
@@ -63,14 +86,75 @@ def _text(graph: Graph) -> list[str]:
     return lines
 
 
-def _dot(graph: Graph) -> list[str]:
-    nodes = [f'  "{n}"{" [style=bold]" if n in graph["always_on"] else ""};' for n in graph["services"]]
-    arrows = [
-        f'  "{e["from"]}" -> "{e["to"]}"{" [style=dashed]" if e["kind"] == "requests" else ""};' for e in graph["edges"]
-    ]
-    return ["digraph rorg {", "  rankdir=LR; node [shape=box];", *nodes, *arrows, "}"]
+def _drawn_services(graph: Graph, form: str) -> str:
+    """By needs alone they have levels: who requests whom can be a circle."""
+    from rorg.cli.drawing import Arrow, Drawing, draw
+
+    levels: Sequence[Sequence[str]] = [graph["services"]]
+    if form == "svg":
+        from rorg.images.graph import generations, hierarchy
+
+        needs = {n: [e["to"] for e in graph["edges"] if e["from"] == n and e["kind"] == "needs"] for n in levels[0]}
+        levels = generations(hierarchy(needs))
+    arrows = [Arrow(e["from"], e["to"], e["kind"] == "requests") for e in graph["edges"]]
+    return draw(Drawing(levels, arrows, bold=graph["always_on"]), form)
 
 
-def _mermaid(graph: Graph) -> list[str]:
-    arrow = {"needs": "-->", "requests": "-.->"}
-    return ["graph LR", *[f"  {e['from']} {arrow[e['kind']]} {e['to']}" for e in graph["edges"]]]
+def _images(context: Context, form: str) -> None:
+    from rorg.images.graph import descendants, generations, hierarchy, services_on
+
+    def here(catalog: Catalog) -> Graph:
+        from rorg.api.views import image_graph
+
+        return image_graph(catalog)
+
+    found = _asked(context, "/v1/graph/images", here)
+    below = {n: [e["to"] for e in found["edges"] if e["from"] == n] for n in found["images"]}
+    graph = hierarchy(below)
+    levels = generations(graph)
+    if form in DRAWN:
+        echo(_drawn_images(found, graph, levels, form))
+    elif form == "wide":
+        level = {name: at for at, names in enumerate(levels) for name in names}
+        rows = [
+            {
+                **edge,
+                "level": level[edge["from"]],
+                "descendants": len(descendants(graph, edge["from"])),
+                "services": len(services_on(graph, found["services"], edge["from"])),
+            }
+            for edge in found["edges"]
+        ]
+        print_rows(rows, form, ("from", "to", "level", "descendants", "services"))
+    else:
+        names = [{"name": name} for names in levels for name in names if name in below]
+        text = "\n".join(_tree(levels, below))
+        print_rows(names, form, ("name",), full={**found, "levels": levels}, text=text)
+
+
+def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[str]:
+    """Each image under one of the level before its own, by its depth in the tree; where it stands on others too, it
+    says so."""
+    level = {name: at for at, names in enumerate(levels) for name in names}
+    under: dict[str, list[str]] = {}
+    for name, bases in below.items():
+        parent = min((b for b in bases if level[b] == level[name] - 1), default="")
+        under.setdefault(parent, []).append(name)
+    lines: list[str] = []
+    pending = [(name, "") for name in reversed(levels[0] if levels else ())]
+    while pending:
+        name, parent = pending.pop()
+        others = [b for b in below.get(name, ()) if b != parent]
+        mark = " (external)" if name not in below else f" (also on {', '.join(others)})" if others else ""
+        lines.append("  " * level[name] + name + mark)
+        pending += [(child, name) for child in sorted(under.get(name, ()), reverse=True)]
+    return lines
+
+
+def _drawn_images(found: Graph, graph: Any, levels: Sequence[Sequence[str]], form: str) -> str:
+    """Without the arrows that a longer way says already."""
+    from rorg.cli.drawing import Arrow, Drawing, draw
+    from rorg.images.graph import reduced
+
+    arrows = sorted(Arrow(name, base) for base, name in reduced(graph).edges)
+    return draw(Drawing(levels, arrows, dashed=found["external"]), form)

@@ -1,15 +1,13 @@
-"""Manifests of kinds that need no rendering, as values of the catalog: policies, standing requests, images."""
+"""Manifests of kinds that need no rendering, as values of the catalog: policies and standing requests."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
 from rorg.manifest.documents import Source
-from rorg.manifest.files import real
-from rorg.model.catalog import Budget, Image, Policy, Request, Thresholds
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.catalog import Budget, Policy, Request, Thresholds
+from rorg.model.diagnostics import Diagnostic, nearest
 
 
 def policy_of(spec: Any) -> Policy:
@@ -60,28 +58,3 @@ def requests_of(
             )
         )
     return tuple(found), diagnostics
-
-
-def image_of(source: Source) -> Image:
-    """An Image, with its directories made absolute."""
-    spec: Any = source.spec
-    context = str(real(source.directory / spec.context)) if spec.context is not None else None
-    return Image(
-        source.name,
-        context,
-        spec.dockerfile,
-        dict(spec.args),
-        tuple(spec.import_) if spec.import_ else None,
-        str(real(source.directory)),
-        source.where("metadata", "name"),
-    )
-
-
-def image_problems(images: Mapping[str, Image], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Images without the Dockerfile that they name."""
-    diagnostics = []
-    for name, image in images.items():
-        if image.context and not os.path.isfile(os.path.join(image.context, image.dockerfile)):
-            where: Where = sources[name].where("spec", "context")
-            diagnostics.append(Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it"))
-    return diagnostics

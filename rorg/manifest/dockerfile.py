@@ -4,6 +4,9 @@ A reference is used by `FROM`, by `COPY --from` and by `RUN --mount=...,from=`. 
 and there only those of ARG lines before the first FROM (and the platform's): ARG and ENV within a stage do not matter
 here, and a variable in the other two places is refused by Docker and by `read`. What ONBUILD says is used by builds of
 other images, not by this one. ADD has no `--from`. A mistake that changes no reference is left to Docker to refuse.
+
+Where versions of Docker differ, the current BuildKit is followed: an ARG that is declared again without a value keeps
+the one it has (20.10 empties it), and COPY finds later stages too (Docker's first builder takes them for images).
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from bisect import bisect
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from rorg.manifest.dockerfile_lines import DockerfileError, Instruction, Script, Token, script
+from rorg.manifest.dockerfile_lines import WORD, DockerfileError, Instruction, Script, Token, script
 from rorg.manifest.dockerfile_words import BadWord, Lexer
 
 __all__ = ["Dockerfile", "DockerfileError", "Use", "read", "rewritten"]
@@ -24,7 +27,6 @@ CLASSIC_FLAGS = {"RUN": set[str](), "COPY": {"--from", "--chown"}, "ADD": {"--ch
 """What Docker's first builder knows; every other flag of these instructions needs BuildKit."""
 STAGE_NAME = re.compile(r"[a-z][a-z0-9\-_.]*")
 INDEX = re.compile(r"[+-]?[0-9]{1,18}")
-WORD_OF_FROM = re.compile(r"[^\t\v\f\r ]+")
 ARCHITECTURES = {"x86_64": "amd64", "x86-64": "amd64", "aarch64": "arm64", "i386": "386", "armhf": "arm"}
 
 
@@ -55,6 +57,8 @@ class Dockerfile:
     buildkit: bool
     """Docker's first builder cannot build it as it is meant: it has flags of BuildKit (RUN --mount, COPY --link),
     heredocs, a `# syntax=` line, platform arguments in FROM, or copies from a later stage."""
+    arguments: frozenset[str] = frozenset()
+    """Names of its ARG lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +135,14 @@ class _Reading:
                     self.buildkit |= source > at
             if stage.name:
                 seen[stage.name.lower()] = at
-        return Dockerfile(tuple(uses), tuple(stage.name for stage in self.stages[: last + 1]), self.buildkit)
+        stages = tuple(stage.name for stage in self.stages[: last + 1])
+        return Dockerfile(tuple(uses), stages, self.buildkit, frozenset(self._arguments()))
+
+    def _arguments(self) -> Iterator[str]:
+        for instruction in self.file.instructions:
+            if instruction.name == "ARG":
+                words = _quoted_words(instruction.arguments.text, self.file.escape)
+                yield from (word.partition("=")[0] for word in words)
 
     def _stages(self) -> list[_Stage]:
         found: list[_Stage] = []
@@ -210,7 +221,7 @@ class _Reading:
 
 
 def _stage(instruction: Instruction) -> _Stage:
-    matches = list(WORD_OF_FROM.finditer(instruction.arguments.text))
+    matches = [match for match in WORD.finditer(instruction.arguments.text) if match[0]]
     words = [instruction.arguments.part(*match.span()) for match in matches]
     if len(words) not in (1, 3) or (len(words) == 3 and words[1].text.lower() != "as"):
         raise DockerfileError("FROM requires either one or three arguments", instruction.line)

@@ -1,4 +1,8 @@
-"""Instructions of a Dockerfile: its lines put together as Docker does it, each character with its place in the file."""
+"""Instructions of a Dockerfile: its lines put together as Docker does it, each character with its place in the file.
+
+Docker's own parser tells lines only, and the library dockerfile-parse knows neither heredocs nor variables with
+defaults: to change one word and nothing else, we need the place of each.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +15,11 @@ from rorg.manifest.dockerfile_words import SPACES, BadWord, Lexer
 DIRECTIVES = {"escape", "syntax", "check"}
 WITH_HEREDOCS = {"RUN", "COPY", "ADD"}
 BOM = "\ufeff"
+WORD = re.compile(r"[^\t\v\f\r ]*")
+"""Fewer characters end the words of instructions and of FROM than those of shells."""
 MOST = 300
 """Characters of a message."""
-HEREDOC = re.compile(r"[0-9]*<<(-?)([^<]+)")
+HEREDOC = re.compile(r"[0-9]*<<(-?)([^<]*)")
 
 
 class DockerfileError(ValueError):
@@ -124,7 +130,7 @@ def _instructions(rest: Iterator[_Line], escape: str) -> Iterator[Instruction]:
         name, arguments = _first_word(whole)
         flags, arguments = _flags(arguments)
         inner = _first_word(arguments)[0] if name == "ONBUILD" else name
-        ends = _heredocs(whole.text) if inner in WITH_HEREDOCS else []
+        ends = _heredocs(whole.text) if inner in WITH_HEREDOCS and "<<" in whole.text else []
         for end, tabs in ends:
             if not any((after.text.text.lstrip("\t") if tabs else after.text.text) == end for after in rest):
                 raise DockerfileError(f"the heredoc {end} does not end", line.number)
@@ -149,7 +155,8 @@ def _continued(line: _Line, rest: Iterator[_Line], escape: str) -> Token:
 
 def _first_word(whole: Token) -> tuple[str, Token]:
     """In upper case, and what follows it."""
-    end = next((at for at, char in enumerate(whole.text) if char in SPACES), len(whole.text))
+    match = WORD.match(whole.text)
+    end = match.end() if match else 0
     return whole.text[:end].upper(), whole.part(end).stripped()
 
 
@@ -182,9 +189,9 @@ def _heredocs(text: str) -> list[tuple[str, bool]]:
     """The last lines of the heredocs that an instruction begins, in their order, and whether tabs before it are left
     out. "<<" counts only at the start of a word with a name at its end: not in quotes, not in "1<<2", not alone."""
     try:
-        words = Lexer(text, {}, raw=True).words()
+        words = Lexer(text, {}, raw=True, keep=True).words()
         matches = [match for word in words if (match := HEREDOC.fullmatch(word))]
-        names = [(Lexer(match[2], {}).words(), bool(match[1])) for match in matches]
+        names = [(Lexer(match[2], {}, keep=True).words(), bool(match[1])) for match in matches]
     except BadWord:
         return []
     return [(name[0], tabs) for name, tabs in names if len(name) == 1]

@@ -37,7 +37,9 @@ class Lexer:
     values: Mapping[str, str]
     escape: str = "\\"
     raw: bool = False
-    """Quotes and escapes stay, and so do variables without a value: only the borders of words are wanted."""
+    """Quotes and escapes stay."""
+    keep: bool = False
+    """Variables without a value stay."""
     used: set[str] = field(default_factory=set)
     """Names of the variables that were met."""
     _at: int = 0
@@ -124,7 +126,7 @@ class Lexer:
         self._next()
         if self._peek() != "{":
             name = self._name()
-            unset = f"${name}" if self.raw or not name else ""
+            unset = f"${name}" if self.keep or not name else ""
             return self._counted(self.values.get(name, unset))
         self._next()
         self._depth += 1
@@ -133,11 +135,11 @@ class Lexer:
         name = self._name()
         value = self._braced(name)
         self._depth -= 1
-        return self.text[start : self._at] if self.raw and name not in self.values else self._counted(value)
+        return self.text[start : self._at] if self.keep and name not in self.values else self._counted(value)
 
     def _counted(self, value: str) -> str:
         self._filled += len(value)
-        if self._filled > MOST and not self.raw:
+        if self._filled > MOST and not self.keep:
             raise BadWord(f"its variables have more than {MOST} characters")
         return value
 
@@ -162,7 +164,7 @@ class Lexer:
         if sign == "+":
             return "" if value is None else word
         if sign == "?":
-            if value is None and not self.raw:
+            if value is None and not self.keep:
                 raise BadWord(f"{name}: {word or 'it has no value'}")
             return value or ""
         return _trimmed(sign, word, value or "")

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.files import read_text
-from rorg.manifest.models import API_VERSION, FOLDERS, NOT_YET, SPECS, Manifest
+from rorg.manifest.models import API_VERSION, ENVELOPES, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.manifest.yaml_source import Path as Loc
@@ -126,9 +126,10 @@ def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | 
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
         return None, [*found, Diagnostic(document.where(()), message)]
     told = {d.where for d in found}  # what cannot be read at all is not also of the wrong kind
-    envelope, more = _validate(Manifest, document, document.value, ())
-    found += [d for d in more if d.where not in told]
     kind = document.value.get("kind")
+    form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
+    envelope, more = _validate(form, document, document.value, ())
+    found += [d for d in more if d.where not in told]
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:

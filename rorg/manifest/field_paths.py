@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.field_texts import FieldText, fields_of
-from rorg.manifest.models import FOLDERS, SPECS, Manifest, Metadata
+from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest, Metadata
 
 CONTAINER = "service.spec.container"
 
@@ -60,7 +60,7 @@ def _starts(words: list[str]) -> Iterator[tuple[Place, list[str]]]:
             yield _spec(kind), rest[1:]
         else:
             yield _spec(kind), rest
-            yield Place(kind.lower(), None, Manifest), rest
+            yield Place(kind.lower(), None, ENVELOPES[kind]), rest
         return
     if first == "container":
         yield Place(CONTAINER, fields_of(SPECS["Service"])["container"], ContainerOptions), rest

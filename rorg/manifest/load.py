@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.declarations import image_of, image_problems, policy_of, requests_of
+from rorg.manifest.declarations import policy_of, requests_of
 from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
+from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import check_programs
@@ -28,6 +29,7 @@ from rorg.model.catalog import (
     Service,
 )
 from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.image_names import stems
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
             "warning",
         )
         for s in sources
-        if s.name != s.path.stem
+        if s.path.stem not in stems(s.name)
     ]
 
 
@@ -187,11 +189,11 @@ def _catalog(
                     )
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
-    images = {name: image_of(source) for name, source in by_kind.get("Image", {}).items()}
+    images, of_images = images_of(by_kind.get("Image", {}))
     catalog = Catalog(services, groups, images, requests, policy_of(policy) if policy else Policy())
     if not diagnostics:
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
-    diagnostics += image_problems(images, by_kind.get("Image", {}))
+    diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
 

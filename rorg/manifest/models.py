@@ -7,14 +7,15 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from rorg.manifest.container import ContainerOptions
-from rorg.manifest.fields import field
+from rorg.manifest.fields import Written, field
 from rorg.manifest.option_forms import Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
-from rorg.manifest.scalars import Name
+from rorg.manifest.scalars import ImageName, Name
 from rorg.manifest.service import Needs, Priority, Restart, ServiceSpec
 
 API_VERSION = "rorg/v1"
+PLATFORM = r"^[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?$"
 
 
 class Metadata(Strict):
@@ -25,6 +26,14 @@ class Metadata(Strict):
     )
     description: str | None = field("For people: what it is for.", "Drives the robot to a place on the map.")
     labels: Pairs = field("Keys and values of your own, to find it by.", {"team": "navigation"}, dict)
+
+
+class ImageMetadata(Metadata):
+    """What an image is called: it is tagged with that."""
+
+    name: ImageName = field(
+        "A reference in small letters: any number of parts, and a tag that is not latest.", "lab/navigation:1.2", ...
+    )
 
 
 class GroupSpec(Strict):
@@ -41,6 +50,12 @@ class ImageSpec(Strict):
     context: str | None = field("Directory of the build, relative to this file.", "../../images/navigation")
     dockerfile: str = field("The Dockerfile, in the context.", "Dockerfile.arm64", "Dockerfile")
     args: Pairs = field("Arguments of the build.", {"ROS_DISTRO": "noetic"}, dict)
+    target: Annotated[str, Field(min_length=1)] | None = field(
+        "The stage of the Dockerfile that is built.", "runtime", unset="the last one"
+    )
+    platform: Annotated[str, Field(pattern=PLATFORM), Written("OS/ARCHITECTURE[/VARIANT]")] | None = field(
+        "What the image is built for.", "linux/arm64", unset="the engine's own"
+    )
     import_: Words | None = field(
         "A command that writes a root file system as a tar stream; run in this file's directory.",
         "python3 ../../images/base/rootfs.py",
@@ -51,6 +66,8 @@ class ImageSpec(Strict):
     def _one(self) -> ImageSpec:
         if (self.context is None) == (self.import_ is None):
             raise ValueError("exactly one of context, import must be given")
+        if self.context is None and (self.target or self.platform):
+            raise ValueError("target and platform say how a context is built, and nothing is built here")
         return self
 
 
@@ -96,6 +113,12 @@ class Manifest(Strict):
     spec: Any = field("What it declares, by its kind.", {"image": "fetch-navigation"}, ...)
 
 
+class ImageManifest(Manifest):
+    """The envelope of an Image."""
+
+    metadata: ImageMetadata = field("What it is called.", {"name": "lab/navigation:1.2"}, ...)
+
+
 SPECS: dict[str, type[Strict]] = {
     "Service": ServiceSpec,
     "Group": GroupSpec,
@@ -104,6 +127,7 @@ SPECS: dict[str, type[Strict]] = {
     "Policy": PolicySpec,
     "Request": RequestSpec,
 }
+ENVELOPES: dict[str, type[Manifest]] = {kind: Manifest for kind in SPECS} | {"Image": ImageManifest}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "Service": {
         "image": "fetch-navigation",

@@ -16,6 +16,7 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic
+from rorg.model.image_names import declared
 
 PROCESS, DOCKER = "process", "docker"
 
@@ -88,7 +89,7 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
             yield Diagnostic(where, f"no program {path}", "to create it", _severity(source, path))
         elif not os.access(path, os.X_OK):
             yield Diagnostic(where, f"{path} may not be executed", f"chmod +x {path}", "warning")
-    elif spec["image"] not in images and not shutil.which(words[0], path=_path(spec)):
+    elif not declared(spec["image"], images) and not shutil.which(words[0], path=_path(spec)):
         remedy = f"to install it, or ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, WithJsonSchema
 
 from rorg.manifest.fields import Written
+from rorg.model import image_names
 from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
 Duration = Annotated[
@@ -24,3 +25,16 @@ Memory = Annotated[
     Written("size"),
 ]
 Name = Annotated[str, StringConstraints(pattern=NAME, strict=True), Written("name")]
+
+
+def _image_name(value: str) -> str:
+    image_names.check_name(value)
+    return value
+
+
+ImageName = Annotated[
+    str,
+    AfterValidator(_image_name),
+    WithJsonSchema({"type": "string", "pattern": image_names.NAME, "maxLength": image_names.LONGEST}),
+    Written("image name"),
+]

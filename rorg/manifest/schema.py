@@ -14,16 +14,16 @@ from typing import Any
 from pydantic import BaseModel
 
 from rorg.manifest.field_texts import UNSET, FieldText, fields_of
-from rorg.manifest.models import API_VERSION, SPECS, Manifest
+from rorg.manifest.models import API_VERSION, ENVELOPES, SPECS
 
 
 def schema(kind: str) -> dict[str, Any]:
     """The schema of one kind, its envelope included."""
     spec = SPECS[kind].model_json_schema(by_alias=True)
-    envelope = Manifest.model_json_schema()
+    envelope = ENVELOPES[kind].model_json_schema()
     definitions = {**envelope.pop("$defs", {}), **spec.pop("$defs", {})}
-    models = {model.__name__: model for top in (Manifest, SPECS[kind]) for model in below(top)}
-    for name, found in ((Manifest.__name__, envelope), (SPECS[kind].__name__, spec), *definitions.items()):
+    models = {model.__name__: model for top in (ENVELOPES[kind], SPECS[kind]) for model in below(top)}
+    for name, found in ((ENVELOPES[kind].__name__, envelope), (SPECS[kind].__name__, spec), *definitions.items()):
         _tell(found, fields_of(models[name]))
     envelope["properties"]["apiVersion"] |= {"const": API_VERSION}
     envelope["properties"]["kind"] |= {"const": kind, "examples": [kind]}

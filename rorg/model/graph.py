@@ -1,5 +1,5 @@
 """Of any set of services: what they need, where needs go in a circle, what of them must not be active together, and
-what does not fit."""
+what does not fit. Of images: what each stands on, and what is made from it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 
-from rorg.model.catalog import Catalog, Service
+from rorg.model.catalog import Catalog, Image, Service
+from rorg.model.image_names import plain
 
 
 def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
@@ -75,3 +76,19 @@ def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
         for resource, users in sorted(used.items())
         if sum(users.values()) > there.get(resource, 1)
     ]
+
+
+def stands_on(images: Mapping[str, Image]) -> dict[str, tuple[str, ...]]:
+    """Of each image, the images that its Dockerfile uses: names of Images of the tree, and of all others, which are
+    external, the shortest references."""
+    return {name: tuple(dict.fromkeys(map(plain, image.bases))) for name, image in images.items()}
+
+
+def made_from(catalog: Catalog) -> dict[str, list[str]]:
+    """Of each image that services are made from, by its shortest reference: these services, sorted."""
+    found: dict[str, list[str]] = {}
+    for name in sorted(catalog.services):
+        spec = catalog.services[name].spec
+        if spec is not None:
+            found.setdefault(plain(spec["image"]), []).append(name)
+    return found

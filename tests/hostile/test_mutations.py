@@ -107,7 +107,7 @@ IMAGE = """\
 apiVersion: rorg/v1
 kind: Image
 metadata: {name: base}
-spec: {context: ./image, args: {A: b}}
+spec: {context: ./image, args: {A: b}, target: run, platform: linux/arm64}
 """
 
 
@@ -121,7 +121,7 @@ def a_tree(root):
     (root / "services" / "files").mkdir()
     (root / "services" / "navigation").mkdir()
     (root / "images" / "image").mkdir(parents=True)
-    (root / "images" / "image" / "Dockerfile").write_text("FROM scratch\n")
+    (root / "images" / "image" / "Dockerfile").write_text("ARG A\nFROM ${A} AS run\nFROM scratch\n")
     for folder, text in (("policies", POLICY), ("profiles", PROFILE), ("images", IMAGE)):
         (root / folder).mkdir(exist_ok=True)
         (root / folder / f"{text.split('name: ')[1].split('}')[0]}.yaml").write_text(text)

@@ -1,0 +1,122 @@
+"""Images of a tree: what each uses by its Dockerfile, and what is wrong with that."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.dockerfile import Dockerfile, DockerfileError, Use, read
+from rorg.manifest.documents import Source, unexpected
+from rorg.manifest.files import read_text, real
+from rorg.model.catalog import Image
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.graph import cycles, stands_on
+from rorg.model.image_names import plain
+
+ALIKE = 0.8
+"""From this likeness on (of difflib) a parent is taken for a misspelt name of an Image."""
+PREDEFINED = re.compile(
+    r"(?i:(https?|ftp|no|all)_proxy)|BUILDKIT_\w+|SOURCE_DATE_EPOCH|(TARGET|BUILD)(PLATFORM|OS|ARCH|VARIANT)|TARGETSTAGE"
+)
+"""Arguments that a build has without an ARG (Dockerfile reference, "Predefined ARGs")."""
+Used = Mapping[str, tuple[Use, ...]]
+"""By the name of an Image."""
+
+
+def images_of(sources: Mapping[str, Source]) -> tuple[dict[str, Image], list[Diagnostic]]:
+    """All Images with the references that their Dockerfiles use. Errors are a Dockerfile that is missing, cannot be
+    read or has not the stage that is the target, and Images that stand on each other; warnings are arguments that no
+    ARG takes, and parents that look like a misspelt Image."""
+    images: dict[str, Image] = {}
+    used: dict[str, tuple[Use, ...]] = {}
+    diagnostics: list[Diagnostic] = []
+    for name, source in sources.items():
+        image = _declared(source)
+        used[name], found = _uses(image, source) if image.context is not None else ((), [])
+        images[name] = replace(image, bases=tuple(dict.fromkeys(use.reference for use in used[name])))
+        diagnostics += found
+    return images, [*diagnostics, *_circles(images, used), *_misspelt(images, used)]
+
+
+def _declared(source: Source) -> Image:
+    """An Image by its manifest alone, with its directories made absolute."""
+    spec: Any = source.spec
+    return Image(
+        source.name,
+        str(real(source.directory / spec.context)) if spec.context is not None else None,
+        spec.dockerfile,
+        dict(spec.args),
+        tuple(spec.import_) if spec.import_ else None,
+        str(real(source.directory)),
+        source.where("metadata", "name"),
+        target=spec.target or "",
+        platform=spec.platform or "",
+    )
+
+
+def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], list[Diagnostic]]:
+    """What an Image's Dockerfile uses, with what is odd about it; or why that is not known."""
+    path = _path(image)
+    if not os.path.isfile(path):
+        where = source.where("spec", "context")
+        return (), [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "to create it")]
+    try:
+        text = read_text(path, Path(image.context or ""))
+        whole = read(text, image.args, platform=image.platform)
+        if image.target and image.target.lower() not in map(str.lower, whole.stages):
+            return (), [_no_stage(image, source, whole)]
+        used = read(text, image.args, image.target, image.platform).uses if image.target else whole.uses
+    except OSError as error:
+        return (), [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to mend it")]
+    except DockerfileError as error:
+        return (), [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "to mend it")]
+    except Exception as bug:
+        return (), [unexpected(Where(str(path)), bug)]
+    return used, list(_odd_arguments(image, source, whole))
+
+
+def _path(image: Image) -> Path:
+    """Of its Dockerfile."""
+    return Path(image.context or "") / image.dockerfile
+
+
+def _no_stage(image: Image, source: Source, file: Dockerfile) -> Diagnostic:
+    where = source.where("spec", "target")
+    remedy = nearest(image.target, {stage for stage in file.stages if stage}) or f"FROM ... AS {image.target}"
+    return Diagnostic(where, f"{image.dockerfile} has no stage '{image.target}'", remedy)
+
+
+def _odd_arguments(image: Image, source: Source, file: Dockerfile) -> Iterator[Diagnostic]:
+    """Arguments that change nothing: Docker only warns of them."""
+    for name in image.args:
+        if name not in file.arguments and not PREDEFINED.fullmatch(name):
+            where = source.where("spec", "args", name, key=True)
+            message = f"{image.dockerfile} has no ARG {name}, so this changes nothing"
+            yield Diagnostic(where, message, nearest(name, set(file.arguments)) or f"ARG {name} in it", "warning")
+
+
+def _circles(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
+    """An Image that stands on itself, through others or directly, can never be built."""
+    for cycle in cycles({name: [b for b in below if b in images] for name, below in stands_on(images).items()}):
+        name, base = cycle[:2]
+        line = next(use.line for use in used[name] if plain(use.reference) == base)
+        remedy = "to break the cycle" if name != base else "another name for the Image"
+        message = f"images stand on each other: {' -> '.join(cycle)}"
+        yield Diagnostic(Where(str(_path(images[name])), line), message, remedy)
+
+
+def _misspelt(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
+    """Of what names no registry and no tag, it is likelier that a letter is wrong than that it is on the hub."""
+    for name, uses in used.items():
+        for use in uses:
+            reference = plain(use.reference)
+            near = difflib.get_close_matches(reference, images, 1, ALIKE)
+            if near and reference not in images and not set(reference) & set("/:@"):
+                where = Where(str(_path(images[name])), use.line)
+                message = f"no Image is called '{reference}', so it is pulled"
+                yield Diagnostic(where, message, f"'{near[0]}'", "warning")
