@@ -65,7 +65,7 @@ def test_a_failure_stops_its_descendants_and_nothing_else(place, tmp_path):
     leaf = place.inspect(f"leaf:{TAG}")
     assert results["leaf"].id == leaf["Id"]
     assert sorted(leaf["RepoTags"]) == [f"leaf:{TAG}", "leaf:latest"]
-    expected = {"c": "d", "rorg.io/image": "leaf", "rorg.io/identity": "0123456789abcdef", "rorg.io/owner": "test"}
+    expected = {"c": "d", "rorg.io/image": "leaf", "rorg.io/identity": "0123456789abcdef", "rorg.io/built-by": "test"}
     assert leaf["Config"]["Labels"].items() >= expected.items()
     assert place.has("bad", "child", f"child:{TAG}", "leaf", f"docker.io/library/good:{TAG}", leaf["Id"]) == {
         "leaf",
