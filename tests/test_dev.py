@@ -304,7 +304,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["ghost"], 4, "no image rorg-no-such-image on this machine; try `rorg build rorg-no-such-image`"),
         (["all"], 2, "all is a group; try one of arm, laser"),
         (["duty"], 2, "duty is a meta-service"),
-        (["amr"], 2, "there is none of that name; try 'arm'"),
+        (["amr"], 2, "no such service or image; try 'arm'"),
         (["arm", "--name", "the-arm"], 2, "the container of a service is called the-arm; try --name NAME"),
         (["arm", "--name", "a/b"], 2, "'a/b' is no name of a container"),
         (["arm", "--workspace", "/nosuch"], 2, "cannot work in /nosuch: there is no such directory; try"),
