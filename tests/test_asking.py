@@ -109,7 +109,7 @@ def test_an_interrupt_says_what_becomes_of_the_request(robot, rollback):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert said == "request 'nav' " + ("is withdrawn\n" if rollback else "stays; `rorg release nav` takes it back\n")
+    assert said == "request 'nav' " + ("is withdrawn\n" if rollback else "stays; `rorg release nav` withdraws it\n")
     assert requests(robot) == ({} if rollback else {"nav": ["nav"]})
 
 
