@@ -51,7 +51,7 @@ def robot(tmp_path_factory):
     found.wait(lambda: found.active() >= {"navigation", "mapping"} and found.waits("planner"))
     client.hold("base", 3600, "maintenance")
     found.kill("navigation")
-    found.wait(lambda: found.loop.recorder.journal.last and any("unexpected end" in line for line in found.log()))
+    found.wait(lambda: found.loop.recorder.journal.last and any("unexpected exit" in line for line in found.log()))
     (found.tree / "services" / "broken.yaml").write_text("kind: Service\n")
     found.wait(lambda: client.status()["tree"]["errors"])
     yield found

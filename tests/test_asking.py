@@ -96,7 +96,7 @@ def test_a_rollback_withdraws_a_request_that_fails(robot):
 def test_a_rollback_brings_back_what_the_request_replaced(robot):
     rorg(robot, "request", "arm", "--id", "tour", "--reason", "a visitor", "--wait")
     said = rorg(robot, "request", "arm", "missing", "--id", "tour", "--wait", "--rollback", code=4).stderr
-    assert said.splitlines()[-1] == "request 'tour' is again as it was before"
+    assert said.splitlines()[-1] == "request 'tour' is as it was before"
     assert requests(robot) == {"tour": ["arm"]}
     assert robot.client().requests()[0]["reason"] == "a visitor"
 
@@ -109,7 +109,7 @@ def test_an_interrupt_says_what_becomes_of_the_request(robot, rollback):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert said == "request 'nav' " + ("is withdrawn\n" if rollback else "stays; `rorg release nav` takes it back\n")
+    assert said == "request 'nav' " + ("is withdrawn\n" if rollback else "stays; `rorg release nav` withdraws it\n")
     assert requests(robot) == ({} if rollback else {"nav": ["nav"]})
 
 

@@ -115,7 +115,7 @@ def test_the_same_is_said_with_a_running_rorg_and_without(robot, running):
         robot.stop()
     assert said(robot, "seeing", "-n", "1").splitlines()[-1] == "greeter | there"
     assert "keeps no times" in said(robot, "greeter", "--since", "10m", code=2)
-    assert "is no time" in said(robot, "greeter", "--since", "soon", code=2)
+    assert "is not a time" in said(robot, "greeter", "--since", "soon", code=2)
     assert "has no container" in said(robot, "stub", code=2)
     assert "no such service" in said(robot, "greter", code=2)
 

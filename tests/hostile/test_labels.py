@@ -105,7 +105,7 @@ def test_a_container_that_cannot_be_read_is_told_and_left_alone(tmp_path):
             lambda: all(any(c[:12] in line and "left alone" in line for line in robot.log()) for c in (stray, spoilt))
         )
         robot.kill("camera")
-        robot.wait(lambda: any("unexpected end" in line for line in robot.log()) and robot.active() == {"camera"})
+        robot.wait(lambda: any("unexpected exit" in line for line in robot.log()) and robot.active() == {"camera"})
         assert {c.id for c in robot.containers()} >= {stray, spoilt}
     finally:
         robot.close()

@@ -82,7 +82,7 @@ class Parser {
   }
   char next() {
     space();
-    if (at_ >= text_.size()) throw Error("unexpected end");
+    if (at_ >= text_.size()) throw Error("unexpected exit");
     return text_[at_];
   }
   void expect(char c) {
@@ -157,7 +157,7 @@ class Parser {
     ++at_;
   }
   unsigned code() {
-    if (at_ + 4 > text_.size()) throw Error("unexpected end");
+    if (at_ + 4 > text_.size()) throw Error("unexpected exit");
     const auto found = static_cast<unsigned>(std::strtoul(text_.substr(at_, 4).c_str(), nullptr, 16));
     at_ += 4;
     return found;
@@ -207,7 +207,7 @@ class Parser {
         default: found += c;
       }
     }
-    if (at_ >= text_.size()) throw Error("unexpected end");
+    if (at_ >= text_.size()) throw Error("unexpected exit");
     ++at_;
     return found;
   }
