@@ -5,6 +5,9 @@
 # run did not come to its end, RORG_TEST_FAILED, which would tell what failed, is taken away.
 pytest=$1 logs=$2
 mkdir -p "$logs"
+RORG_TEST_SHARED=$(mktemp -d)  # what one run has made, as a wheel, is there for the others
+export RORG_TEST_SHARED
+trap 'rm -rf "$RORG_TEST_SHARED"' EXIT
 "$pytest" -m "not docker" tests/hostile tests/test_properties.py >"$logs/hostile" 2>&1 &
 hostile=$!
 "$pytest" -m "not docker" tests/test_[a-d]*.py >"$logs/first" 2>&1 &
