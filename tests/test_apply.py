@@ -10,7 +10,8 @@ import pytest
 from robots import RealRobot, write_tree
 
 NOWHERE = {"image": "nowhere/none:1"}
-CRASHES = {"command": ["sh", "-c", "exit 3"]}
+CRASHES = {"command": ["sh", "-c", "exit 3"], "ready": {"delay": "10s"}}
+"""Without a probe it would be ready for as long as it runs."""
 
 
 @pytest.fixture
