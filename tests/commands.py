@@ -29,11 +29,14 @@ class Forked:
         stdin: IO | int = subprocess.DEVNULL,
         stdout: IO | None = None,
         stderr: IO | None = None,
+        program: str = "",
     ) -> None:
+        """`program`: a script that is run in place of `rorg`'s."""
         environment = dict(os.environ if env is None else env)
         for name in {n for n in {*environment, *os.environ} if n.startswith(AT_ITS_BEGIN)}:
             assert environment.get(name) == os.environ.get(name), f"{name} is read at the begin of Python"
         told = {"words": [str(w) for w in words], "folder": str(cwd or Path.cwd()), "environment": environment}
+        told["program"] = program
         self.returncode: int | None = None
         self._ended, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other, open(os.devnull) as nothing:

@@ -1,8 +1,9 @@
 """Begins `rorg` in processes of their own that need not import everything first: each is a fork of this one, which has.
 
-Its standard input is a socket. A message there is a JSON object of `words`, `folder` and `environment`, with four
-descriptors: who is told, and standard input, output and error of the process to be. Told is its id, and, when it has
-ended, its exit code as of `subprocess`. It goes on until nobody holds the other end."""
+Its standard input is a socket. A message there is a JSON object of `words`, `folder`, `environment` and `program`,
+which is empty or a script in place of `rorg`'s; with four descriptors: who is told, and standard input, output and
+error of the process to be. Told is its id, and, when it has ended, its exit code as of `subprocess`. It goes on until
+nobody holds the other end."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import contextlib
 import gc
 import json
 import os
+import runpy
 import signal
 import socket
 import sys
@@ -66,7 +68,7 @@ def become(told: dict, descriptors: list[int], asked: socket.socket) -> None:
     os.chdir(told["folder"])
     os.environ.clear()
     os.environ.update(told["environment"])
-    sys.argv = ["rorg", *told["words"]]
+    sys.argv = [told["program"] or "rorg", *told["words"]]
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -95,4 +97,4 @@ if __name__ == "__main__":
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     with socket.socket(fileno=os.dup(0)) as asked:
         if forks(asked):
-            ended(run)
+            ended(run if sys.argv[0] == "rorg" else lambda: runpy.run_path(sys.argv[0], run_name="__main__"))
