@@ -1,15 +1,19 @@
 #!/bin/sh
 # All tests: tests/all.sh PYTEST FOLDER. In four runs beside each other, since most tests wait most of the time: those
-# that need Docker, which share one engine; of the others those of hostile input and of properties, and the rest in two
-# halves by name. What is printed by all but the first is in FOLDER, and shown at the end. Ends as pytest does; where a
-# run did not come to its end, RORG_TEST_FAILED, which would tell what failed, is taken away.
+# that need Docker, which share one engine; of the others those of hostile input and of properties, and the rest in
+# three parts by name, the last beside these. What is printed by all but the first is in FOLDER, and shown at the end.
+# Ends as pytest does; where a run did not come to its end, RORG_TEST_FAILED, which would tell what failed, is taken
+# away.
 pytest=$1 logs=$2
 mkdir -p "$logs"
-"$pytest" -m "not docker" tests/hostile tests/test_properties.py >"$logs/hostile" 2>&1 &
+RORG_TEST_SHARED=$(mktemp -d)  # what one run has made, as a wheel, is there for the others
+export RORG_TEST_SHARED
+trap 'rm -rf "$RORG_TEST_SHARED"' EXIT
+"$pytest" -m "not docker" tests/hostile tests/test_properties.py tests/test_[s-z]*.py >"$logs/hostile" 2>&1 &
 hostile=$!
 "$pytest" -m "not docker" tests/test_[a-d]*.py >"$logs/first" 2>&1 &
 first=$!
-"$pytest" -m "not docker" tests/test_[!a-d]*.py --deselect tests/test_properties.py >"$logs/second" 2>&1 &
+"$pytest" -m "not docker" tests/test_[!a-ds-z]*.py --deselect tests/test_properties.py >"$logs/second" 2>&1 &
 second=$!
 trap 'kill -INT $hostile $first $second' INT TERM
 "$pytest" -m docker

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -202,16 +203,38 @@ def package(dockerd, ros_image, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def cpp_programs(tmp_path_factory) -> Path:
+def once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """What several need and nobody changes: `once(name, make)` is a folder that `make` has filled, in the first of the
+    runs of tests/all.sh that asks; others wait for it."""
+    root = Path(os.environ.get("RORG_TEST_SHARED") or tmp_path_factory.mktemp("shared"))
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        folder, complete = root / name, root / f"{name}.complete"
+        with (root / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not complete.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                make(folder)
+                complete.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def cpp_programs(once) -> Path:
     """The C++ client's programs, static, so that they run in any container."""
-    folder = tmp_path_factory.mktemp("cpp")
-    compile_all(
-        [
-            [ROOT / "clients/cpp/examples/tour.cpp", "-O1", "-static", *WARNINGS, "-o", folder / "tour"],
-            [ROOT / "clients/cpp/tests/calls.cpp", "-static", *WARNINGS, "-o", folder / "calls"],
-        ]
-    )
-    return folder
+
+    def make(folder: Path) -> None:
+        compile_all(
+            [
+                [ROOT / "clients/cpp/examples/tour.cpp", "-O1", "-static", *WARNINGS, "-o", folder / "tour"],
+                [ROOT / "clients/cpp/tests/calls.cpp", "-static", *WARNINGS, "-o", folder / "calls"],
+            ]
+        )
+
+    return once("cpp", make)
 
 
 @pytest.fixture(scope="session")

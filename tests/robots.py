@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import commands
 import psutil
 import witnesses
 import yaml
@@ -288,22 +287,10 @@ class Daemon:
 
     def start(self) -> None:
         self.starts += 1
-        log = (self.robot.state.path.parent / "run.log").open("ab")
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "rorg",
-                "run",
-                str(self.robot.tree),
-                "--state-dir",
-                str(self.robot.state.path),
-                "--engine",
-                self.robot.kind,
-            ],
-            stdout=log,
-            stderr=log,
-        )
+        robot = self.robot
+        words = ["run", robot.tree, "--state-dir", robot.state.path, "--engine", robot.kind]
+        with (robot.state.path.parent / "run.log").open("ab") as log:
+            self.process = commands.Forked(words, stdout=log, stderr=log)
 
     def kill(self) -> None:
         self.process.send_signal(signal.SIGKILL)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import commands
 import psutil
 import witnesses
 from robots import write_tree
@@ -21,7 +22,7 @@ class RorgProcess:
     def __init__(self, folder: Path, services: dict[str, dict], *options: str, **kinds: dict[str, dict]) -> None:
         self.folder, self.tree, self.options = folder, write_tree(folder / "tree", services, **kinds), options
         self.state = folder / "state"
-        self.process: subprocess.Popen | None = None
+        self.process: subprocess.Popen | commands.Forked | None = None
         self.closed = False
         witnesses.KNOWN.append(self)
 
@@ -31,24 +32,12 @@ class RorgProcess:
 
     def start(self, **more: Any) -> RorgProcess:
         """`more`: what its process begins with."""
+        words = ["run", str(self.tree), "--state-dir", str(self.state), "--engine", "process", *self.options]
         with (self.folder / "rorg.log").open("ab") as log:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "rorg",
-                    "run",
-                    str(self.tree),
-                    "--state-dir",
-                    str(self.state),
-                    "--engine",
-                    "process",
-                    *self.options,
-                ],
-                stderr=log,
-                stdout=log,
-                **more,
-            )
+            if more:
+                self.process = subprocess.Popen([sys.executable, "-m", "rorg", *words], stderr=log, stdout=log, **more)
+            else:
+                self.process = commands.Forked(words, stderr=log, stdout=log)
         return self
 
     def socket(self, service: str = "") -> str:

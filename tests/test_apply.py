@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import time
 
+import commands
 import pytest
 from robots import RealRobot, write_tree
 
 NOWHERE = {"image": "nowhere/none:1"}
-CRASHES = {"command": ["sh", "-c", "exit 3"]}
+CRASHES = {"command": ["sh", "-c", "exit 3"], "ready": {"delay": "10s"}}
+"""Without a probe it would be ready for as long as it runs."""
 
 
 @pytest.fixture
@@ -24,14 +24,8 @@ def robot(dockerd, tmp_path):
 def apply(robot: RealRobot, *args: str) -> tuple[int, str, float]:
     """(exit code, what it said, seconds)."""
     began = time.monotonic()
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", "apply", str(robot.tree), "--yes", *args],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"},
-    )
+    environment = {**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"}
+    done = commands.run(["apply", str(robot.tree), "--yes", *args], environment)
     return done.returncode, done.stderr, time.monotonic() - began
 
 

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 
+import commands
 import pytest
 import rorg_client
 import yaml
@@ -30,21 +31,10 @@ class Shell:
         self.daemon = None
 
     def __call__(self, *args: str, code: int = 0, **env: str) -> subprocess.CompletedProcess:
-        done = subprocess.run(
-            [sys.executable, "-m", "rorg", *args],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            env={**self.env, **env},
-            stdin=subprocess.DEVNULL,
-        )
-        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-        return done
+        return commands.rorg(*args, code=code, **{**self.env, **env})
 
     def run(self) -> None:
-        self.daemon = subprocess.Popen(
-            [sys.executable, "-m", "rorg", "run", str(self.tree)], env=self.env, stderr=subprocess.PIPE, text=True
-        )
+        self.daemon = commands.Forked(["run", self.tree], self.env)
         wait_for(lambda: "base" in self.active())
 
     def active(self) -> set[str]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
+import commands
 import pytest
 from robots import RealRobot, write_tree
 
@@ -114,33 +112,16 @@ def words_of(line: str) -> list[str]:
 
 
 class Commands:
-    """Command lines, each in a fork of one process, without a terminal."""
+    """Command lines without a terminal."""
 
     def __init__(self, folder: Path, state: Path) -> None:
         self.folder = folder
-        self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).parent / "command_server.py")],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={
-                **{k: v for k, v in os.environ.items() if k not in ("VISUAL", "EDITOR")},
-                "RORG_STATE_DIR": str(state),
-                "RORG_ENGINE": "process",
-            },
-        )
+        found = {k: v for k, v in os.environ.items() if k not in ("VISUAL", "EDITOR")}
+        self.environment = {**found, "RORG_STATE_DIR": str(state), "RORG_ENGINE": "process"}
 
     def __call__(self, words: list[str], **environment: str) -> tuple[int, str, str]:
-        told = {"words": words, "folder": str(self.folder), "environment": environment}
-        self.process.stdin.write(json.dumps(told) + "\n")
-        self.process.stdin.flush()
-        found = json.loads(self.process.stdout.readline())
-        return found["code"], found["out"], found["err"]
-
-    def close(self) -> None:
-        self.process.stdin.close()
-        self.process.stdout.close()
-        self.process.wait(10)
+        done = commands.run(words, {**self.environment, **environment}, self.folder)
+        return done.returncode, done.stdout, done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +136,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def alone(folder):
-    found = Commands(folder, folder / "state")
-    yield found
-    found.close()
+    return Commands(folder, folder / "state")
 
 
 @pytest.fixture(scope="module")
@@ -166,9 +145,7 @@ def served(folder, tmp_path_factory):
     robot.declare(SERVICES, groups=GROUPS)
     robot.wait(lambda: "base" in robot.active())
     robot.settle()
-    found = Commands(folder, robot.state.path)
-    yield found
-    found.close()
+    yield Commands(folder, robot.state.path)
     robot.close()
 
 

@@ -3,12 +3,11 @@ is lost, and TLS."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 from signal import SIGKILL, SIGTERM
 
+import commands
 import pytest
 from conftest import free_port
 from cpp_program import SANITIZERS, heard, program
@@ -67,25 +66,10 @@ def daemon(folder: Path, *words: str):
     """`rorg run` in a process of its own, as a function that begins it (again); ended with its services."""
     state, begun = folder / "state", []
 
-    def begin() -> subprocess.Popen:
+    def begin() -> commands.Forked:
         with (folder / "log").open("a") as log:
-            begun.append(
-                subprocess.Popen(
-                    [
-                        sys.executable,
-                        "-m",
-                        "rorg",
-                        "run",
-                        str(folder / "tree"),
-                        "--state-dir",
-                        str(state),
-                        "--engine",
-                        "process",
-                        *words,
-                    ],
-                    stderr=log,
-                )
-            )
+            run = ["run", folder / "tree", "--state-dir", state, "--engine", "process", *words]
+            begun.append(commands.Forked(run, stderr=log))
         return begun[-1]
 
     try:

@@ -9,8 +9,8 @@ from robots import Daemon, write_tree
 
 
 @pytest.fixture(scope="session")
-def programs(tmp_path_factory):
-    return commands(compile_cpp(tmp_path_factory.mktemp("cycle"), ROOT / "clients/cpp/include"))
+def programs(once):
+    return commands(once("cycle", lambda folder: compile_cpp(folder, ROOT / "clients/cpp/include")) / "cycle")
 
 
 @pytest.fixture

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import random
-import subprocess
-import sys
 import threading
 import time
 
+import commands
 from conftest import wait_for
 from robots import write_tree
 
@@ -63,11 +62,10 @@ def test_every_acknowledged_change_survives_kill_9(tmp_path):
     tree, state = write_tree(tmp_path / "tree", {"camera": {}}), StateDir(tmp_path / "state").prepare()
     socket = str(state.run / "rorg.sock")
 
-    def start() -> subprocess.Popen:
-        return subprocess.Popen(
-            [sys.executable, "-m", "rorg", "run", str(tree), "--state-dir", str(state.path), "--engine", "process"],
-            stderr=subprocess.DEVNULL,
-        )
+    words = ["run", tree, "--state-dir", state.path, "--engine", "process"]
+
+    def start() -> commands.Forked:
+        return commands.Forked(words)
 
     daemon, over = start(), threading.Event()
     dice, restarts = random.Random(3), 0

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
+import commands
 import pytest
 from robots import RealRobot
 
@@ -37,24 +37,15 @@ def edit(robot, name: str, change: str = "pass", code: int = 0, **environment: s
     """What was said. `change` is a statement about the `text` in the editor, and about its `path`."""
     script = robot.state.path.parent / "editor.py"
     script.write_text(f"{EDITOR}\n{change}\npath.write_text(text)")
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", "edit", name],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        cwd=robot.tree.parent,
-        env={
-            **os.environ,
-            "RORG_STATE_DIR": str(robot.state.path),
-            "RORG_ENGINE": "process",
-            "VISUAL": "",
-            "EDITOR": f"'{sys.executable}' '{script}'",
-            "TMPDIR": str(robot.state.path.parent),
-            **environment,
-        },
-    )
-    assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    environment = {
+        "RORG_STATE_DIR": str(robot.state.path),
+        "RORG_ENGINE": "process",
+        "VISUAL": "",
+        "EDITOR": f"'{sys.executable}' '{script}'",
+        "TMPDIR": str(robot.state.path.parent),
+        **environment,
+    }
+    done = commands.rorg("edit", name, code=code, cwd=robot.tree.parent, **environment)
     return done.stdout + done.stderr
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
+import commands
 import pytest
 import yaml
 from conftest import ROOT
@@ -53,14 +53,7 @@ NEAR = {
 
 def rorg(*words: str, at: Path, code: int = 0) -> subprocess.CompletedProcess:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("RORG_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", "explain", *words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        cwd=at,
-        env={**environment, "PYTHONPATH": str(ROOT), "RORG_STATE_DIR": str(at / "state")},
-    )
+    done = commands.run(["explain", *words], {**environment, "RORG_STATE_DIR": str(at / "state")}, at)
     assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
     return done
 
@@ -220,7 +213,8 @@ def test_what_holds_is_what_the_service_has():
     for name, service in load_or_raise(root).services.items():
         if service.meta:
             continue
-        for value in effective(root, name):
+        values = effective(root, name)
+        for value in values:
             words = value.field.split(".", 2)
             if words[0] != "container":
                 continue
@@ -230,7 +224,7 @@ def test_what_holds_is_what_the_service_has():
             said = f"profile {value.name}" if value.kind == "profile" else ""
             assert said in origins, f"{name}: {value.field} is said to come from {value.source}, not {origins}"
             assert said or any(part in origins for part in ("this manifest", "driver", "may_request")), value
-        assert {v.field.removeprefix("container.environment.") for v in effective(root, name)} >= set(
+        assert {v.field.removeprefix("container.environment.") for v in values} >= set(
             (service.spec or {}).get("environment", {})
         )
 

@@ -13,6 +13,7 @@ import termios
 import threading
 from datetime import datetime
 
+import commands
 import pytest
 import yaml
 from conftest import wait_for
@@ -52,14 +53,7 @@ REASONS = ("ended with exit code 3; again in", "no program 'no-such-program'", "
 
 
 def rorg(robot: RealRobot, *words: str, code: int = 0) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"},
-    )
-    assert done.returncode == code, done.stderr
+    done = commands.rorg(*words, code=code, RORG_STATE_DIR=str(robot.state.path), RORG_ENGINE="process")
     return done.stdout + done.stderr
 
 
@@ -135,15 +129,7 @@ def test_beside_a_running_rorg_nothing_else_is_read(robot, tmp_path):
     """As somebody of the group, who may use the socket and nothing else."""
     words = (["get"], ["get", "policies"], ["get", "good"], ["describe", "quits"], ["logs", "good", "quits", "-n", "1"])
     for line in words:
-        done = subprocess.run(
-            [sys.executable, "-m", "rorg", *line],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            env={**os.environ, "RORG_ADDRESS": robot.socket(), "HOME": str(tmp_path)},
-        )
-        assert done.returncode == 0, (line, done.stderr)
-        assert done.stdout
+        assert commands.rorg(*line, RORG_ADDRESS=robot.socket(), HOME=str(tmp_path)).stdout
 
 
 def test_a_robot_whose_loop_is_gone_says_so(tmp_path):

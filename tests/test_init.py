@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import commands
@@ -97,12 +96,7 @@ def test_it_runs_as_it_is(tmp_path, request, engine):
         environment["DOCKER_HOST"] = request.getfixturevalue("dockerd").host
         build_busybox(environment["DOCKER_HOST"], tmp_path / "image")
     rorg(tmp_path, "init", "robot", **environment)
-    run = subprocess.Popen(
-        [sys.executable, "-m", "rorg", "run", "robot", "--state-dir", "state"],
-        cwd=tmp_path,
-        env={**os.environ, **environment},
-        stderr=subprocess.DEVNULL,
-    )
+    run = commands.Forked(["run", "robot", "--state-dir", "state"], {**os.environ, **environment}, tmp_path)
     try:
         wait_for(lambda: (tmp_path / "state/run/rorg.sock").exists())
         rorg(tmp_path, "request", "navigation", "--wait", **environment)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import commands
 import pytest
 from conftest import wait_for
 from robots import RealRobot
@@ -145,22 +143,11 @@ class Commands:
     """Runs command lines on one state directory."""
 
     def __init__(self, state: Path) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).parent / "command_server.py")],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "RORG_STATE_DIR": str(state), "RORG_ENGINE": "process", "TERM": "dumb"},
-        )
+        self.environment = {**os.environ, "RORG_STATE_DIR": str(state), "RORG_ENGINE": "process", "TERM": "dumb"}
 
     def __call__(self, *words: str) -> dict:
-        self.process.stdin.write(json.dumps(words) + "\n")
-        self.process.stdin.flush()
-        return json.loads(self.process.stdout.readline())
-
-    def close(self) -> None:
-        self.process.stdin.close()
-        self.process.wait(10)
+        done = commands.run([*words], self.environment)
+        return {"code": done.returncode, "out": done.stdout, "err": done.stderr}
 
 
 class Twice:
@@ -199,7 +186,6 @@ class Twice:
         return {**told, "out": out, "err": said, "file": normal(self.robot.file.document, self.before)}
 
     def close(self) -> None:
-        self.commands.close()
         self.robot.close()
 
 

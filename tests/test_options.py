@@ -7,10 +7,10 @@ import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import commands
 import pytest
 
 from rorg.manifest.yaml_source import read_yaml
@@ -62,17 +62,7 @@ class Shell:
         (self.tree / f"services/{name}.yaml").write_text(f"{head}{TEXT}{text}}}\n", encoding="utf-8")
 
     def __call__(self, *args: str, code: int = 0, cwd: Path | None = None) -> subprocess.CompletedProcess:
-        done = subprocess.run(
-            [sys.executable, "-m", "rorg", *args],
-            capture_output=True,
-            text=True,
-            timeout=240,
-            env=self.env,
-            stdin=subprocess.DEVNULL,
-            cwd=cwd,
-        )
-        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-        return done
+        return commands.rorg(*args, code=code, cwd=cwd, timeout=240, **self.env)
 
 
 def test_enough_spellings():

@@ -4,10 +4,9 @@ that cannot begin."""
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
+import commands
 import pytest
 from conftest import wait_for
 from robots import write_tree
@@ -133,14 +132,7 @@ def test_what_cannot_begin_is_an_error_with_cause_and_remedy(engine, tmp_path, s
 
 def validate(tree: Path, *words: str, code: int = 0) -> list[dict]:
     """Findings, as JSON."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", "validate", str(tree), "-o", "json", *words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == code, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(commands.rorg("validate", str(tree), "-o", "json", *words, code=code).stdout)
 
 
 def test_validate_checks_for_an_engine_that_is_named(tree):

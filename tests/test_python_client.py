@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 
+import commands
 import pytest
 from conftest import ROOT, free_port, wait_for
 from rorg_client import AsyncClient, Client, Error, Forbidden, Loss, NotReady, Request, Unreachable
@@ -455,15 +456,7 @@ def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
             (["release", "cli"], 0, "released"),
             (["diff", str(robot.tree)], 5, "RORG_ADDRESS"),
         ):
-            done = subprocess.run(
-                [sys.executable, "-m", "rorg", *words],
-                capture_output=True,
-                text=True,
-                timeout=60,
-                cwd=robot.tree.parent,
-                env={**os.environ, "RORG_ADDRESS": address, **names},
-            )
-            assert done.returncode == code, (words, done.stdout, done.stderr)
+            done = commands.rorg(*words, code=code, cwd=robot.tree.parent, RORG_ADDRESS=address, **names)
             assert said in done.stdout + done.stderr, (words, done.stdout, done.stderr)
     finally:
         robot.close()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import commands
 import pytest
 from conftest import wait_for
 from robots import Daemon, write_tree
@@ -88,22 +89,9 @@ def test_requests_of_a_service_survive_a_restart_of_rorg(daemon):
 def test_two_rorgs_never_own_one_robot(daemon):
     daemon.start()
     wait_for(daemon.settled, 60)
-    other = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "rorg",
-            "run",
-            str(daemon.robot.tree),
-            "--state-dir",
-            str(daemon.robot.state.path),
-            "--engine",
-            daemon.robot.kind,
-        ],
-        capture_output=True,
-        text=True,
-    )
-    assert other.returncode == 5
+    robot = daemon.robot
+    words = ["run", str(robot.tree), "--state-dir", str(robot.state.path), "--engine", robot.kind]
+    other = commands.rorg(*words, code=5)
     assert f"pid {daemon.process.pid}" in other.stderr
 
 

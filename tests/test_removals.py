@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 
+import commands
 import pytest
 from robots import RealRobot, VirtualRobot, write_tree
 
@@ -13,14 +12,7 @@ TREE = {"core": {}, "panel": {"needs": ["core"]}, "guide": {}}
 
 
 def rorg(robot: RealRobot, *args: str) -> tuple[int, str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *args],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        env={**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"},
-    )
+    done = commands.run([*args], {**os.environ, "RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"})
     return done.returncode, done.stdout + done.stderr
 
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import commands
 import docker
 import pytest
 import yaml
@@ -402,21 +403,8 @@ class Rorg:
 
     def start(self) -> None:
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "rorg",
-                    "run",
-                    str(self.robot.tree),
-                    "--state-dir",
-                    str(self.robot.state.path),
-                    "--engine",
-                    "docker",
-                ],
-                stdout=log,
-                stderr=log,
-            )
+            words = ["run", self.robot.tree, "--state-dir", self.robot.state.path, "--engine", "docker"]
+            self.process = commands.Forked(words, stdout=log, stderr=log)
 
     def end(self, kill: bool = False) -> None:
         (self.process.kill if kill else self.process.terminate)()

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 
+import commands
 import pytest
 from conftest import wait_for
 from robots import RealRobot, write_tree
@@ -195,30 +196,10 @@ def test_a_port_that_is_taken_is_told_at_once(tmp_path):
         check=True,
     )
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "rorg",
-                "run",
-                root,
-                "--engine",
-                "process",
-                "--state-dir",
-                tmp_path / "state",
-                "--listen",
-                f"127.0.0.1:{taken.getsockname()[1]}",
-                "--tls-cert",
-                names["cert"],
-                "--tls-key",
-                names["key"],
-                "--tls-ca",
-                names["cert"],
-            ],
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        port = taken.getsockname()[1]
+        words = ["run", root, "--engine", "process", "--state-dir", tmp_path / "state", "--listen", f"127.0.0.1:{port}"]
+        files = ["--tls-cert", names["cert"], "--tls-key", names["key"], "--tls-ca", names["cert"]]
+        done = commands.run([*words, *files])
     assert done.returncode == 2
     assert "Address already in use" in done.stderr
 

@@ -16,6 +16,7 @@ import termios
 import threading
 from pathlib import Path
 
+import commands
 import psutil
 import pytest
 from conftest import wait_for
@@ -220,10 +221,7 @@ def test_sixty_columns_show_whole_names(robot):
 
 def test_piped_it_prints_once_with_numbers_as_json(robot):
     def top(*words: str) -> str:
-        env = {**os.environ, "RORG_STATE_DIR": str(robot.state.path)}
-        done = subprocess.run([sys.executable, "-m", "rorg", "top", *words], env=env, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        return commands.rorg("top", *words, RORG_STATE_DIR=str(robot.state.path)).stdout
 
     assert "2 alive" in top()
     assert set(top("-o", "name").split()) == {"arm", "base"}

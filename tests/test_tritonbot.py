@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 import shutil
-import subprocess
-import sys
 import time
 
+import commands
 import pytest
 import yaml
 from conftest import ROOT, free_port, wait_for
@@ -59,19 +57,8 @@ def triton(dockerd, images, tmp_path):
 
 
 def rorg(robot: RealRobot, *args: str, code: int = 0) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "rorg", *args],
-        capture_output=True,
-        text=True,
-        env={
-            **os.environ,
-            "RORG_STATE_DIR": str(robot.state.path),
-            "RORG_ENGINE": robot.kind,
-            "DOCKER_HOST": robot.host,
-        },
-    )
-    assert done.returncode == code, done.stdout + done.stderr
-    return done.stdout
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": robot.kind, "DOCKER_HOST": robot.host}
+    return commands.rorg(*args, code=code, **environment).stdout
 
 
 def ask(robot: RealRobot, action: dict) -> None:
@@ -138,22 +125,10 @@ def test_kill_9_at_20_random_moments_of_the_cycle(triton):
     chance = random.Random(41)
     log = (triton.state.path.parent / "run.log").open("ab")
 
-    def start() -> subprocess.Popen:
-        return subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "rorg",
-                "run",
-                str(triton.tree),
-                "--state-dir",
-                str(triton.state.path),
-                "--engine",
-                "docker",
-            ],
-            stdout=log,
-            stderr=log,
-        )
+    words = ["run", triton.tree, "--state-dir", triton.state.path, "--engine", "docker"]
+
+    def start() -> commands.Forked:
+        return commands.Forked(words, stdout=log, stderr=log)
 
     process = start()
     try:

@@ -27,6 +27,9 @@ from rorg.store.requests_document import RequestsDocument
 PROBE_AFTER = 0.1
 """Seconds after which a service with a probe answers it, unless ready_after says otherwise."""
 
+OFTEN = 0.05
+"""Seconds between passes while probes may tell something new."""
+
 
 class SimRobot:
     """Steps from event to event. `log` holds (time, text) of everything that happened."""
@@ -54,6 +57,8 @@ class SimRobot:
         self._seen: tuple[Container, ...] = ()
         self._asked: Mapping[tuple[str, str], Target] = {}
         """What the last pass wanted to be probed."""
+        self._told: Mapping[tuple[str, str], ProbeResult] = {}
+        """What probes told the last pass."""
         self.removals = True
         self.booted_at = ""
         self.life = 0
@@ -75,8 +80,9 @@ class SimRobot:
 
     def step(self) -> Decision:
         """One pass now."""
-        decision = decide(self.inputs())
-        self.decision, self._asked = decision, decision.to_probe
+        inputs = self.inputs()
+        decision = decide(inputs)
+        self.decision, self._asked, self._told = decision, decision.to_probe, inputs.results
         if decision.violations:
             raise AssertionError("; ".join(decision.violations))
         self.memory, self.cache = decision.memory, decision.cache
@@ -165,6 +171,19 @@ class SimRobot:
                 )
         return found
 
+    def _until_asked_again(self) -> float:
+        """Seconds until the next pass for the sake of probes: soon, unless all have told the last one what they tell
+        now, and only an event makes them tell something else: who is not ready yet gets ready by time alone."""
+        found = self._findings()
+        steady = all(
+            (answer := found.get(key)) is not None
+            and (answer.ok or key[1] != "ready")
+            and (told := self._told.get(key)) is not None
+            and (told.incarnation, told.ok) == (answer.incarnation, answer.ok)
+            for key in self._asked
+        )
+        return min(target.every for target in self._asked.values()) if steady else OFTEN
+
     def _load(self) -> Load | None:
         """Everything that runs uses what it declares, `extra` comes on top."""
         limits = self.desired.catalog.policy.pressure
@@ -196,7 +215,7 @@ class SimRobot:
                 return decision
             times = [self._events[0][0]] if self._events else []
             times += [decision.deadline] if decision.deadline is not None else []
-            times += [self.now + 0.05] if decision.to_probe else []
+            times += [self.now + self._until_asked_again()] if decision.to_probe else []
             limits = self.desired.catalog.policy.pressure
             times += [self.now + limits.step] if limits else []
             if not times or min(times) > end:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import commands
 import pytest
 from conftest import wait_for
 from rorg_process import RorgProcess
@@ -38,9 +38,9 @@ class Robot(RorgProcess):
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
     def start(self, killed_at: int = NEVER) -> Robot:
-        words = [KILLED, str(killed_at), "run", self.tree, "--state-dir", self.state, "--engine", "process"]
+        words = [str(killed_at), "run", self.tree, "--state-dir", self.state, "--engine", "process"]
         with (self.folder / "rorg.log").open("ab") as log:
-            self.process = subprocess.Popen([sys.executable, *words], stderr=log, stdout=log)
+            self.process = commands.Forked(words, stderr=log, stdout=log, program=KILLED)
         return self
 
     def halves(self) -> list[str]:

@@ -9,11 +9,11 @@ import json
 import os
 import random
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import commands
 import pytest
 from fuzzing import Case, fuzz
 from mutations import mutated_text, mutated_value
@@ -250,7 +250,7 @@ def test_what_lies_in_the_place_of_another_thing_is_told_with_its_path(left, tmp
     state.mkdir()
     path.touch() if name in ("run", "process") else path.mkdir()
     words = ["run", str(tree), "--state-dir", str(state), "--engine", "process"]
-    found = subprocess.run([sys.executable, "-m", "rorg", *words], capture_output=True, text=True, timeout=60)
+    found = commands.run(words)
     assert (found.returncode, str(path) in found.stderr) == (2, True), found.stderr
 
 
