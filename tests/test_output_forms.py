@@ -71,10 +71,12 @@ def test_events_in_all_forms(robot):  # noqa: F811
 
 
 def test_built_images_in_all_forms(robot):  # noqa: F811
-    told = json.loads(rorg(robot, "build", str(robot.tree), "-o", "json").stdout)
-    assert [sorted(found) for found in told] == [["image", "message", "outcome"]]
-    assert rorg(robot, "build", str(robot.tree), "-o", "name").stdout.split() == [told[0]["image"]]
-    assert rorg(robot, "build", str(robot.tree)).stdout == ""
+    line = ["build", "--manifests", str(robot.tree)]
+    told = json.loads(rorg(robot, *line, "-o", "json").stdout)
+    keys = ["id", "image", "log", "message", "outcome", "reference", "seconds", "step"]
+    assert [sorted(found) for found in told] == [keys]
+    assert rorg(robot, *line, "-o", "name").stdout.split() == [told[0]["image"]]
+    assert rorg(robot, *line).stdout == ""
 
 
 def test_mistakes_are_listed_in_all_forms(robot):  # noqa: F811

@@ -89,6 +89,7 @@ def _with_images(context: Context) -> Any:
     from rorg.engines import WITH_IMAGES
     from rorg.errors import Refused
 
+    context.here("look after images")
     if context.engine_name not in WITH_IMAGES:
         raise Refused(
             f"look after images on the engine '{context.engine_name}'",
