@@ -4,6 +4,7 @@ the services replaced whose images are other ones, and the images of before used
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import time
 from dataclasses import replace
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from commands import rorg
 from conftest import BASE_IMAGE
 from robots import RealRobot
 
@@ -186,3 +188,38 @@ def test_a_running_rorg_imports_nothing(docker_robot):
     robot.declare({"camera": {"image": "root", "command": RUNS, "always_on": True}})
     robot.wait(lambda: "rorg build" in robot.waits("camera"), 60)
     assert not marker.exists()
+
+
+def test_apply_builds_what_is_missing_before_it_stops_anything(robot):
+    robot.stop()
+    before = ids(robot)
+    where = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker"}
+    (robot.tree.parent / "software/camera/version.txt").write_text("applied\n")
+    shown = rorg("diff", str(robot.tree), code=1, **where).stdout
+    assert re.search("camera .*image.*camera:[0-9a-f]{12} -> camera:[0-9a-f]{12}", shown), shown
+    assert rorg("apply", str(robot.tree), "--yes", "--wait", **where).returncode == 0
+    after = ids(robot)
+    assert says(robot, "camera", "camera") == "applied"
+    assert {n for n in before if before[n] != after[n]} == {"camera"}
+    dockerfile = robot.tree.parent / "software/mid/Dockerfile"
+    dockerfile.write_text(dockerfile.read_text() + "COPY nothing-here /x\n")
+    told = rorg("apply", str(robot.tree), "--yes", "--wait", code=4, **where).stderr
+    assert "mid failed" in told
+    assert "COPY nothing-here /x" in told
+    assert ids(robot) == after
+
+
+def test_a_request_for_what_cannot_be_built_ends_at_once_and_says_why(dockerd, tmp_path):
+    robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
+    try:
+        context = write_image(robot, "never", BASE_IMAGE, "1")
+        (context / "Dockerfile").write_text(f"FROM {BASE_IMAGE}\nCOPY nothing-here /x\n")
+        robot.declare({"camera": {"image": "never", "command": RUNS}})
+        robot.wait(lambda: robot.socket() and Path(robot.socket()).exists(), 60)
+        where = {"RORG_SOCKET": robot.socket()}
+        told = rorg("request", "camera", "--wait", "--timeout", "100s", code=4, **where)
+        assert "cannot be built at" in told.stderr
+        assert "COPY nothing-here" in told.stderr
+        assert "cannot be built" in rorg("get", "camera", **where).stdout
+    finally:
+        robot.close()

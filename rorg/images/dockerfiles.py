@@ -6,8 +6,9 @@ from pathlib import Path
 
 from rorg.errors import EngineError
 from rorg.images.order import Order
-from rorg.manifest.dockerfile import DockerfileError, read, rewritten
+from rorg.manifest.dockerfile import DockerfileError, rewritten
 from rorg.manifest.files import read_bytes
+from rorg.manifest.images import machine, read_dockerfile
 from rorg.model.catalog import Image
 
 
@@ -18,10 +19,10 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
     # Whatever it is, it is turned back.
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
     try:
-        if not buildkit and read(text, image.args, image.target, image.platform).buildkit:
+        if not buildkit and read_dockerfile(text, image).buildkit:
             remedy = "installing the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
-        found = rewritten(text, image.args, order.replacements, image.target, image.platform)
+        found = rewritten(text, image.args, order.replacements, image.target, image.platform, machine())
     except DockerfileError as error:
         raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
     return found.encode(errors="surrogateescape")

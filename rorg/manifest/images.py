@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import difflib
 import os
+import platform
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,10 @@ PREDEFINED = re.compile(
     r"(?i:(https?|ftp|no|all)_proxy)|BUILDKIT_\w+|SOURCE_DATE_EPOCH|(TARGET|BUILD)(PLATFORM|OS|ARCH|VARIANT)|TARGETSTAGE"
 )
 """Arguments that a build has without an ARG (Dockerfile reference, "Predefined ARGs")."""
+MACHINES = {"x86_64": "linux/amd64", "aarch64": "linux/arm64", "armv7l": "linux/arm/v7", "riscv64": "linux/riscv64"}
+"""Platforms by the kernel's name of a machine; others are taken for the first one."""
+MOST = 256 << 10
+"""Bytes of a Dockerfile."""
 Used = Mapping[str, tuple[Use, ...]]
 """By the name of an Image."""
 
@@ -41,6 +47,21 @@ def images_of(sources: Mapping[str, Source]) -> tuple[dict[str, Image], list[Dia
         images[name] = replace(image, bases=tuple(dict.fromkeys(use.reference for use in used[name])))
         diagnostics += found
     return images, [*diagnostics, *_circles(images, used), *_misspelt(images, used)]
+
+
+def read_dockerfile(text: str, image: Image) -> Dockerfile:
+    """What a Dockerfile uses to build an Image on this machine. Raises DockerfileError."""
+    return _read(text, tuple(image.args.items()), image.target, image.platform)
+
+
+@lru_cache(maxsize=512)
+def _read(text: str, args: tuple[tuple[str, str], ...], target: str, wanted: str) -> Dockerfile:
+    return read(text, dict(args), target, wanted, machine())
+
+
+def machine() -> str:
+    """The platform that is built for where nothing is said."""
+    return MACHINES.get(platform.machine(), "linux/amd64")
 
 
 def _declared(source: Source) -> Image:
@@ -66,11 +87,11 @@ def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], list[Diagnosti
         where = source.where("spec", "context")
         return (), [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it")]
     try:
-        text = read_text(path, Path(image.context or ""))
-        whole = read(text, image.args, platform=image.platform)
+        text = read_text(path, Path(image.context or ""), MOST)
+        whole = read_dockerfile(text, replace(image, target=""))
         if image.target and image.target.lower() not in map(str.lower, whole.stages):
             return (), [_no_stage(image, source, whole)]
-        used = read(text, image.args, image.target, image.platform).uses if image.target else whole.uses
+        used = read_dockerfile(text, image).uses if image.target else whole.uses
     except OSError as error:
         return (), [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")]
     except DockerfileError as error:
