@@ -280,13 +280,10 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     found = {}
     for name in names:
         service = view["services"].get(name)
-        said = [w for w in view["plan"]["waitings"] if w["service"] == name]
-        without = [w["reason"] for w in said if w.get("code") == NO_IMAGE]
-        if without:
-            found[name] = "; ".join(without)
-        if without or service is None or not service["wanted"] or service["state"] == "meta":
+        if service is None or not service["wanted"] or service["state"] == "meta":
             continue
-        failed = [w["reason"] for w in said if w.get("code") == "failed"]
+        said = [w for w in view["plan"]["waitings"] if w["service"] == name]
+        failed = [w["reason"] for w in said if w.get("code") in ("failed", NO_IMAGE)]
         stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")
