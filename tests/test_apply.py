@@ -43,7 +43,7 @@ def test_what_an_idle_service_lacks_holds_nothing_up(robot, through, wait):
 @pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])
 @pytest.mark.parametrize("broken", [NOWHERE, CRASHES], ids=["image", "exit"])
 def test_a_wanted_service_that_cannot_succeed_is_told_at_once(robot, through, broken):
-    why = "o such image" if broken is NOWHERE else "exit code 3"
+    why = "cannot be pulled" if broken is NOWHERE else "exit code 3"
     write_tree(robot.tree, {"base": {"always_on": True}, "arm": {"always_on": True, **broken}})
     if through:
         robot.start()
@@ -60,10 +60,10 @@ def test_without_wait_failing_wanted_services_are_no_success(robot, through):
     write_tree(robot.tree, {"base": {"always_on": True}, "arm": {"always_on": True, **NOWHERE}})
     if through:
         robot.start()
-        robot.wait(lambda: "o such image" in robot.waits("arm"))
+        robot.wait(lambda: "cannot be pulled" in robot.waits("arm"))
     code, said, seconds = apply(robot)
     assert code == 4, said
-    assert "o such image" in said, said
+    assert "cannot be pulled" in said, said
     assert seconds < 20
 
 
@@ -74,7 +74,7 @@ def test_a_replacement_that_cannot_be_made_is_told_and_leaves_what_runs(robot):
     write_tree(robot.tree, {"arm": {"always_on": True, **NOWHERE}})
     code, said, _ = apply(robot, "--wait")
     assert code == 4, said
-    assert "o such image" in said, said
+    assert "cannot be pulled" in said, said
     after = robot.engine.api().inspect_container("arm")
     assert (after["Id"], after["State"]["StartedAt"]) == (before["Id"], before["State"]["StartedAt"])
 

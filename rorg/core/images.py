@@ -16,7 +16,7 @@ def held_back(view: View, service: Service, changed: Collection[str], runs: bool
     image = str((service.spec or {}).get("image", ""))
     missing = view.s.images.get(image)
     if missing:
-        return Waiting(service.name, f"image {image}: {missing.reason}", code=NO_IMAGE if missing.failed else IMAGE)
+        return Waiting(service.name, f"image {image} {missing.reason}", code=NO_IMAGE if missing.failed else IMAGE)
     s, later = view.s, view.desired.catalog.policy.images.update == "when_ceased"
     if later and runs and set(changed) == {"image"} and service.name in s.wanted and service.name not in s.restarts:
         return Waiting(service.name, f"image {image} comes into use when it is next ceased", code="deferred")

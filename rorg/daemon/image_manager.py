@@ -146,14 +146,15 @@ class ImageManager:
             if reference not in self._missing:
                 return
             rest = {r: m for r, m in self._missing.items() if r != reference}
-            self._missing = rest if had else {**rest, reference: Missing(why(result), failed=True)}
+            reason = "" if had else why(result, self._content.named(reference) == reference)
+            self._missing = rest if had else {**rest, reference: Missing(reason, failed=True)}
         if result.outcome == "present":
             self.wake()
             return
         kind = "image-ready" if had else "image-failed"
         self.recorder.event(
             kind,
-            f"image {reference}: " + (f"{result.outcome} in {result.seconds:.1f} s" if had else why(result)),
+            f"image {reference} " + (reason or f"{result.outcome} in {result.seconds:.1f} s"),
             image=reference,
             outcome=result.outcome,
             seconds=round(result.seconds, 3),
@@ -183,12 +184,13 @@ def _reason(reference: str, catalog: Catalog, content: Content) -> Missing:
     return Missing("is being built")
 
 
-def why(result: Result) -> str:
+def why(result: Result, external: bool) -> str:
     """Why an image was not had, in words."""
-    if result.outcome == "failed":
-        verb = "cannot be had" if result.step == "" else f"cannot be built at {result.step}"
-        return f"{verb}: {result.message}"
-    return f"is not built: {result.message}"
+    if result.outcome == "skipped":
+        return f"is not built: {result.message}"
+    if external:
+        return f"is not on this machine, and cannot be pulled: {result.message}"
+    return f"cannot be built{' at ' + result.step if result.step else ''}: {result.message}"
 
 
 def used(desired: Desired) -> set[str]:
