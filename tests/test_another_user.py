@@ -49,7 +49,7 @@ LINES = {
     "completion": ["completion bash"],
     "run": ["run nowhere"],
     "build": ["build --manifests robot --engine process"],
-    "image": ["image list --manifests robot --engine process"],
+    "image": ["image list"],
     "demo": ["demo --help"],
     "explain": ["explain service.spec.idle"],
     "edit": ["edit base"],
@@ -70,7 +70,7 @@ CODES = {
     "cp base:/etc/hostname .": {5},
     "dev base": {5},
     "dev": {5},
-    "image list --manifests robot --engine process": {5},
+    "image list": {5},
 }
 """Exit codes other than 0: what goes to the engine is refused with the reason, and an editor wants a terminal."""
 

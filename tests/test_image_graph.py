@@ -172,7 +172,7 @@ def test_services_have_a_picture_too(robot):
 
 def test_a_graph_that_there_is_not(tmp_path):
     said = commands.rorg("graph", "imags", code=2, cwd=tmp_path, RORG_STATE_DIR=str(tmp_path)).stderr
-    assert said == "rorg: cannot find the graph 'imags': there is none of that name; try 'images'\n"
+    assert said == "rorg: cannot find the graph 'imags': no such graph; try 'images'\n"
 
 
 @pytest.mark.parametrize("form", ["table", "wide", "name", "yaml", "json", "dot", "mermaid", "svg"])
@@ -227,19 +227,18 @@ def test_such_an_image_is_edited(robot, tmp_path):
 @pytest.mark.parametrize(
     ("shell", "words", "offered"),
     [
-        ("fish", ["--image", "lab/nav"], [NAVIGATION]),
-        ("bash", ["--image", "lab/nav"], [NAVIGATION]),
-        ("bash", ["--image", "lab/navigation", ":"], ["1.2"]),
-        ("bash", ["--image", "lab/navigation", ":", "1"], ["1.2"]),
-        ("bash", ["--image", "=", "lab/navigation", ":", "1"], ["1.2"]),
-        ("bash", ["--image", "=", "f"], ["fetch"]),
-        ("zsh", ["--image", "lab/navigation:1"], [NAVIGATION.replace(":", "\\:")]),
+        ("fish", ["build", "lab/nav"], [NAVIGATION]),
+        ("bash", ["build", "lab/nav"], [NAVIGATION]),
+        ("bash", ["build", "lab/navigation", ":"], ["1.2"]),
+        ("bash", ["build", "lab/navigation", ":", "1"], ["1.2"]),
+        ("bash", ["build", "--engine", "=", "pro"], ["process"]),
+        ("zsh", ["build", "lab/navigation:1"], [NAVIGATION.replace(":", "\\:")]),
     ],
 )
 def test_a_shell_completes_such_names(robot, shell, words, offered):
     """Bash takes the signs = and : for words, and completes what stands behind the last of them."""
     state = {"RORG_STATE_DIR": str(robot.state.path), "_RORG_COMPLETE": shell}
-    assert commands.rorg("build", *words, **state).stdout.splitlines() == offered
+    assert commands.rorg(*words, **state).stdout.splitlines() == offered
 
 
 def test_a_glance_sees_such_names(robot):

@@ -99,7 +99,7 @@ def test_containers_have_nothing_of_it(tree):
     """Their digests, too, are what they were: a robot's containers are not made anew."""
     loaded = load(tree, engine="docker")
     assert [(d.severity, d.message.partition(":")[0]) for d in loaded.diagnostics] == [
-        ("warning", "the docker engine has ignores inherit_environment")
+        ("warning", "the docker engine ignores inherit_environment")
     ]
     spec = loaded.catalog.services["arm"].spec
     assert not {"working_dir", "inherit_environment"} & set(spec)

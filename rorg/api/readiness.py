@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from rorg.core.decide import Decision
-from rorg.core.plan import NO_IMAGE
 from rorg.core.schedule import told_since
 from rorg.core.status import Status
+from rorg.model.codes import NO_IMAGE
 from rorg.model.graph import closure
 
 

@@ -123,8 +123,8 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
 def _unfinished(view: dict[str, Any], wait: bool) -> str:
     """Why the running rorg is not done; empty when it is. Raises NotReady where waiting helps nothing."""
     from rorg.cli.context import condition, hopeless, unready
-    from rorg.core.plan import IMAGE
     from rorg.errors import NotReady
+    from rorg.model.codes import IMAGE
 
     images = any(w.get("code") == IMAGE for w in view["plan"]["waitings"])
     busy = images or view["plan"]["actions"] or view["in_flight"]

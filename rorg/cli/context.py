@@ -275,7 +275,7 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
 def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
     failed, or it ended and is not begun again."""
-    from rorg.core.plan import NO_IMAGE
+    from rorg.model.codes import NO_IMAGE
 
     found = {}
     for name in names:

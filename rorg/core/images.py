@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from rorg.core.plan import IMAGE, NO_IMAGE, Waiting
+from rorg.core.plan import Waiting
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.codes import IMAGE, NO_IMAGE
 
 
 def held_back(view: View, service: Service, changed: Collection[str], runs: bool) -> Waiting | None:

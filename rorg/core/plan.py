@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rorg.model.codes import IMAGE
+
 SYMBOLS = {
     "create": "+",
     "update": "~",
@@ -21,10 +23,6 @@ SYMBOLS = {
     "remove": "-",
     "wait": ".",
 }
-
-
-IMAGE, NO_IMAGE = "image", "no-image"
-"""Codes of waitings: an image is being built or pulled, or cannot be had."""
 
 
 @dataclass(frozen=True, slots=True)
