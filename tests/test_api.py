@@ -182,7 +182,8 @@ def routes(robot) -> list[tuple[str, str, str]]:
             continue
         marks = [d.call.operation for d in route.dependant.dependencies if hasattr(d.call, "operation")]
         assert len(marks) == 1, f"{route.path} is in no row of the table of permissions"
-        found += [(method, route.path, marks[0]) for method in sorted(route.methods - {"HEAD"})]
+        path = route.path.replace(":path}", "}")
+        found += [(method, path, marks[0]) for method in sorted(route.methods - {"HEAD"})]
     return found
 
 
