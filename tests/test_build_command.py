@@ -25,7 +25,11 @@ def tree(tmp_path):
     """A robot of two images that can be built and one that cannot."""
     write_tree(tmp_path / "tree", {"camera": {}})
     (tmp_path / "tree/images").mkdir()
-    for name, text in {"bad": "FROM scratch\nCOPY nothing /x", "one": "LABEL a=b", "two": "LABEL c=d"}.items():
+    for name, text in {
+        "bad": "FROM scratch\nCOPY nothing /x",
+        "one": f"LABEL a={tmp_path}",
+        "two": f"LABEL c={tmp_path}",
+    }.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / "Dockerfile").write_text(text if "FROM" in text else f"FROM {BASE_IMAGE}\n{text}\n")
         manifest = {"apiVersion": "rorg/v1", "kind": "Image", "metadata": {"name": name}}

@@ -87,5 +87,8 @@ def test_demo_without_git(tmp_path):
     process = demo(tmp_path, "--engine", "process", PATH="/nowhere")
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 2, output
-    assert output.splitlines()[-1] == "rorg: cannot run the demo: git is not installed here; try installing git, or adding it to PATH"
+    assert (
+        output.splitlines()[-1]
+        == "rorg: cannot run the demo: git is not installed here; try installing git, or adding it to PATH"
+    )
     assert left_behind(tmp_path) == []

@@ -73,9 +73,7 @@ def workspace(tmp_path) -> Path:
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory):
-    found = Commands(tmp_path_factory.mktemp("commands"), Path("/nonexistent"))
-    yield found
-    found.close()
+    return Commands(tmp_path_factory.mktemp("commands"), Path("/nonexistent"))
 
 
 @pytest.fixture(scope="module")
@@ -313,7 +311,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["arm", "--stop", "--fresh"], 2, "cannot do all of that at once"),
         (["arm", "--", ""], 2, "it has no name; try `rorg dev arm -- COMMAND`"),
         (["--fresh"], 2, "no service or image is named; try `rorg dev NAME`"),
-        (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or to drop gpus"),
+        (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or dropping gpus"),
         (["arm", "--engine", "process"], 2, "the process engine has none; try --engine docker"),
     ]:
         said = rorg(robot, workspace, "dev", *words, code=code, DISPLAY="").stderr

@@ -71,8 +71,9 @@ def ours(
 def _reasons(
     tags: Collection[str], row: Mapping[str, Any], in_force: Collection[str], revisions: Sequence[Collection[str]]
 ) -> tuple[str, ...]:
-    said = ["in force"] if any(r in tags for r in in_force) else []
+    said = ["in force"] * any(r in tags for r in in_force)
     used = [n for n, revision in enumerate(revisions) if any(r in tags for r in revision)]
-    said += [f"{counted(used[0], 'revision')} back"] if used and used[0] else []
+    if used and not said:
+        said = [f"{counted(used[0], 'revision')} back" if used[0] else "the last revision"]
     containers = row.get("Containers") or 0
     return (*said, counted(containers, "container")) if containers > 0 else tuple(said)

@@ -177,6 +177,6 @@ def test_an_engine_that_hangs_keeps_nobody_from_ending(docker_robot, dockerd):
         assert time.monotonic() - began < 5
     finally:
         dockerd.process.send_signal(signal.SIGCONT)
-    assert "had not ended" in (docker_robot.state.path.parent / "run.log").read_text()
+    assert "unfinished call" in (docker_robot.state.path.parent / "run.log").read_text()
     daemon.start()
     wait_for(lambda: "late" in docker_robot.active(), 60)
