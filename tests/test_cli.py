@@ -273,7 +273,7 @@ def test_what_is_not_there_is_told_by_name(shell):
         assert "nope" in shell("get", kind, "nope", code=2).stderr
     assert "an id begins with" in shell("request", "roscore", "--id", "a b/c", code=2).stderr
     assert "lease of 0 s" in shell("request", "roscore", "--ttl", "0s", code=2).stderr
-    assert "nothing active requests it" in shell("restart", "navigation", code=5).stderr
+    assert "it is not wanted" in shell("restart", "navigation", code=5).stderr
     assert "meta-service" in shell("restart", "developer", code=2).stderr
 
 

@@ -46,7 +46,7 @@ LOADED: dict[str, set[str]] = {
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
-    "images": {*DIRECT["images"], "pydantic", "psutil"},
+    "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""

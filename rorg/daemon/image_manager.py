@@ -11,6 +11,7 @@ from rorg.core.missing import Missing
 from rorg.daemon.recorder import Recorder
 from rorg.engines.protocol import Images
 from rorg.errors import RorgError, Unreachable
+from rorg.images.build import STOPPED
 from rorg.images.order import Order, Result
 from rorg.images.references import Content
 from rorg.images.supply import Supplier
@@ -140,18 +141,21 @@ class ImageManager:
     def ended(self, result: Result) -> None:
         """Of an image that was wanted, or that such a one stands on."""
         had, reference = result.good, result.reference
+        if result.message == STOPPED:  # it is wanted no more, or rorg ends
+            return
         with self._changed:
+            reason = "" if had else why(result, self._content.named(reference) == reference)
             if had:
                 self._there.add(reference)
-            if reference not in self._missing:
-                return
-            rest = {r: m for r, m in self._missing.items() if r != reference}
-            reason = "" if had else why(result, self._content.named(reference) == reference)
-            self._missing = rest if had else {**rest, reference: Missing(reason, failed=True)}
-        if result.outcome == "present":
-            self.wake()
-            return
-        kind = "image-ready" if had else "image-failed"
+            if reference in self._missing:
+                rest = {r: m for r, m in self._missing.items() if r != reference}
+                self._missing = rest if had else {**rest, reference: Missing(reason, failed=True)}
+        if result.outcome != "present":
+            self._tell(result, reason)
+        self.wake()
+
+    def _tell(self, result: Result, reason: str) -> None:
+        kind, reference = "image-ready" if result.good else "image-failed", result.reference
         self.recorder.event(
             kind,
             f"image {reference} " + (reason or f"{result.outcome} in {result.seconds:.1f} s"),
@@ -159,7 +163,6 @@ class ImageManager:
             outcome=result.outcome,
             seconds=round(result.seconds, 3),
         )
-        self.wake()
 
     def _over(self, failed: bool) -> None:
         self._failures = self._failures + 1 if failed else 0
