@@ -183,3 +183,26 @@ def test_an_image_that_was_built_anew_from_the_same_files_is_another_one(tmp_pat
     assert tree.read() == (True, False)
     assert tree.desired.catalog.services["camera"].spec["image"] == "eye:other"
     assert tree.desired.catalog.fingerprint != desired.catalog.fingerprint
+
+
+def test_a_context_that_nobody_means_to_build_from_refuses_the_tree(tmp_path):
+    """It would be read whole in the pass of the loop; the last good tree stays in force."""
+    root = write_tree(tmp_path / "tree", {"camera": {"image": "eye"}})
+    (tmp_path / "eye").mkdir()
+    (tmp_path / "eye/Dockerfile").write_text("FROM scratch\n")
+    (root / "images").mkdir()
+    (root / "images/eye.yaml").write_text(
+        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: ../../eye}\n"
+    )
+    tree = Tree(root, references=References(Records(tmp_path)))
+    tree.read()
+    assert not tree.errors
+    desired = tree.desired
+    with (tmp_path / "eye/bag").open("wb") as bag:
+        bag.truncate(3 << 30)
+    wait_for(lambda: tree.read()[0])
+    assert "more than 100,000 files or 2 GiB; try a .dockerignore" in str(tree.errors[0])
+    assert tree.desired is desired
+    (tmp_path / "eye/.dockerignore").write_text("bag\n")
+    wait_for(lambda: tree.read()[0])
+    assert not tree.errors

@@ -204,6 +204,8 @@ class Tree:
             if self.references:
                 self._records, images = self.references.records.stamp, self.references.of(catalog)
             return loaded, desire(catalog, self.run, self._contents.of(catalog, self.root), images.references), images
+        except RorgError as error:
+            return Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),)), None, images
         except Exception as bug:
             return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None, images
 

@@ -7,17 +7,20 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+from rorg.errors import Invalid
 from rorg.host.file_digests import FileDigests
 from rorg.images.context import context_files
 from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import declared
 
 VERSION = "v1"
+MOST_FILES, MOST_BYTES = 100_000, 2 << 30
+"""Of one context."""
 
 
 class Identities:
@@ -29,7 +32,8 @@ class Identities:
     def of(self, catalog: Catalog) -> dict[str, str]:
         """Image -> 64 hexadecimal digits. What counts: the files of its context (names, modes, links, content; not
         times), the Dockerfile, arguments, target and platform; identities of the images of the tree that it stands on,
-        and the references of others. Of an imported one: the command, and the files that it names."""
+        and the references of others. Of an imported one: the command, and the files that it names. Raises
+        Invalid."""
         self.files.begin()
         images = catalog.images
         below = {n: {p: declared(p, images) for p in i.bases if declared(p, images)} for n, i in images.items()}
@@ -48,7 +52,7 @@ class Identities:
         if image.context is None:
             return [self._one(os.path.join(image.directory, word)) for word in image.import_command or ()]
         context = Path(image.context)
-        files = [self._entry(context, name, facts) for name, facts in context_files(context, image.dockerfile)]
+        files = [self._entry(context, name, facts) for name, facts in _bounded(image, context)]
         return [self._one(str(context / image.dockerfile)), *files]
 
     def _entry(self, context: Path, name: str, facts: os.stat_result) -> tuple[str, int, str]:
@@ -62,6 +66,22 @@ class Identities:
         except (OSError, ValueError):
             return ""
         return self.files.of(os.path.realpath(path), facts) if stat.S_ISREG(facts.st_mode) else ""
+
+
+def _bounded(image: Image, context: Path) -> Iterator[tuple[str, os.stat_result]]:
+    """The files of a context. Raises Invalid for what cannot be read, and where there is more than anybody means to
+    build from: it would be read whole, while the robot waits."""
+    count, size = 0, 0
+    try:
+        for name, facts in context_files(context, image.dockerfile):
+            count, size = count + 1, size + facts.st_size * stat.S_ISREG(facts.st_mode)
+            if count > MOST_FILES or size > MOST_BYTES:
+                much = f"{context} has more than {MOST_FILES:,} files or {MOST_BYTES >> 30} GiB"
+                raise Invalid(f"build {image.name}", much, "a .dockerignore for what it is not built from")
+            yield name, facts
+    except OSError as error:
+        why = f"{error.filename or context}: {error.strerror}"
+        raise Invalid(f"build {image.name}", why, "making it readable, or a line for it in .dockerignore") from error
 
 
 def _said(image: Image) -> list[Any]:
