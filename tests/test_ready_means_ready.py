@@ -78,8 +78,8 @@ def test_no_run_that_is_being_ended_is_called_ready(robot):
     first = robot.container("slow").incarnation
     api.ask("DELETE", "/v1/requests/a")
     robot.wait(lambda: "slow" in robot.loop.memory.in_flight)
-    api.ask("PUT", "/v1/requests/b", {"services": ["slow"]})
-    assert api.ask("GET", "/v1/services/slow")[2]["health"] == "Progressing"
+    generation = api.ask("PUT", "/v1/requests/b", {"services": ["slow"]})[2]["generation"]
+    assert api.ask("GET", f"/v1/services/slow?not_before={generation}")[2]["health"] == "Progressing"
     status, _, told = api.ask("GET", "/v1/wait?services=slow&timeout=60")
     now = robot.container("slow")
     assert status == 200
