@@ -221,3 +221,16 @@ def test_get_on_a_terminal_needs_no_rich(robot):
     assert b"\x1b[1mNAME" in os.read(main, 65536)
     os.close(main)
     os.close(other)
+
+
+def test_what_a_command_computes_itself_needs_no_server(tmp_path):
+    """The server's libraries take longer to be loaded than all else that a command does where no rorg runs."""
+    tree = write_tree(tmp_path / "tree", {"camera": {}})
+    state = {"RORG_STATE_DIR": str(tmp_path / "state"), "RORG_ENGINE": "process"}
+    for words, code in ((["diff", str(tree)], 1), (["apply", str(tree), "--yes"], 0)):
+        line = [sys.executable, "-X", "importtime", "-m", "rorg", *words]
+        done = subprocess.run(line, env={**os.environ, **state}, capture_output=True, text=True)
+        assert done.returncode == code, done.stderr[-500:]
+        loaded = {entry.rpartition("|")[2].strip() for entry in done.stderr.splitlines()}
+        assert "rorg.core.decide" in loaded
+        assert loaded & {"fastapi", "starlette", "uvicorn", "docker"} == set()

@@ -16,8 +16,8 @@ from rorg.api.callers import needs
 from rorg.api.models import Differences
 from rorg.api.not_before import reached
 from rorg.api.operations import Operations
+from rorg.api.plan_forms import shown
 from rorg.core.decide import Decision
-from rorg.core.overview import Overview
 from rorg.core.plan import Plan, Waiting
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
@@ -67,23 +67,6 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
         **shown(decision, with_calls_under_way(decision), unified),
-    }
-
-
-def shown(decision: Decision, plan: Plan, unified: bool) -> dict[str, Any]:
-    """A plan of a decision, in all its forms."""
-    situation, catalog = decision.situation, decision.situation.desired.catalog
-    overview = Overview(situation, plan)
-    return {
-        "fingerprint": catalog.fingerprint,
-        "withheld": sorted(situation.withheld),
-        "probed": sorted(name for name, service in catalog.services.items() if service.ready),
-        "empty": plan.empty,
-        "text": plan.text(),
-        "services": overview.as_json(),
-        "unified": overview.unified() if unified else {},
-        "suspended": situation.suspended,
-        "plan": plan.as_json(),
     }
 
 

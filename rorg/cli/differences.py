@@ -113,7 +113,7 @@ def line(error: dict[str, Any]) -> str:
 
 
 def _computed(context: Context, unified: bool) -> Differences:
-    from rorg.api.diffing import shown
+    from rorg.api.plan_forms import shown
     from rorg.cli.local import decision_for
     from rorg.daemon.wiring import make_tree
     from rorg.manifest.load import unusable
