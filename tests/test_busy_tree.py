@@ -133,6 +133,17 @@ def test_a_change_that_comes_while_the_tree_is_read_is_not_lost(tmp_path):
         robot.close()
 
 
+def tree_of_images(root: Path, spec: str) -> Tree:
+    """It has been read; its one Image is called eye."""
+    (root / "images").mkdir()
+    (root / "images/eye.yaml").write_text(
+        f"apiVersion: rorg/v1\nkind: Image\nmetadata: {{name: eye}}\nspec: {{{spec}}}\n"
+    )
+    tree = Tree(root, references=References(Records(root.parent)))
+    tree.read()
+    return tree
+
+
 def test_what_images_are_built_from_counts(tmp_path):
     """Also beside the tree, whatever its names begin with; but not git's own files."""
     root = write_tree(tmp_path / "tree", {"camera": {"image": "eye"}})
@@ -140,12 +151,7 @@ def test_what_images_are_built_from_counts(tmp_path):
     (context / ".git").mkdir(parents=True)
     (context / ".config").mkdir()
     (context / "Dockerfile").write_text("FROM scratch\n")
-    (root / "images").mkdir()
-    (root / "images/eye.yaml").write_text(
-        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: ../../eye}\n"
-    )
-    tree = Tree(root, references=References(Records(tmp_path)))
-    tree.read()
+    tree = tree_of_images(root, "context: ../../eye")
     first = tree.desired.catalog.services["camera"].spec["image"]
     assert re.fullmatch("eye:[0-9a-f]{12}", first)
     assert context in tree.folders()
@@ -166,14 +172,8 @@ def test_what_images_are_built_from_counts(tmp_path):
 
 def test_an_image_that_was_built_anew_from_the_same_files_is_another_one(tmp_path):
     root = write_tree(tmp_path / "tree", {"camera": {"image": "eye:latest"}})
-    (root / "images").mkdir()
-    (root / "images/eye.yaml").write_text(
-        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {import: 'true'}\n"
-    )
-    records = Records(tmp_path)
-    tree = Tree(root, references=References(records))
-    tree.read()
-    desired = tree.desired
+    tree = tree_of_images(root, "import: 'true'")
+    desired, records = tree.desired, tree.references.records
     (identity,) = tree.images.identities.values()
     assert tree.read() == (False, False)
     records.note({identity: Built("eye", tree.images.references["eye"])})
@@ -183,6 +183,13 @@ def test_an_image_that_was_built_anew_from_the_same_files_is_another_one(tmp_pat
     assert tree.read() == (True, False)
     assert tree.desired.catalog.services["camera"].spec["image"] == "eye:other"
     assert tree.desired.catalog.fingerprint != desired.catalog.fingerprint
+    (root / "services/camera.yaml").write_text("nonsense")
+    wait_for(lambda: tree.read()[0])
+    errors = tree.errors
+    records.note({identity: Built("eye", "eye:third")})
+    assert tree.read() == (True, False)
+    assert tree.desired.catalog.services["camera"].spec["image"] == "eye:third"
+    assert tree.errors == errors != (), "what is wrong with the tree stays so"
 
 
 def test_a_context_that_nobody_means_to_build_from_refuses_the_tree(tmp_path):
@@ -190,12 +197,7 @@ def test_a_context_that_nobody_means_to_build_from_refuses_the_tree(tmp_path):
     root = write_tree(tmp_path / "tree", {"camera": {"image": "eye"}})
     (tmp_path / "eye").mkdir()
     (tmp_path / "eye/Dockerfile").write_text("FROM scratch\n")
-    (root / "images").mkdir()
-    (root / "images/eye.yaml").write_text(
-        "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: eye}\nspec: {context: ../../eye}\n"
-    )
-    tree = Tree(root, references=References(Records(tmp_path)))
-    tree.read()
+    tree = tree_of_images(root, "context: ../../eye")
     assert not tree.errors
     desired = tree.desired
     with (tmp_path / "eye/bag").open("wb") as bag:

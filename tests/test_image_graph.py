@@ -16,9 +16,11 @@ from test_image_manifests import images
 
 from rorg.cli.completing import declared
 from rorg.cli.graph import command
+from rorg.core.desired import desire
 from rorg.images.graph import descendants, generations, hierarchy, reduced, services_on
 from rorg.manifest.load import load_or_raise
 from rorg.model.graph import made_from, stands_on
+from rorg.model.image_names import with_identity
 
 NAVIGATION = "lab/navigation:1.2"
 DOCKERFILES = {
@@ -75,6 +77,15 @@ def test_a_change_of_the_base_concerns_every_container_of_tritonbot(tritonbot):
     assert services_on(graph, made, "rorg-base") == sorted(n for n, s in tritonbot.services.items() if s.spec)
     assert "navigation" in services_on(graph, made, "fetch_deploy_base")
     assert services_on(graph, made, "dockerlogin_fetch_nvidia") == []
+
+
+def test_services_that_are_made_from_what_an_image_contains_are_made_from_that_image(tritonbot):
+    """As a running rorg on Docker has them."""
+    tags = {name: with_identity(name, "0123456789abcdef") for name in tritonbot.images}
+    desired = desire(tritonbot, images=tags).catalog
+    assert desired.services["navigation"].spec["image"] == "ros_fetch_navigation:0123456789ab"
+    assert made_from(desired) == made_from(tritonbot)
+    assert desire(desired).catalog == desired
 
 
 def test_an_arrow_that_a_longer_way_says_is_left_out():

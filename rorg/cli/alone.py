@@ -11,9 +11,10 @@ from rorg.api.body_models import HoldBody, HoldsBody, PutRequest
 from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import read, request_of, seconds_of
-from rorg.cli.context import Context, hopeless, unready
+from rorg.cli.context import Context
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
+from rorg.cli.published import hopeless, unready
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json

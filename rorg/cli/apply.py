@@ -107,7 +107,7 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
     """Those of which nothing says that they are well but that they have just begun to run; empty without any."""
     import time
 
-    from rorg.cli.context import SETTLED
+    from rorg.cli.published import SETTLED
     from rorg.model.units import stamp
 
     now = time.time()
@@ -122,7 +122,7 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:
     """Why the running rorg is not done; empty when it is. Raises NotReady where waiting helps nothing."""
-    from rorg.cli.context import condition, hopeless, unready
+    from rorg.cli.published import condition, hopeless, unready
     from rorg.errors import NotReady
     from rorg.model.codes import IMAGE
 

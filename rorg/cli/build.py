@@ -62,7 +62,7 @@ def command(
     if dry_run:
         _print_orders(supplier.orders(catalog, content, names, not no_cache), output)
         return
-    called = {reference: name for name, reference in content.references.items()}
+    called = content.names
     with shown(called) as listener:
         results = supplier.supply(catalog, content, names, listener, pull=pull, cache=not no_cache)
     _print_results(called, results, output)

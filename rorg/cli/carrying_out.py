@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from rorg.cli.context import SETTLED, Context, condition, hopeless
+from rorg.cli.context import Context
 from rorg.cli.output import note
+from rorg.cli.published import SETTLED, condition, hopeless
 from rorg.cli.terminal import entry
 from rorg.core.decide import Decision
 from rorg.core.dispatch import DispatchLimits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 
 ANSWER = 2.0
 """Seconds that the running rorg may hold an answer back until there is nothing to wait for."""
-SETTLED = 0.5
-"""Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
-`rorg apply` says so: what crashes at its start does so within them."""
 
 
 class Context:
@@ -260,50 +257,3 @@ def known_engine(given: str | None) -> str:
     if engine and engine not in ENGINES:
         raise Invalid(f"use the engine '{engine}'", "no such engine", " or ".join(ENGINES))
     return engine
-
-
-def is_ready(service: dict[str, Any]) -> bool:
-    """Of a service in a view."""
-    return any(c["type"] == "Ready" and c["status"] == "True" for c in service["conditions"])
-
-
-def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
-    """One condition of a service in a view, empty where it has none of that kind."""
-    return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
-
-
-def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
-    """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
-    failed, or it ended and is not begun again."""
-    from rorg.model.codes import NO_IMAGE
-
-    found = {}
-    for name in names:
-        service = view["services"].get(name)
-        if service is None or not service["wanted"] or service["state"] == "meta":
-            continue
-        said = [w for w in view["plan"]["waitings"] if w["service"] == name]
-        failed = [w["reason"] for w in said if w.get("code") in ("failed", NO_IMAGE)]
-        stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
-        over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
-        updated = condition(service, "Updated")
-        if updated["status"] == "False":
-            found[name] = f"its change failed, {updated['message']}; it stays as it was"
-        elif failed or stalled["status"] == "True" or over:
-            found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
-    return found
-
-
-def unready(view: dict[str, Any], names: Iterable[str]) -> str:
-    """What keeps these services from being ready, in words, the first one's reason first; empty when all are."""
-    for name in names:
-        service = view["services"].get(name)
-        if service is None:
-            return f"{name} is not declared yet"
-        if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
-            if view.get("suspended"):
-                return str(view["suspended"])
-            found = condition(service, "Ready")
-            waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
-            return f"{name}: {service['held'] or '; '.join(waits) or found['message'] or found['reason']}"
-    return ""

@@ -62,14 +62,14 @@ class _Robot:
     """What the actions look at."""
 
     def __init__(self, context: Context) -> None:
-        from rorg.images.records import Records
-        from rorg.images.references import References
+        from rorg.images.references import references_for
 
         self.context = context
         self.engine: DockerEngine = _with_images(context)
         self.catalog: Catalog = context.catalog()
-        self.records: Records = Records(context.state.path)
-        self.content: Content = References(self.records).of(self.catalog)
+        references = references_for(context.engine_name, context.state.path)
+        self.records: Records = references.records
+        self.content: Content = references.of(self.catalog)
 
     def kept(self, keep: int | None) -> list[Kept]:
         import uuid

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rorg_client import Error
 
-from rorg.cli.context import unready
+from rorg.cli.published import unready
 from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:

@@ -95,7 +95,8 @@ def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
     }
     said = digest({"manifests": catalog.fingerprint, "images": sorted(images.values())})
     fingerprint = said.partition(":")[2][:16] if images else catalog.fingerprint
-    return replace(catalog, services={**catalog.services, **found}, fingerprint=fingerprint)
+    known = {name: replace(i, reference=images.get(name, i.reference)) for name, i in catalog.images.items()}
+    return replace(catalog, services={**catalog.services, **found}, images=known, fingerprint=fingerprint)
 
 
 def _located(catalog: Catalog, run: str) -> Catalog:

@@ -17,6 +17,8 @@ from rorg.images.references import Content
 from rorg.images.supply import Supplier
 from rorg.model.catalog import Catalog, ImagePolicy
 
+PATIENCE = 1.0
+"""Seconds that the end of the loop waits for a build to be ended."""
 SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
 AGAIN, MOST = 30.0, 3600.0
@@ -56,6 +58,9 @@ class ImageManager:
             self._stopping = True
             self._halt.set()
             self._changed.notify()
+            busy = self._busy
+        if busy:  # what is being built ends with us
+            self._thread.join(PATIENCE)
 
     def look(self, desired: Desired, content: Content) -> Mapping[str, Missing]:
         """Reference -> why nothing can be made from it now. Asks no engine: what is not known to be there is looked for
@@ -63,9 +68,8 @@ class ImageManager:
         with self._changed:
             if desired is not self._desired:
                 self._adopt(desired, content)
-            stamp = self.records.stamp
-            if self._missing and not self._busy and stamp != self._records:
-                self._records = stamp
+            if self._missing and not self._busy and self.records.stamp != self._records:
+                self._records = self.records.stamp
                 self._ask()
             return self._missing
 

@@ -150,9 +150,15 @@ class Tree:
         """Whether images that the tree declares have become others, though nothing that they are made from has."""
         if self.references is None or self._catalog is None or self.references.records.stamp == self._records:
             return False
-        before = self.images
-        self._take(Loaded(self._catalog, self.warnings))
-        return self.images != before
+        stamp = self.references.records.stamp
+        try:
+            changed = self.references.of(self._catalog) != self.images
+        except RorgError:  # a context cannot be read now: that is told when it is read with its tree
+            return False
+        self._records = stamp
+        if changed:
+            self._take(Loaded(self._catalog, (*self.errors, *self.warnings)))
+        return changed
 
     def read_now(self) -> None:
         """Reads it as it is at this moment, whoever writes it."""
@@ -186,10 +192,9 @@ class Tree:
 
     def _take(self, loaded: Loaded) -> None:
         loaded, desired, images = self._desired(loaded)
-        same = loaded.catalog is self._catalog and images == self.images
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")
-        if desired is not None and not same:
+        if desired is not None:
             self._catalog = loaded.catalog
             self.desired, self.images, self.loaded = desired, images, True
             self._revision = None

@@ -21,9 +21,6 @@ from rorg.images.importing import import_stream
 from rorg.images.order import Order, Say
 from rorg.model.image_names import plain
 
-LOCAL = "localhost/"
-"""What Podman puts before a name that says no registry, and was made here."""
-
 
 @contextlib.contextmanager
 def library_errors(what: str) -> Iterator[None]:
@@ -48,12 +45,7 @@ class DockerBuilder:
         self._found: str | None = None
 
     def there(self, references: Collection[str]) -> set[str]:
-        with docker_errors("list images"):
-            rows = self._client.get("/images/json")
-        found = {name for row in rows for key in ("RepoTags", "RepoDigests") for name in row.get(key) or ()}
-        names = {plain(name.removeprefix(LOCAL)) for name in found}
-        ids = {row["Id"].removeprefix("sha256:") for row in rows}
-        return {r for r in references if plain(r) in names or r.removeprefix("sha256:") in ids}
+        return set(references) - self._engine.missing_images(references)
 
     def pull(self, reference: str, say: Say) -> None:
         """By docker-py, which knows where Docker's own commands keep the credentials for a registry."""

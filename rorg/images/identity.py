@@ -8,7 +8,6 @@ import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ from rorg.errors import Invalid
 from rorg.host.file_digests import FileDigests
 from rorg.images.context import context_files
 from rorg.model.catalog import Catalog, Image
-from rorg.model.image_names import declared
+from rorg.model.graph import parents_first
+from rorg.model.image_names import plain
 
 VERSION = "v1"
 MOST_FILES, MOST_BYTES = 100_000, 2 << 30
@@ -36,16 +36,11 @@ class Identities:
         Invalid."""
         self.files.begin()
         images = catalog.images
-        below = {n: {p: declared(p, images) for p in i.bases if declared(p, images)} for n, i in images.items()}
         found: dict[str, str] = {}
-        try:
-            names = list(TopologicalSorter({n: set(b.values()) for n, b in below.items()}).static_order())
-        except CycleError:  # load() refuses it
-            return found
-        for name in names:
+        for name in parents_first(images):
             image = images[name]
-            stands = [found[below[name][b]] if b in below[name] else b for b in image.bases]
-            found[name] = _digest([VERSION, *_said(image), stands, self._files(image)])
+            below = [found.get(plain(base), base) for base in image.bases]
+            found[name] = _digest([VERSION, *_said(image), below, self._files(image)])
         return found
 
     def _files(self, image: Image) -> list[Any]:

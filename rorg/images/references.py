@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from graphlib import CycleError, TopologicalSorter
+from functools import cached_property
 from pathlib import Path
 
 from rorg.engines import WITH_IMAGES
 from rorg.images.identity import Identities, renewed
 from rorg.images.records import Built, Records
 from rorg.model.catalog import Catalog
+from rorg.model.graph import parents_first
 from rorg.model.image_names import declared, with_identity
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Content:
     """What the images of a tree are made from."""
 
@@ -23,9 +24,14 @@ class Content:
     references: Mapping[str, str] = field(default_factory=dict)
     """Image -> the reference that means this content."""
 
+    @cached_property
+    def names(self) -> Mapping[str, str]:
+        """Reference -> the Image that it is of."""
+        return {reference: name for name, reference in self.references.items()}
+
     def named(self, reference: str) -> str:
         """The Image that a reference is of; else the reference itself."""
-        return next((name for name, own in self.references.items() if own == reference), reference)
+        return self.names.get(reference, reference)
 
 
 class References:
@@ -57,7 +63,7 @@ def references(
     a parent was built anew, or an external base is another one by `digests` (reference -> digest) where they are given.
     `built`: what was built last of each identity. Pure."""
     found: dict[str, str] = {}
-    for name in _in_order(catalog):
+    for name in parents_first(catalog.images):
         identity = identities[name]
         bases = bases_of(catalog, name, found, digests or {})
         last = built.get(identity)
@@ -81,15 +87,3 @@ def bases_of(catalog: Catalog, name: str, references: Mapping[str, str], digests
         elif base in digests:
             found[base] = digests[base]
     return found
-
-
-def _in_order(catalog: Catalog) -> list[str]:
-    images = catalog.images
-    try:
-        return list(
-            TopologicalSorter(
-                {n: {p for b in i.bases if (p := declared(b, images))} for n, i in images.items()}
-            ).static_order()
-        )
-    except CycleError:  # load() refuses it
-        return []

@@ -156,6 +156,8 @@ class Image:
     bases: tuple[str, ...] = ()
     """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
     RUN --mount=from that names no stage of its own."""
+    reference: str = ""
+    """What services are made from: that of its content, once that is known."""
 
 
 @dataclass(frozen=True, slots=True)

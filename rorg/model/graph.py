@@ -84,11 +84,18 @@ def stands_on(images: Mapping[str, Image]) -> dict[str, tuple[str, ...]]:
     return {name: tuple(dict.fromkeys(map(plain, image.bases))) for name, image in images.items()}
 
 
+def parents_first(images: Mapping[str, Image]) -> list[str]:
+    """Images, each after those of them that it stands on. Raises CycleError, which load() does not let happen."""
+    below = {name: [b for b in bases if b in images] for name, bases in stands_on(images).items()}
+    return list(TopologicalSorter(below).static_order())
+
+
 def made_from(catalog: Catalog) -> dict[str, list[str]]:
-    """Of each image that services are made from, by its shortest reference: these services, sorted."""
+    """Of each image that services are made from, by its name or its shortest reference: these services, sorted."""
+    called = {image.reference: name for name, image in catalog.images.items() if image.reference}
     found: dict[str, list[str]] = {}
     for name in sorted(catalog.services):
         spec = catalog.services[name].spec
         if spec is not None:
-            found.setdefault(plain(spec["image"]), []).append(name)
+            found.setdefault(called.get(spec["image"]) or plain(spec["image"]), []).append(name)
     return found

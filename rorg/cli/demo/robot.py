@@ -126,7 +126,7 @@ class DemoRobot:
         content = references_for(self.engine.name, self.state.path).of(catalog)
         used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
         self.builder = supplier.make_builder()
-        names = {reference: name for name, reference in content.references.items()}
+        names = content.names
         before = self.builder.there({*names, *names.values()})
         try:
             results = supplier.supply(catalog, content, used, Told(self.show, names))

@@ -9,12 +9,15 @@ from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
 from rorg.model.image_names import plain
 
+LOCAL = "localhost/"
+"""What Podman puts before a name that says no registry, and was made here."""
+
 
 def missing_images(client: Client, references: Collection[str]) -> set[str]:
     """Those of these that the engine does not have: by one list, and by a look at each that it does not name."""
     named: set[str] = set()
     for row in client.get("/images/json") if references else ():
-        named |= {plain(tag) for tag in row.get("RepoTags") or ()}
+        named |= {plain(tag.removeprefix(LOCAL)) for tag in row.get("RepoTags") or ()}
     return {r for r in references if plain(r) not in named and not _is_there(client, r)}
 
 
