@@ -8,6 +8,8 @@ import pytest
 from conftest import wait_for
 from robots import RealRobot, VirtualRobot
 
+from rorg.core.pressure import PATIENCE
+
 GIB = 1 << 30
 POLICY = {"policy": {"budget": {"cpu": 2.0, "memory": "4Gi"}, "pressure": {"step": "500ms", "calm": "2s"}}}
 
@@ -172,6 +174,34 @@ def test_a_service_that_is_too_much_each_time_comes_back_less_and_less_often(rob
         robot.sim.run(lambda r, until=robot.now() + 0.4: r.now > until, 10)
     starts = [at for at, text in robot.sim.log if text.startswith("> start log")]
     assert len(starts) < 12, "bounded"
+
+
+def test_nobody_is_shed_for_what_is_being_started(robot):
+    """A program may use much before its start is told: until then that seems to be used by nobody of ours."""
+    robot.declare({"map": service(0.1, "1Gi", 70), "log": service(0.1, "1Gi", 20)}, policies=POLICY)
+    robot.request("map", id="map")
+    robot.wait(lambda: robot.active() == {"map"})
+    robot.sim.faults.hang["start", "log"] = 5.0
+    robot.request("log", id="log")
+    robot.wait(lambda: "log" in robot.sim.memory.in_flight)
+    robot.sim.extra = (0.0, int(3.5 * GIB))
+    robot.wait(lambda: "log" in robot.active())
+    robot.sim.extra = (0.0, int(2.5 * GIB))
+    robot.wait(lambda: robot.active() == {"map"})
+    assert not any(text.startswith(("# stop map", '" pause map')) for _, text in robot.sim.log)
+
+
+def test_a_start_that_hangs_keeps_no_machine_over_its_budget(robot):
+    robot.declare({"map": service(0.1, "1Gi", 70), "log": service(0.1, "1Gi", 20)}, policies=POLICY)
+    robot.request("map", id="map")
+    robot.wait(lambda: robot.active() == {"map"})
+    robot.sim.faults.hang["start", "log"] = 600.0
+    robot.request("log", id="log")
+    robot.wait(lambda: "log" in robot.sim.memory.in_flight)
+    robot.sim.extra = (0.0, int(3.5 * GIB))
+    began = robot.now()
+    robot.wait(lambda: "map" not in robot.active(), 100)
+    assert PATIENCE - 1 < robot.now() - began < PATIENCE + 10
 
 
 BURN = [

@@ -9,7 +9,7 @@ from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
-from rorg.core.pressure import NONE, Chances, Load, Victim, advance, excess, helps, without
+from rorg.core.pressure import NONE, PATIENCE, Chances, Load, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
 
 ALIVE = ("running", "restarting", "paused")
@@ -62,6 +62,7 @@ def evict(
                 _useful(desired, admission, lower, states, victims.use, over),
                 victims.next_one,
                 any(states.get(s.service) in ALIVE for s in state.shed),
+                load is not None and _beginning(memory, states, load),
                 victims.below,
             ),
         )
@@ -76,6 +77,13 @@ def evict(
         frozenset(s.service for s in state.shed),
         closed,
     )
+
+
+def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
+    """Whether a service uses something by now that the sample does not say of it."""
+    calls = [f.since for f in memory.in_flight.values() if f.action.verb in ("start", "resume")]
+    runs = [memory.of(n).running_since for n, state in states.items() if state == "running" and n not in load.use]
+    return any(since is not None and load.at - since < PATIENCE for since in (*calls, *runs))
 
 
 def _useful(

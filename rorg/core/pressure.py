@@ -26,7 +26,8 @@ SHARE = 0.05
 """nor what frees less than this part of what is too much."""
 OTHERS = "programs that rorg does not run"
 PATIENCE = 30.0
-"""Seconds that the next measure waits for what was shed to end. What takes longer is taken to hang."""
+"""Seconds that the next measure waits for what was shed to end, and that nobody is shed while a service is being
+started. What takes longer is taken to hang."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,8 @@ class Chances:
     """Whom to shed next, given what is pressed."""
     settling: bool = False
     """What was shed last still has to end."""
+    beginning: bool = False
+    """Something is being started, or has just been and is in no sample yet: whose use it is cannot be told."""
     below: Callable[[str], Sequence[Victim]] = lambda _: ()
     """Who runs and could be shed in place of a service, because it matters less; who matters least comes first."""
 
@@ -201,6 +204,8 @@ def _more(state: Pressure, over: Mapping[str, str], load: Load, chances: Chances
     for measure in MEASURES[:-1]:
         if measure in chances.useful and not state.in_force(measure):
             return replace(_take(state, measure), changed_at=load.at)
+    if chances.beginning:
+        return state
     chosen = chances.next_shed(state.pressed)
     if chosen is None:
         return replace(state, helpless=True)
