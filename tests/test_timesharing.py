@@ -184,8 +184,9 @@ def test_a_paused_service_whose_need_was_restarted_is_not_resumed_but_started_an
     active(robot, "roscore", "driver")
     robot.release()
     robot.wait(lambda: robot.states()["driver"] == "paused")
-    before = robot.container("driver").incarnation
+    before, needed = robot.container("driver").incarnation, robot.container("roscore").incarnation
     robot.kill("roscore")
+    robot.wait(lambda: robot.container("roscore").incarnation != needed)
     active(robot, "roscore")
     robot.settle()
     robot.request("driver")
