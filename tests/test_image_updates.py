@@ -14,10 +14,14 @@ import pytest
 import yaml
 from commands import rorg
 from conftest import BASE_IMAGE
-from robots import RealRobot
+from image_trees import Heard
+from robots import RealRobot, write_tree
 
 from rorg.errors import EngineError
+from rorg.images.make import make_supplier
 from rorg.images.order import LABEL_IMAGE
+from rorg.images.references import references_for
+from rorg.manifest.load import load_or_raise
 from rorg.model.units import stamp
 
 RUNS = ["python3", "-S", "/app/program.py"]
@@ -175,6 +179,29 @@ def test_an_image_that_somebody_removed_is_built_again(robot):
     api.remove_image(reference, force=True)
     robot.start()
     robot.wait(lambda: says(robot, "camera", "camera") == "1", 120)
+
+
+def test_what_is_changed_while_it_is_built_is_no_image_of_what_it_was(dockerd, tmp_path):
+    """Else a rollback would find another program than the one that was there."""
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    context = write_image(robot, "hasty", BASE_IMAGE, "1")
+    write_tree(robot.tree, {"camera": {"image": "hasty"}})
+
+    class Hasty(Heard):
+        def began(self, order) -> None:
+            (context / "version.txt").write_text("2\n")
+
+    supplier = make_supplier(robot.engine, robot.state, "test", jobs=1)
+    references, catalog = references_for("docker", robot.state.path), load_or_raise(robot.tree)
+    first = references.of(catalog)
+    (result,) = [r for r in supplier.supply(catalog, first, ["hasty"], Hasty()) if r.reference != BASE_IMAGE]
+    assert (result.outcome, result.message) == ("failed", "its files changed while it was being built")
+    assert robot.engine.missing_images(first.references.values()) == set(first.references.values())
+    second = references.of(catalog)
+    assert second.references != first.references
+    assert all(r.good for r in supplier.supply(catalog, second, ["hasty"], Heard()))
+    supplier.make_builder().remove([*second.references.values(), "hasty"])
+    robot.close()
 
 
 def test_a_running_rorg_imports_nothing(docker_robot):

@@ -11,7 +11,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from rorg.core.masking import MASK
-from rorg.errors import Invalid, RorgError
+from rorg.errors import EngineError, Invalid, RorgError
 from rorg.images.logs import build_log, log_path
 from rorg.images.order import Builder, Listener, Order, Result, Say
 
@@ -218,6 +218,9 @@ def _made(order: Order, builder: Builder, say: Say) -> Result:
     assert order.image is not None
     imported = order.image.import_command is not None
     made = builder.load(order, say) if imported else builder.build(order, say)
+    if not order.unchanged():
+        builder.remove([order.reference])
+        raise EngineError(f"build {order.name}", "its files changed while it was being built", "again")
     for name in order.also:
         builder.tag(order.reference, name)
     return Result(order.reference, "imported" if imported else "built", id=made)

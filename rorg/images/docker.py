@@ -119,7 +119,6 @@ class DockerBuilder:
         return str(digests.get(name) or found["Id"])
 
     def remove(self, references: Collection[str]) -> None:
-        """Takes images away again; one that something still uses stays."""
         for reference in references:
             with contextlib.suppress(RorgError), docker_errors(f"remove {reference}"):
                 self._client.delete(f"/images/{reference}", force=True)

@@ -35,13 +35,15 @@ class Identities:
         and the references of others. Of an imported one: the command, and the files that it names. Raises
         Invalid."""
         self.files.begin()
-        images = catalog.images
         found: dict[str, str] = {}
-        for name in parents_first(images):
-            image = images[name]
-            below = [found.get(plain(base), base) for base in image.bases]
-            found[name] = _digest([VERSION, *_said(image), below, self._files(image)])
+        for name in parents_first(catalog.images):
+            found[name] = self.one(catalog.images[name], found)
         return found
+
+    def one(self, image: Image, identities: Mapping[str, str]) -> str:
+        """Of an image, with those of the images of the tree that it stands on. Raises Invalid."""
+        below = [identities.get(plain(base), base) for base in image.bases]
+        return _digest([VERSION, *_said(image), below, self._files(image)])
 
     def _files(self, image: Image) -> list[Any]:
         if image.context is None:

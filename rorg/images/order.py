@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -40,6 +40,8 @@ class Order:
     """An external image that is there is pulled all the same; where that fails it stays as it is."""
     cache: bool = True
     """What the engine has kept of earlier builds may be used."""
+    unchanged: Callable[[], bool] = field(default=lambda: True, compare=False)
+    """Asked once it is made: whether what it was made from is still what its reference means."""
 
     @property
     def name(self) -> str:
@@ -109,6 +111,10 @@ class Builder(Protocol):
         ...
 
     def tag(self, reference: str, also: str) -> None: ...
+
+    def remove(self, references: Collection[str]) -> None:
+        """Takes images away again; one that something still uses stays."""
+        ...
 
     def digest(self, reference: str) -> str:
         """Of what was pulled, as its registry has it; else the id."""

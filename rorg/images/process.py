@@ -10,6 +10,8 @@ from rorg.images.order import Order, Say
 from rorg.store.files import locked, write_atomic
 from rorg.store.state_dir import read_json
 
+LOCK = ".process-images.lock"
+
 
 class ProcessBuilder:
     """On the process engine an image stands for the programs in its context and in its parents' contexts: their
@@ -36,6 +38,11 @@ class ProcessBuilder:
     def tag(self, reference: str, also: str) -> None:
         self._note(also, self._noted()[reference])
 
+    def remove(self, references: Collection[str]) -> None:
+        with locked(self._path.with_name(LOCK)):
+            left = {name: folders for name, folders in self._noted().items() if name not in references}
+            write_atomic(self._path, json.dumps(left), durable=False)
+
     def digest(self, reference: str) -> str:
         return reference
 
@@ -50,6 +57,6 @@ class ProcessBuilder:
 
     def _note(self, reference: str, folders: Sequence[str]) -> str:
         """Several builders write it, and so do several commands."""
-        with locked(self._path.with_name(".process-images.lock")):
+        with locked(self._path.with_name(LOCK)):
             write_atomic(self._path, json.dumps({**self._noted(), reference: list(folders)}), durable=False)
         return reference

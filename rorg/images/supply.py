@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+from rorg.errors import RorgError
 from rorg.images.build import build
-from rorg.images.identity import renewed
+from rorg.images.identity import Identities, renewed
 from rorg.images.order import Builder, Listener, Order, Result
 from rorg.images.orders import externals, orders_for
 from rorg.images.records import Built, Records
 from rorg.images.references import Content, bases_of, references
-from rorg.model.catalog import Catalog
+from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import declared, with_identity
 
 
@@ -75,7 +78,7 @@ class Supplier:
         self, builder: Builder, catalog: Catalog, content: Content, names: list[str], cache: bool
     ) -> list[Order]:
         there = builder.there({*content.references.values(), *externals(catalog, names)})
-        return orders_for(
+        orders = orders_for(
             catalog,
             names,
             identities=content.identities,
@@ -84,6 +87,12 @@ class Supplier:
             owner=self.owner,
             cache=cache,
         )
+        return [
+            replace(order, unchanged=partial(_is_still, order.image, content))
+            if order.image and content.identities
+            else order
+            for order in orders
+        ]
 
     def _pull(
         self,
@@ -113,6 +122,11 @@ class Supplier:
         return replace(content, references=found)
 
 
+def _is_still(image: Image, content: Content) -> bool:
+    """Whether an image's files are those of its identity: somebody may have changed them since it was asked for."""
+    return Identities().one(image, content.identities) == content.identities[image.name]
+
+
 class _Noting:
     """A listener that writes down what was built before it tells it."""
 
@@ -133,9 +147,13 @@ class _Noting:
         image = self.images.get(result.reference)
         identity = self.content.identities.get(image.name) if image else None
         if image and identity and result.outcome in ("built", "imported"):
-            found = externals(self.catalog, image.bases) & set(image.bases)
-            digests = {base: self.builder.digest(base) for base in sorted(found)}
-            bases = bases_of(self.catalog, image.name, self.content.references, digests)
-            built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
-            self.supplier.records.note({identity: built})
+            with contextlib.suppress(RorgError, OSError):  # it is there all the same, and found by its identity
+                self._note(image, identity, result)
         self.listener.ended(result)
+
+    def _note(self, image: Image, identity: str, result: Result) -> None:
+        found = externals(self.catalog, image.bases) & set(image.bases)
+        digests = {base: self.builder.digest(base) for base in sorted(found)}
+        bases = bases_of(self.catalog, image.name, self.content.references, digests)
+        built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
+        self.supplier.records.note({identity: built})
