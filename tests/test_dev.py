@@ -112,8 +112,7 @@ def rorg(robot, folder, *words: str, code: int = 0, **more: str) -> Said:
 
 def shell_in(robot, folder) -> Terminal:
     """A shell for arm, once it has a prompt."""
-    found = Terminal(robot, "dev", "arm", cwd=folder, **BEHIND_SUDO)
-    found.resize(40, 400)
+    found = Terminal(robot, "dev", "arm", cwd=folder, columns=400, **BEHIND_SUDO)
     found.expect(rb"\(arm-dev\) [^$]*" + folder.name.encode() + rb"\$ $")
     return found
 

@@ -123,12 +123,13 @@ def test_a_paused_service_says_how_it_goes_on(robot):
 
 
 class Terminal:
-    """A command on a terminal of its own."""
+    """A command on a terminal of its own, of 40 rows."""
 
-    def __init__(self, robot, *words: str, cwd=".", **more: str) -> None:
+    def __init__(self, robot, *words: str, cwd=".", columns=80, **more: str) -> None:
         self.seen = b""
         self.pid, self.fd = pty.fork()
         if self.pid == 0:
+            fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
             os.chdir(cwd)
             os.execve(sys.executable, [sys.executable, "-m", "rorg", *words], {**environment(robot), **more})
 
@@ -141,7 +142,11 @@ class Terminal:
         return True
 
     def expect(self, pattern: bytes) -> None:
-        wait_for(lambda: (self.read(), re.search(pattern, self.seen))[1], 30, f"{pattern!r} in {self.seen!r}")
+        try:
+            wait_for(lambda: (self.read(), re.search(pattern, self.seen))[1], 30, f"{pattern!r}")
+        except AssertionError as late:
+            late.add_note(f"seen: {self.seen!r}")
+            raise
 
     def type(self, text: bytes) -> None:
         self.seen = b""
@@ -162,9 +167,8 @@ class Terminal:
 
 
 def test_a_shell_has_a_real_terminal_and_the_services_environment(robot):
-    shell = Terminal(robot, "shell", "arm")
-    shell.resize(40, 123)
-    shell.type(b"echo $WHERE-$((40+2))\r")
+    shell = Terminal(robot, "shell", "arm", columns=123)
+    shell.type(b"echo $WHERE-$((40+2))\r")  # before anything listens: it is not lost
     shell.expect(rb"inside-42")
     shell.type(b"python3 -S -c 'import os; print(os.isatty(0), os.get_terminal_size().columns)'\r")
     shell.expect(rb"True \d+")

@@ -143,7 +143,7 @@ def raw_terminal() -> Iterator[None]:
 
     before, handler = termios.tcgetattr(0), signal.signal(signal.SIGTERM, told)
     try:
-        tty.setraw(0)
+        tty.setraw(0, termios.TCSADRAIN)  # what was typed meanwhile goes in, too
         yield
     finally:
         termios.tcsetattr(0, termios.TCSADRAIN, before)
