@@ -21,7 +21,7 @@ from rorg.store.files import open_private
 WAITING = 2000
 """Changes that are kept in memory while the disk refuses them."""
 PATIENCE = 0.2
-"""Seconds for which a change waits for another process that holds the file: none but a person with a tool of SQLite's."""
+"""Seconds for which a change waits for another process that holds the file, as a tool of SQLite's may."""
 READING = 5.0
 """The same for a question."""
 DAMAGED = "journal.damaged-*.db"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -133,7 +133,7 @@ class Revisions:
         found = self._select("? IN ('', standing)", (standing,), 1)
         return self.get(found[0].number) if found else None
 
-    def list(self, most: int, before: int = 0) -> list[Revision]:
+    def list(self, most: int, before: int = 0) -> Sequence[Revision]:
         """The newest ones, the newest first; with `before` those that are older than that number."""
         return self._select("number < ?" if before else "number > ?", (before,), most)
 
@@ -141,7 +141,7 @@ class Revisions:
         """Which was in force at a time (ISO 8601 in UTC); None before the first one."""
         return next(iter(self._select("at <= ? AND standing <> 'refused'", (time,), 1)), None)
 
-    def _select(self, condition: str, args: tuple[Any, ...], most: int) -> list[Revision]:
+    def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
         return [_revision(row) for row in self.database.rows(sql, (*args, most))]
 
@@ -156,9 +156,7 @@ class Revisions:
 def _with_images(services: Mapping[str, Made], before: Mapping[str, Made]) -> dict[str, Made]:
     """The same image, by its reference, is taken for what it was found to be before, unless it was looked at."""
     known = {made.image: made.image_id for made in before.values() if made.image_id}
-    return {
-        n: made if made.image_id else replace(made, image_id=known.get(made.image, "")) for n, made in services.items()
-    }
+    return {n: replace(m, image_id=m.image_id or known.get(m.image, "")) for n, m in services.items()}
 
 
 def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
@@ -198,12 +196,13 @@ def _make(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Ma
 
 
 def _revision(row: tuple[Any, ...]) -> Revision:
-    *start, dirty, robot, standing, reason, settled_at, plan, errors = row
+    *said, errors = row
     try:
         told = tuple(map(str, json.loads(errors)))
     except (ValueError, TypeError):
         told = ()
-    return Revision(*start, bool(dirty), robot, standing, reason, settled_at, plan, told)
+    found = Revision(*said, told)
+    return replace(found, dirty=bool(found.dirty))
 
 
 def _execute(connection: sqlite3.Connection, sql: str, row: tuple[Any, ...]) -> None:
