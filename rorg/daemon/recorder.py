@@ -19,9 +19,10 @@ from rorg.daemon.passages import Passages
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
+from rorg.history.database import Database
+from rorg.history.journal import Journal
 from rorg.model.diagnostics import nearest
 from rorg.model.units import counted, format_seconds
-from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -41,7 +42,8 @@ class Recorder:
         engine: Engine,
     ) -> None:
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
-        self.journal = Journal(state.journal)
+        self.history = Database(state.journal, wall)
+        self.journal = Journal(self.history)
         self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
