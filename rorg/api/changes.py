@@ -62,7 +62,9 @@ def release(key: tuple[str, str]) -> Change:
     """Gives the request of a (requester, id) up; what is released already is fine."""
     requester, id = key
     told = f"request '{id}' of {requester} released"
-    return Change(lambda document: document.without({key}), "release", told, about={"service": requester, "request": id})
+    return Change(
+        lambda document: document.without({key}), "release", told, about={"service": requester, "request": id}
+    )
 
 
 def restart(current: Current, name: str, force: bool, now: float) -> Change:

@@ -83,9 +83,9 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         text: Annotated[str, Query(max_length=500, description="Only with this in the message, in any case.")] = "",
     ) -> Response:
         """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
-        there. Without a cursor, the last `tail` lines (with `since`, all from then on), and what comes when following.
-        `mine`: only lines about requests of the caller (or of `requester`) and what they name, such as `lost`; a
-        service sees no others."""
+        there. Without a cursor, the last `tail` lines (with `since` and no `tail`, all from then on), and what
+        comes when following. `mine`: only lines about requests of the caller (or of `requester`) and what they name,
+        such as `lost`; a service sees no others."""
         journal, now = operations.loop.recorder.journal, time.time()
         begin, end = moment(since, "since", now), moment(until, "until", now)
         meant = Filter(frozenset(kind or ()), frozenset(service or ()), begin, end, text)
@@ -105,8 +105,8 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
 
 
 def _begin(journal: Journal, meant: Filter, tail: int) -> int:
-    """The number after which the last `tail` entries of those that are meant stand; all, of those since a time."""
-    if meant.since:
+    """The number after which the last `tail` of the entries that are meant stand; all, of those since a time."""
+    if meant.since and not tail:
         return 0
     if meant == Filter():
         return max(0, journal.last - tail)

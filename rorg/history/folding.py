@@ -16,7 +16,7 @@ class Folded(NamedTuple):
     """Entries that say the same."""
 
     last: Mapping[str, Any]
-    count: int
+    times: int
     since: str
     """When the first of them happened."""
 
@@ -29,7 +29,7 @@ def folded(entries: Iterable[Mapping[str, Any]], window: int = WINDOW) -> list[F
     for entry in entries:
         key = _said(entry)
         before = near.pop(key, None)
-        near[key] = Folded(entry, before.count + 1, before.since) if before else Folded(entry, 1, entry["at"])
+        near[key] = Folded(entry, before.times + 1, before.since) if before else Folded(entry, 1, entry["at"])
         if len(near) > window:
             found.append(near.pop(next(iter(near))))
     return [*found, *near.values()]

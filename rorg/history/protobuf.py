@@ -78,7 +78,9 @@ EVENT = Message(
         Field(9, "request", "string"),
         Field(10, "cause", "string", "A stable word."),
         Field(11, "incarnation", "string", "The run that it is about."),
-        Field(12, "verb", "string", "Of an action: create, update, rename, signal, start, resume, pause, stop, remove."),
+        Field(
+            12, "verb", "string", "Of an action: create, update, rename, signal, start, resume, pause, stop, remove."
+        ),
         Field(13, "container", "string"),
         Field(14, "reason", "string"),
         Field(15, "fields", "repeated string", "Declared options that changed."),
@@ -174,7 +176,7 @@ def proto() -> str:
     """The schema as a .proto."""
     head = (
         "// Generated from rorg/history/protobuf.py; do not edit.\n"
-        "// What `rorg history export --format protobuf` writes: a stream of Records, each after its length as a varint.\n"
+        "// What `rorg history export --format protobuf` writes: Records, each after its length as a varint.\n"
         'syntax = "proto3";\n\npackage rorg.history.v1;\n'
     )
     return head + "".join(_message(message) for message in MESSAGES.values())

@@ -34,7 +34,7 @@ def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) ->
     commit = commit_of(text) or (text if COMMIT.fullmatch(text) else "")
     known = revisions.of_commit(commit) if commit else None
     if known is None:
-        why = f"nothing of {commit[:12]} was ever applied here" if commit else "it is no number of one, and git knows none"
+        why = f"nothing of {commit[:12]} was ever applied here" if commit else "there is no such number, nor commit"
         raise Missing(f"find the revision '{text}'", why, "`rorg history` for all")
     return known
 
@@ -92,8 +92,9 @@ def _change(name: str, old: Made | None, new: Made | None) -> dict[str, Any] | N
     word = "added" if old is None else "removed" if new is None else "changed"
     fields = list(_fields(old, new)) if old and new else []
     if word == "changed" and not fields:
-        # Its id at the engine is all that became known, or what it mounts is other.
-        return None if old and new and old.edition == new.edition else _told(name, word, [Change("content", None, None)])
+        if old and new and old.edition == new.edition:
+            return None  # all that differs is that the engine's id of its image became known
+        fields = [Change("content", None, None)]
     return _told(name, word, fields)
 
 

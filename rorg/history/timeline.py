@@ -13,7 +13,7 @@ UNKNOWN = "unknown"
 ENDED = {"exited": "stop", "paused": "pause", "none": "remove"}
 """States, and the actions that end in them."""
 Author = Callable[[str, str, str], str]
-"""(requester, id, time) -> who was the last to make or release that request by then; empty where that is not on record."""
+"""(requester, id, time) -> who was the last to make or release that request by then; empty where none is known."""
 
 
 @dataclass(frozen=True, slots=True)
