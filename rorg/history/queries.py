@@ -115,7 +115,7 @@ def timeline(journal: Journal, service: str, since: str, until: str) -> dict[str
     entries = journal.select(Filter(TELLING, services, since=since, until=until), MOST_SPANS, newest=True)
     begin = entries[0]["at"] if len(entries) == MOST_SPANS else since
     known = [*before, *(e for e in entries if not before or e["seq"] > before[0]["seq"])]
-    found = spans(service, known, begin, until, lambda *key: _author(journal, *key)) if known else []
+    found = spans(service, known, begin, until, lambda *key: _author(journal, *key))
     return {"service": service, "begin": begin, "end": until, "spans": [span.as_json() for span in found]}
 
 
