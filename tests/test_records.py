@@ -337,7 +337,7 @@ def said(robot, *words: str, code: int = 0) -> str:
 def test_the_same_is_told_with_a_running_rorg_and_without(robot, reader, tmp_path):
     """The bad service would go on to fail: it is looked at up to a time."""
     robot.client().suspend(3600, "so that all stands still")
-    robot.settle()
+    robot.wait(lambda: robot.loop.decision.situation.suspended and not robot.loop.decision.memory.in_flight)
     entries = robot.loop.recorder.journal.after(0, 10_000)
     until = entries[-1]["at"]
     lines = [
