@@ -36,8 +36,8 @@ restart; restart a b; restart arm --timeout soon; restart --yes
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
-events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x; timeline
-timeline a b; timeline arm --since soon; timeline arm -n -1
+events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x
+timeline; timeline a b; timeline arm --since soon; timeline arm -n -1
 logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; logs --follow; top x
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
@@ -98,7 +98,9 @@ restart nosuch; restart ..; hold nosuch --for 1m; hold arm --for 0s; wait nosuch
 exec nosuch -- ls; edit nosuch; edit groups/arm; get -o nosuch; why arm -o nosuch; events -o nosuch
 dev base
 history show 99; history show ..; history show a/diff/b; history diff 1 99; history show -- --all
-timeline nosuch; events --tail 3 --since 1h -o nosuch; suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
+timeline nosuch
+events --tail 3 --since 1h -o nosuch
+suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
 """,
     4: "request navigation --id tour --wait --timeout 0; apply --wait --yes --timeout 0",
     5: "run manifests; apply manifests --yes; down",

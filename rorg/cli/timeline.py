@@ -19,9 +19,14 @@ LEAST = 20
 def command(
     service: Annotated[str, Argument(help="A service, also one of the past.", completes=SERVICES)],
     since: Annotated[
-        str, Option(names=("--since",), parser=moment, help="From when on: 10m (ago), or 2026-01-31T12:00:00Z.")
+        str,
+        Option(
+            names=("--since",), parser=moment, metavar="TIME", help="From when on: 10m (ago), or 2026-01-31T12:00:00Z."
+        ),
     ] = DAY,
-    until: Annotated[str, Option(names=("--until",), parser=moment, help="Until when, as --since.")] = "0s",
+    until: Annotated[
+        str, Option(names=("--until",), parser=moment, metavar="TIME", help="Until when, as --since.")
+    ] = "0s",
     tail: Annotated[
         int, Option(names=("-n", "--tail"), least=0, help="So many of the last states below the chart.")
     ] = 20,
