@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import IO
 
 import psutil
 
@@ -24,20 +25,32 @@ SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
 """Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
 
 
+def begin(
+    directory: Path,
+    *args: str,
+    home: str = "",
+    stdin: int | IO[bytes] = subprocess.DEVNULL,
+    stdout: int | IO[bytes] = subprocess.PIPE,
+) -> subprocess.Popen[bytes]:
+    """A git that runs in a directory. `home`: of the person whose configuration counts; nobody's without. Raises
+    OSError where there is no git."""
+    return subprocess.Popen(
+        ["git", *SAFE, "-C", str(directory), *args],
+        stdin=stdin,
+        stdout=stdout,
+        stderr=subprocess.DEVNULL,
+        umask=0o022,  # what it writes is for whoever could read the tree before
+        env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"}
+        | ({"HOME": home} if home else {}),
+        start_new_session=True,
+    )
+
+
 def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:
     """What it says; None when it says no, too much, or nothing in time. It is ended by SIGTERM, upon which it takes its
-    locks away, and with it what it runs. `home`: of the person whose configuration counts; nobody's without."""
+    locks away, and with it what it runs. `home`: as of begin()."""
     try:
-        process = subprocess.Popen(
-            ["git", *SAFE, "-C", str(directory), *args],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            umask=0o022,  # what it writes is for whoever could read the tree before
-            env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"}
-            | ({"HOME": home} if home else {}),
-            start_new_session=True,
-        )
+        process = begin(directory, *args, home=home)
     except OSError:
         return None
     output = Output(patience)
