@@ -61,7 +61,7 @@ def repository(tmp_path):
     return Repository(tmp_path / "home" / "robot")
 
 
-def every_kind_of_file(repository: Repository) -> list[str]:
+def every_kind_of_file(repository: Repository, mask: int) -> list[str]:
     """A history of commits in which each kind of file that a tree is made of changes."""
     write, commits = repository.write, []
 
@@ -77,7 +77,7 @@ def every_kind_of_file(repository: Repository) -> list[str]:
     write("manifests/services/a/pass.secret", "TOKEN=unknown to git")
     write("manifests/services/a/maps/big.secret", "a map")
     write("images/a/Dockerfile", "FROM scratch\nCOPY . .\n")
-    write("images/a/run.sh", "#!/bin/sh\n", 0o755)
+    write("images/a/run.sh", "#!/bin/sh\n", 0o777 & ~mask)
     write("images/a/built/out", "left out by .dockerignore later")
     write("manifests/images/a.yaml", IMAGE.format(name="lab/a:1", spec="{context: ../../images/a}"))
     write("manifests/images/b.yaml", IMAGE.format(name="lab/b:1", spec="{context: ../../../beside}"))
@@ -95,7 +95,7 @@ def every_kind_of_file(repository: Repository) -> list[str]:
     write("manifests/services/a/deep/er/x.crlf", "3\n")
     write("images/a/.dockerignore", "built\n")
     write("images/a/new", "new")
-    (repository.top / "images/a/run.sh").chmod(0o644)
+    (repository.top / "images/a/run.sh").chmod(0o666 & ~mask)
     commit()
     repository.service("bb", "{image: 'lab/b:1', needs: [aa], container: {env_file: a/seccomp.json}}")
     write("manifests/services/a/seccomp.json", '{"defaultAction": "SCMP_ACT_LOG"}')
@@ -113,7 +113,7 @@ def every_kind_of_file(repository: Repository) -> list[str]:
 def test_a_past_state_is_what_a_checkout_of_it_would_be(repository, mask):
     before = os.umask(mask)
     try:
-        commits = every_kind_of_file(repository)
+        commits = every_kind_of_file(repository, mask)
         past = {commit: load_at(repository.unread(), commit) for commit in commits}
         for commit in commits:
             repository.git("checkout", "--quiet", commit)
