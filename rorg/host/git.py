@@ -6,7 +6,6 @@ import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 import psutil
 
@@ -37,27 +36,6 @@ class Commit:
     """When it was committed: ISO 8601, UTC."""
     dirty: bool
     """Whether files of the tree differ from it."""
-
-
-def begin(
-    directory: Path,
-    *args: str,
-    home: str = "",
-    stdin: int | IO[bytes] = subprocess.DEVNULL,
-    stdout: int | IO[bytes] = subprocess.PIPE,
-) -> subprocess.Popen[bytes]:
-    """A git that runs in a directory. `home`: of the person whose configuration counts; nobody's without. Raises
-    OSError where there is no git."""
-    return subprocess.Popen(
-        ["git", *SAFE, "-C", str(directory), *args],
-        stdin=stdin,
-        stdout=stdout,
-        stderr=subprocess.DEVNULL,
-        umask=0o022,  # what it writes is for whoever could read the tree before
-        env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"}
-        | ({"HOME": home} if home else {}),
-        start_new_session=True,
-    )
 
 
 def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:

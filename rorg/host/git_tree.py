@@ -23,7 +23,7 @@ from typing import IO, NamedTuple
 
 from rorg.errors import Invalid, Unreachable
 from rorg.host.commands import end
-from rorg.host.git import begin
+from rorg.host.git_process import begin_git, owner_of, repository
 
 PATIENCE = 60.0
 """Seconds for one question to git: it may be about all files."""
@@ -197,9 +197,11 @@ def _read(directory: Path, *args: str, stdin: int | IO[bytes] = subprocess.DEVNU
 def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iterator[IO[bytes]]:
     """A file with all that it prints."""
     what = f"ask git in {directory}"
+    found = repository(directory)
+    owner = owner_of(found) if found else None
     with tempfile.TemporaryFile() as file:
         try:
-            process = begin(directory, *args, stdin=stdin, stdout=file)
+            process = begin_git(["-C", str(directory), *args], owner, stdin=stdin, stdout=file)
         except OSError as error:
             raise Unreachable(what, f"git: {error.strerror}", "installing git") from error
         try:
