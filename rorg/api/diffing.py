@@ -68,6 +68,7 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
     about = about_tree(operations.loop.tree, operations.loop.leases.file)
     return {
         "root": about["tree"]["root"],
+        "robot": about["tree"]["robot"],
         "commit": "",
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
@@ -80,6 +81,7 @@ def supposed(operations: Operations, past: Past, unified: bool) -> dict[str, Any
     decision, about = operations.suppose(past.desired), about_tree(operations.loop.tree, operations.loop.leases.file)
     return {
         "root": about["tree"]["root"],
+        "robot": about["tree"]["robot"],
         "commit": past.commit,
         "errors": [],
         "requests_errors": about["requests_errors"],

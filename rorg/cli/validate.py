@@ -12,8 +12,9 @@ from rorg.cli.options import Directory, EngineName, Output, StateDirectory
 def command(
     directory: Directory = None, engine: EngineName = None, output: Output = "table", state_dir: StateDirectory = None
 ) -> None:
-    """Check manifests: everything that is wrong, with file:line:column. With --engine also what that one cannot do: on
-    process, directories and programs that are missing. Where there are no manifests, the running rorg tells what is
+    """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
+    overlay, or for the one of --robot. With --engine also what that one cannot do: on process, directories and programs
+    that are missing. Where there are no manifests, the running rorg tells what is
     wrong with its own.
 
     Example: rorg validate manifests
@@ -29,25 +30,32 @@ def command(
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output)
+        _read(root, engine, output, Context(state_dir, engine, root).named_robot)
 
 
-def _read(root: Path, engine: str, output: str) -> None:
-    """By the files of a directory."""
+def _read(root: Path, engine: str, output: str, robot: str) -> None:
+    """By the files of a directory: for one robot, or for all and the base."""
     from rorg.cli.output import note
     from rorg.manifest.load import load
+    from rorg.manifest.overlay import robots_of
     from rorg.model.units import counted
 
-    loaded = load(root, engine=engine)
-    _tell([d.as_json() for d in loaded.diagnostics], output)
-    if loaded.catalog is None:
-        _refuse(len(loaded.errors))
+    loaded = load(root, engine=engine, robot=robot)
+    robots = [] if robot else robots_of(root)
+    told = list(loaded.diagnostics)
+    for name in robots:
+        told += [d.on(name) for d in load(root, engine=engine, robot=name).diagnostics if d not in loaded.diagnostics]
+    _tell([d.as_json() for d in sorted(told)], output)
+    if errors := sum(d.severity == "error" for d in told):
+        _refuse(errors)
     found = loaded.catalog
+    assert found is not None, "it has no errors"
     counts = {
         "service": sum(not s.meta for s in found.services.values()),
         "group": len(found.groups),
         "image": len(found.images),
         "standing request": len(found.requests),
+        "robot": len(robots),
     }
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
 
