@@ -96,7 +96,7 @@ def _begins(context: Context, loop: Loop) -> str:
 
 
 def _check(context: Context, group: str) -> str:
-    """The robot that was named. Raises Invalid where a directory, or a robot or a group that was named, is not there."""
+    """The robot that was named. Raises Invalid where the directory, that robot or that group is not there."""
     from rorg.api.permissions import group_id
     from rorg.errors import Invalid
 

@@ -43,18 +43,20 @@ def _read(root: Path, engine: str, output: str, robot: str) -> None:
     loaded = load(root, engine=engine, robot=robot)
     robots = [] if robot else robots_of(root)
     told = list(loaded.diagnostics)
+    known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
     for name in robots:
-        told += [d.on(name) for d in load(root, engine=engine, robot=name).diagnostics if d not in loaded.diagnostics]
+        found = load(root, engine=engine, robot=name).diagnostics
+        told += [d.on(name) for d in found if (d.where, d.message) not in known]
     _tell([d.as_json() for d in sorted(told)], output)
     if errors := sum(d.severity == "error" for d in told):
         _refuse(errors)
-    found = loaded.catalog
-    assert found is not None, "it has no errors"
+    catalog = loaded.catalog
+    assert catalog is not None, "it has no errors"
     counts = {
-        "service": sum(not s.meta for s in found.services.values()),
-        "group": len(found.groups),
-        "image": len(found.images),
-        "standing request": len(found.requests),
+        "service": sum(not s.meta for s in catalog.services.values()),
+        "group": len(catalog.groups),
+        "image": len(catalog.images),
+        "standing request": len(catalog.requests),
         "robot": len(robots),
     }
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
