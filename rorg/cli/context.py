@@ -221,6 +221,8 @@ class Context:
 
             kept = "the last good ones are in force; try `rorg validate`"
             found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}"]
+        if error := (view.get("tree", {}).get("git") or {}).get("error"):
+            found.append(f"git: {error}")
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         for text in found:

@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from rorg.core.desired import Desired, desire
+from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
-from rorg.host.git import checkout_under_way, git_dir, revision
+from rorg.host.git import checkout_under_way, git_dir, refusal, revision
 from rorg.images.references import Content, References
 from rorg.manifest.documents import manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
@@ -46,9 +48,10 @@ class Tree:
         clock: Callable[[], float] = time.monotonic,
         engine: str = "",
         references: References | None = None,
+        source: GitSource | None = None,
     ) -> None:
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
-        self.references = references
+        self.references, self.source = references, source
         self.images = Content()
         """Of the last good tree."""
         self._catalog: Catalog | None = None
@@ -59,6 +62,10 @@ class Tree:
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
         self._revision: str | None = None
+        self.refusal = ""
+        """Why git says nothing of it."""
+        self._moves: Stats = ()
+        """Of what was read last: git's log of the commits that it was at."""
         self.loaded = False
         """Whether any tree has been good yet."""
         self._inputs = Inputs()
@@ -86,12 +93,27 @@ class Tree:
         """What git calls it."""
         if self._revision is None:
             self._revision = revision(self.root) if self.loaded else ""
+            self.refusal = refusal(self.root) if self.loaded and not self._revision else ""
         return self._revision
 
     @property
     def busy(self) -> bool:
         """Whether it is being written, and left for later."""
-        return self._since is not None
+        return self._since is not None or (self.source is not None and self.source.writing)
+
+    @property
+    def _under_way(self) -> bool:
+        """Whether git writes it."""
+        return checkout_under_way(self._git) or (self.source is not None and self.source.writing)
+
+    def git_json(self) -> dict[str, Any] | None:
+        """The repository that is followed, and how that goes; or one that git does not trust; else None."""
+        if self.source is not None:
+            return self.source.as_json()
+        if not self.refusal:
+            return None
+        nothing = dict.fromkeys(("branch", "commit", "fetched_at"), "")
+        return {"followed": False, "repository": str(self.root), **nothing, "error": self.refusal}
 
     def stamp(self) -> Stamp:
         """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
@@ -116,6 +138,7 @@ class Tree:
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
         contexts = [path for path in self._built_from() if os.path.isdir(path)]
+        contexts += [self._git / "logs"] if self._git and os.path.isdir(self._git / "logs") else []
         inside = (
             p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
         )
@@ -127,24 +150,46 @@ class Tree:
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
         read, is left for later; but not for ever."""
-        now, stamp, checkout = self.clock(), self.stamp(), checkout_under_way(self._git)
+        if self.source is not None and (self.source.writing or self.source.nothing):
+            return self._without(self.source), False
+        now, stamp, checkout = self.clock(), self.stamp(), self._under_way
         if stamp == self._stamp and not checkout:
             self._since = None
-            return self._built_anew(), False
+            return self._moved() or self._built_anew(), False
         waited = 0.0 if self._since is None else now - self._since
         still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
         if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
             return self._later(now, stamp)
         if self._stamp and stamp[:2] == self._stamp[:2] and not self._rests(stamp, now):
             return False, True
+        moves = self._git_log()
         before, loaded = self._load(stamp)
         after = self.stamp()
-        whole = after[:2] == before[:2] and not (checkout_under_way(self._git) and not checkout)
+        whole = after[:2] == before[:2] and not (self._under_way and not checkout)
         if not whole and (waited < PATIENCE or (loaded.catalog is None and waited < 2 * PATIENCE)):
             return self._later(now, after)
-        self._since, self._stamp = None, before
+        self._since, self._stamp, self._moves = None, before, moves
         self._take(loaded)
         return True, not whole
+
+    def _without(self, source: GitSource) -> bool:
+        """Whether there is something new to say of a repository of which nothing can be read."""
+        errors = (Diagnostic(Where(source.cache.followed.remote.shown), source.nothing),)
+        if source.writing or self.errors == errors:
+            return False
+        self.errors = errors
+        return True
+
+    def _moved(self) -> bool:
+        """Whether it is at another commit, though all that it declares is the same."""
+        before, self._moves = self._moves, self._git_log()
+        if before == self._moves:
+            return False
+        self._revision = None
+        return True
+
+    def _git_log(self) -> Stats:
+        return _stats([self._git / "logs/HEAD"]) if self._git else ()
 
     def _built_anew(self) -> bool:
         """Whether images that the tree declares have become others, though nothing that they are made from has."""

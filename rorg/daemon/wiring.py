@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.generations import Generations
+from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop
@@ -24,6 +25,7 @@ from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Images
 from rorg.host.clock import booted_at, wall_clock
+from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
 from rorg.images.make import make_supplier
@@ -38,15 +40,23 @@ JOBS = 2
 """Images that are built at once beside a robot that does other things."""
 
 
-def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
+def make_loop(
+    root: Path, state: StateDir, engine: Engine, say: Callable[[str], None], source: GitSource | None = None
+) -> Loop:
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
     for each thing that happens."""
-    return loop_over(make_tree(root, state, engine.name), state, engine, say)
+    return loop_over(make_tree(root, state, engine.name, source), state, engine, say)
 
 
-def make_tree(root: Path, state: StateDir, engine: str) -> Tree:
+def make_tree(root: Path, state: StateDir, engine: str, source: GitSource | None = None) -> Tree:
     """A tree of this robot's, for the engine of this name, not read yet."""
-    return Tree(root.resolve(), str(state.run), engine=engine, references=references_for(engine, state.path))
+    references = references_for(engine, state.path)
+    return Tree(root.resolve(), str(state.run), engine=engine, references=references, source=source)
+
+
+def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
+    """What follows a repository, in the state directory; nothing is done yet."""
+    return GitSource(GitCache(state.git.resolve(), followed, threading.Event()), poll, wall_clock)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
@@ -69,7 +79,17 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    threads: tuple[Thread, ...] = (*([images] if images else []), prober, sampler, ros, watcher, notified, observer)
+    followers = _followers(tree.source, recorder, wakes)
+    threads: tuple[Thread, ...] = (
+        *followers,
+        *([images] if images else []),
+        prober,
+        sampler,
+        ros,
+        watcher,
+        notified,
+        observer,
+    )
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -90,6 +110,14 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     )
     loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _followers(source: GitSource | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
+    """What follows the repository, and what watches it where it lies on this machine."""
+    if source is None:
+        return []
+    source.tell, source.moved = recorder.when_new, wakes.files_changed
+    return [source, *([Watcher(source.folders, source.ask, source.ignores)] if source.folders() else [])]
 
 
 def _image_manager(
