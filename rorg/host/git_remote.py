@@ -25,7 +25,7 @@ try:
     os.setgroups(groups), os.setgid(gid), os.setuid(uid), os.environ.pop("HOME", "")
 except PermissionError:
     pass
-os.execvp("git", ["git", "upload-pack", *sys.argv[2:]])
+os.execv("/usr/bin/env", ["env", "git", "upload-pack", *sys.argv[2:]])
 """
 """git's other end, for a repository of another user on this machine. Without the right to be them it refuses."""
 
