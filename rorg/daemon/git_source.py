@@ -39,12 +39,6 @@ class GitSource:
         """Where the manifests are."""
         return self.cache.tree / self.cache.followed.path
 
-    @property
-    def nothing(self) -> str:
-        """Why there are no manifests yet; empty once there are."""
-        what = f"nothing of {self.cache.followed.remote.shown} is here yet"
-        return "" if not self.empty else f"{what}: {self.error}" if self.error else what
-
     def as_json(self) -> dict[str, Any]:
         return {
             "followed": True,

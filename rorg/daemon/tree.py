@@ -81,7 +81,7 @@ class Tree:
 
     @cached_property
     def _git(self) -> Path | None:
-        return git_dir(self.root)
+        return self.source.cache.store if self.source else git_dir(self.root)
 
     @property
     def removals(self) -> bool:
@@ -150,7 +150,7 @@ class Tree:
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
         read, is left for later; but not for ever."""
-        if self.source is not None and (self.source.writing or self.source.nothing):
+        if self.source is not None and (self.source.writing or self.source.empty):
             return self._without(self.source), False
         now, stamp, checkout = self.clock(), self.stamp(), self._under_way
         if stamp == self._stamp and not checkout:
@@ -173,9 +173,10 @@ class Tree:
         return True, not whole
 
     def _without(self, source: GitSource) -> bool:
-        """Whether there is something new to say of a repository of which nothing can be read."""
-        errors = (Diagnostic(Where(source.cache.followed.remote.shown), source.nothing),)
-        if source.writing or self.errors == errors:
+        """Whether there is something new to say of a repository that has not brought anything yet."""
+        shown, why = source.cache.followed.remote.shown, source.error
+        errors = (Diagnostic(Where(shown), f"nothing of it is here yet: {why}"),)
+        if source.writing or not why or self.errors == errors:
             return False
         self.errors = errors
         return True
