@@ -17,7 +17,7 @@ from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, refusal, revision
 from rorg.images.references import Content, References
-from rorg.manifest.documents import manifest_files, stray_files, unexpected
+from rorg.manifest.documents import beside, manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
 from rorg.model.catalog import EMPTY, Catalog
@@ -134,6 +134,7 @@ class Tree:
         top, found = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
             found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
+            found += sorted({beside(path, self.root) for path in manifest_files(self.root)})
         found += sorted(path.parent for path in self._inputs.files)
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
