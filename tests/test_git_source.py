@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import test_another_user as others
 from conftest import free_port, wait_for
 from robots import write_tree
 
@@ -431,15 +432,20 @@ def test_a_repository_of_another_user_is_followed_in_their_name(theirs, tmp_path
     assert head(found.tree).commit == made, "what root keeps of it is root's"
 
 
+WITHOUT = ["setpriv", "--bounding-set=-setuid,-setgid"]
+"""What a root is like that may not be others, as in a container."""
+
+
 @root_only
-def test_who_may_not_be_them_is_told_what_helps(theirs):
+@pytest.mark.parametrize("root", [False, True])
+def test_who_may_not_be_them_is_told_what_helps(theirs, root):
     words = "from rorg.host.git import refusal, revision; import sys; from pathlib import Path\n"
     words += "print(repr(revision(Path(sys.argv[1]))), refusal(Path(sys.argv[1])))"
-    import test_another_user as others
-
+    if root and shutil.which("setpriv") is None:
+        pytest.skip("setpriv is not here")
     told = subprocess.run(
-        [others.python(), "-c", words, str(theirs)],
-        user=others.STRANGER,
+        [*(WITHOUT if root else ()), others.python(), "-c", words, str(theirs)],
+        user=None if root else others.STRANGER,
         cwd="/",
         env={"PYTHONPATH": others.IMPORTED, "HOME": "/nowhere", "PATH": os.defpath},
         capture_output=True,

@@ -79,17 +79,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    followers = _followers(tree.source, recorder, wakes)
-    threads: tuple[Thread, ...] = (
-        *followers,
-        *([images] if images else []),
-        prober,
-        sampler,
-        ros,
-        watcher,
-        notified,
-        observer,
-    )
+    bringers = _bringers(tree.source, images, recorder, wakes)
+    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -112,12 +103,13 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     return loop
 
 
-def _followers(source: GitSource | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
-    """What follows the repository, and what watches it where it lies on this machine."""
-    if source is None:
-        return []
-    source.tell, source.moved = recorder.when_new, wakes.files_changed
-    return [source, *([Watcher(source.folders, source.ask, source.ignores)] if source.folders() else [])]
+def _bringers(source: GitSource | None, images: ImageManager | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
+    """What brings manifests and images: what follows a repository, with a watch on one that lies on this machine."""
+    found: list[Thread] = [images] if images else []
+    if source is not None:
+        source.tell, source.moved = recorder.when_new, wakes.files_changed
+        found += [source, *([Watcher(source.folders, source.ask, source.ignores)] if source.folders() else [])]
+    return found
 
 
 def _image_manager(
