@@ -22,6 +22,8 @@ class RorgProcess:
     def __init__(self, folder: Path, services: dict[str, dict], *options: str, **kinds: dict[str, dict]) -> None:
         self.folder, self.tree, self.options = folder, write_tree(folder / "tree", services, **kinds), options
         self.state = folder / "state"
+        self.manifests = [str(self.tree)]
+        """What it is told to run."""
         self.process: subprocess.Popen | commands.Forked | None = None
         self.closed = False
         witnesses.KNOWN.append(self)
@@ -32,7 +34,7 @@ class RorgProcess:
 
     def start(self, **more: Any) -> RorgProcess:
         """`more`: what its process begins with."""
-        words = ["run", str(self.tree), "--state-dir", str(self.state), "--engine", "process", *self.options]
+        words = ["run", *self.manifests, "--state-dir", str(self.state), "--engine", "process", *self.options]
         with (self.folder / "rorg.log").open("ab") as log:
             if more:
                 self.process = subprocess.Popen([sys.executable, "-m", "rorg", *words], stderr=log, stdout=log, **more)

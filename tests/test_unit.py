@@ -29,8 +29,9 @@ HARD = {
     "RestrictAddressFamilies": "AF_UNIX AF_INET AF_INET6",
 }
 LIMITS = ("MemoryMax", "TasksMax", "LimitNOFILE", "StateDirectoryMode", "RuntimeDirectoryMode", "UMask", "WatchdogSec")
-NEEDED = {"CAP_CHOWN", "CAP_DAC_OVERRIDE", "CAP_FOWNER", "CAP_KILL", "CAP_SYS_PTRACE"}
-"""The group of a socket, a tree of another owner, the end of a command in a container, its files below /proc."""
+NEEDED = {"CAP_CHOWN", "CAP_DAC_OVERRIDE", "CAP_FOWNER", "CAP_KILL", "CAP_SYS_PTRACE", "CAP_SETGID", "CAP_SETUID"}
+"""The group of a socket, a tree of another owner, the end of a command in a container, its files below /proc; git as
+the owner of a repository."""
 UNSET = {
     "ProtectControlGroups": "memory.reclaim is written",
     "ProtectProc": "the processes of containers are looked at",
@@ -57,7 +58,7 @@ def test_the_unit_denies_what_rorg_does_not_need():
     unit = directives("rorg.service")
     assert {key: unit.get(key) for key in HARD} == {key: [value] for key, value in HARD.items()}
     assert set(unit["CapabilityBoundingSet"][0].split()) == NEEDED
-    assert unit["SystemCallFilter"] == ["@system-service", "~@privileged @resources", "@chown"]
+    assert unit["SystemCallFilter"] == ["@system-service", "~@privileged @resources", "@chown @setuid"]
     assert unit.keys() >= set(LIMITS)
     assert not unit.keys() & UNSET.keys()
 

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rorg.host.git import commit, committed, wait_for_locks
-from rorg.manifest.files import read_bytes
+from rorg.manifest.files import read_bytes, real
 from rorg.store.files import clear_leftovers, make_directory, write_atomic
 from rorg.store.state_dir import read_json
 
@@ -31,13 +31,18 @@ class ManifestChange:
     person: bool = False
     """Whether the author is a person."""
 
+    def place(self, root: Path) -> Path:
+        """Where its text is: a link to another file of the tree stays one. Without a text the link itself goes."""
+        path = root / self.file
+        return real(path) if path.is_symlink() and self.after is not None else path
+
     def carry_out(self, root: Path, note: Path, text: str | None) -> None:
         """Writes the file, or deletes it where there is no `text`, and commits it. Raises OSError; what was not
         written then is as it was."""
-        path = root / self.file
+        path = self.place(root)
         write_atomic(note, json.dumps(asdict(self)))
         try:
-            path.unlink() if text is None else _write(path, text)
+            (root / self.file).unlink() if text is None else _write(path, text)
         except OSError:
             note.unlink()
             raise
@@ -52,7 +57,7 @@ def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
     if change is None:
         note.unlink(missing_ok=True)
         return None
-    path = root / change.file
+    path = change.place(root)
     clear_leftovers(path.parent)
     try:
         now = digest(read_bytes(path, root))

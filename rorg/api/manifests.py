@@ -87,6 +87,7 @@ class Manifests:
         """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile. Answers with its
         file, its digest and the change's generation."""
         self.allow(caller, kind, name)
+        self._own(f"change the {kind} '{name}'")
         with self._lock:
             path, content = self.all().get((kind, name), (None, None))
             self._same(content, body.base, f"change the {kind} '{name}'")
@@ -107,12 +108,20 @@ class Manifests:
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)
+        self._own(f"delete the {kind} '{name}'")
         with self._lock:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
             check_tree(self.root, path, None, self._engine, f"delete the {kind} '{name}'", self._robot)
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, path, content, None, message)
+
+    def _own(self, what: str) -> None:
+        """Raises Refused where the files are a copy: what is written there would be lost with the next commit."""
+        source = self.operations.loop.tree.source
+        if source is not None:
+            shown = source.cache.followed.shown
+            raise Refused(what, f"the manifests are those of {shown}", "a commit there, and `rorg apply`")
 
     def recover(self) -> None:
         """Ends what a rorg that was killed had begun to change, in a thread: git may take its time, and changes wait

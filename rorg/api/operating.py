@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Annotated
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Query
 from fastapi.responses import Response
 
 from rorg.api.bodies import accepted
@@ -13,6 +14,7 @@ from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import seconds_of
 from rorg.api.models import Held
 from rorg.api.operations import Operations
+from rorg.api.status_models import GitView
 
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
@@ -35,6 +37,13 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
         """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
         return accepted(await asyncio.wrap_future(operations.confirm(caller, tuple(body.services))))
+
+    @app.post("/v1/fetch", dependencies=[needs("fetch")], response_model=GitView)
+    async def fetch(
+        seconds: Annotated[float, Query(ge=0, le=60, description="Wait so long for it.")] = 8.0,
+    ) -> Response:
+        """Look at the repository that is followed, now. Answers with how that went; refused where none is followed."""
+        return accepted(*await asyncio.to_thread(operations.fetch, seconds))
 
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:

@@ -21,7 +21,7 @@ from rorg.core.status import Status, statuses
 from rorg.core.supposed import suppose
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
-from rorg.errors import Busy, Missing
+from rorg.errors import Busy, Missing, Refused
 from rorg.host.listeners import calling, lineage, listening
 from rorg.host.load import machine
 from rorg.model.catalog import Catalog, Group, Request
@@ -230,6 +230,15 @@ class Operations:
     def confirm(self, caller: Caller, names: tuple[str, ...]) -> Future[int]:
         """Lets go of what is withheld: exactly these, and for as long as they are not declared again."""
         return self._change(caller, changes.confirm(self.current, names))
+
+    def fetch(self, seconds: float) -> tuple[int, dict[str, Any]]:
+        """Fetches what is followed, and waits so long for that: (generation of what came of it, how it is). Raises
+        Refused where nothing is followed."""
+        source = self.loop.tree.source
+        if source is None:
+            raise Refused("fetch", "no repository is followed", "`rorg run --git REPO`")
+        source.fetch(seconds)
+        return self.changed(manifest=True), source.as_json()
 
     def down(self, caller: Caller, keep_requests: bool) -> Future[int]:
         """Takes the robot down; then rorg ends."""

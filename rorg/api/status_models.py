@@ -18,6 +18,17 @@ class DiagnosticView(BaseModel):
     remedy: str
 
 
+class GitView(BaseModel):
+    """The repository that the manifests come from."""
+
+    followed: bool = Field(description="Whether it is fetched from there; otherwise they lie in it.")
+    repository: str = Field(description="Without the user and the password of a URL.")
+    branch: str = Field(description="Empty for the one that it is at itself.")
+    commit: str = Field(description="In force; empty where that is not known.")
+    fetched_at: str = Field(description="When it was last reached: ISO 8601, UTC; empty before that.")
+    error: str = Field(description="Why it cannot be reached, or its last commit is refused; empty when all is well.")
+
+
 class TreeView(BaseModel):
     """The tree of manifests that is in force."""
 
@@ -25,6 +36,9 @@ class TreeView(BaseModel):
     fingerprint: str = Field(description="Two equal ones declare the same.")
     revision: str = Field(description="The git commit; empty without one.")
     robot: str = Field("", description="Whose overlay is laid over it; empty for the base alone.")
+    git: GitView | None = Field(
+        default=None, description="Where one is followed (`rorg run --git`), or git does not trust it."
+    )
     errors: list[DiagnosticView] = Field(
         description="While there are any, the last good tree is in force and nothing is removed on its word."
     )

@@ -34,6 +34,8 @@ def command(
     owner = {"what": "rorg run"} if context.remote else context.state.owner()
     if owner is None:
         context.state.acquire("rorg apply")
+    else:
+        _fetch(context)
     shown = differences(context)
     if owner is not None:
         _follows(context, owner, shown)
@@ -53,6 +55,17 @@ def command(
     else:
         _through(context, owner, shown, wait, timeout)
     print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
+
+
+def _fetch(context: Context) -> None:
+    """A running rorg that follows a repository looks at it first."""
+    client = context.client()
+    git = ((context.live() or {}).get("tree") or {}).get("git") or {}
+    if client is None or not git.get("followed"):
+        return
+    found = client.call("POST", "/v1/fetch")
+    told = f"{found['repository']}: {found['error'] or 'is at ' + (found['commit'][:10] or 'nothing yet')}"
+    note(told)
 
 
 def _confirm_here(context: Context, shown: Differences) -> None:

@@ -114,11 +114,16 @@ class Context:
         return load_or_raise(self.root, "" if self._local else self.engine_name, self.robot)
 
     @property
+    def asked_robot(self) -> str:
+        """The robot whose overlay was asked for, whether there is one or not."""
+        return os.environ.get(ROBOT, "")
+
+    @property
     def named_robot(self) -> str:
-        """The robot whose overlay was asked for. Raises Invalid where the tree has none of that name."""
+        """The same. Raises Invalid where the tree has none of that name."""
         from rorg.manifest.overlay import unknown_robot
 
-        named = os.environ.get(ROBOT, "")
+        named = self.asked_robot
         if problem := unknown_robot(self.root, named):
             raise Invalid(f"use the robot '{named}'", f"{problem.where.file} has none of that name", problem.remedy)
         return named
@@ -243,6 +248,8 @@ class Context:
 
             kept = "the last good ones are in force; try `rorg validate`"
             found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}"]
+        if error := (view.get("tree", {}).get("git") or {}).get("error"):
+            found.append(f"git: {error}")
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         for text in found:

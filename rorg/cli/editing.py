@@ -60,9 +60,11 @@ class Alone:
 
     def __init__(self, context: Context) -> None:
         from rorg.api.manifest_texts import manifests_of
-        from rorg.errors import Invalid
+        from rorg.errors import Invalid, Refused
 
         self.state, self.root = context.state, context.root.resolve()
+        if self.root.is_relative_to(self.state.git.resolve()):
+            raise Refused(f"edit manifests in {self.root}", "they are those of a repository", "a commit there")
         if not self.root.is_dir():
             raise Invalid(f"edit manifests in {self.root}", "no such directory", "--manifests DIR")
         self.all = manifests_of(self.root)

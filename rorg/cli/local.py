@@ -129,6 +129,7 @@ def view(place: Place) -> dict[str, Any]:
                 "fingerprint": catalog.fingerprint,
                 "revision": "",
                 "robot": "",
+                "git": None,
                 "errors": [],
             },
         },

@@ -5,15 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Directory, EngineName, Option, OwnStateDirectory
+from rorg.cli.options import DIRECTORIES, FILES, Directory, EngineName, Option, OwnStateDirectory, duration
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
     from rorg.cli.context import Context
     from rorg.daemon.loop import Loop
+    from rorg.host.git_cache import Followed
 
 GROUP = "rorg"
 """By default, where there is one of that name."""
+FETCH = b"f"
+"""What the handler of SIGHUP writes."""
 Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
 
 
@@ -41,32 +44,61 @@ def command(
     tls_cert: Pem = None,
     tls_key: Pem = None,
     tls_ca: Pem = None,
+    git: Annotated[
+        str,
+        Option(
+            names=("--git",),
+            metavar="REPO[@BRANCH]",
+            show_default=False,
+            completes=DIRECTORIES,
+            help="Follow the manifests of this repository instead of a directory.",
+        ),
+    ] = "",
+    path: Annotated[
+        str,
+        Option(names=("--path",), metavar="DIR", show_default=False, help="Where they are in it. Default: at its top."),
+    ] = "",
+    poll: Annotated[
+        float,
+        Option(
+            names=("--poll",),
+            parser=duration,
+            metavar="DURATION",
+            least=1,
+            most=86_400,
+            help="How often to look at it: 30s, 5m.",
+        ),
+    ] = 30.0,
+    committed: Annotated[
+        bool, Option(names=("--committed",), help="Of DIRECTORY what is committed counts, not its files.")
+    ] = False,
+    signers: Annotated[
+        Path | None,
+        Option(
+            names=("--signers",),
+            metavar="FILE|DIR",
+            show_default=False,
+            completes=FILES,
+            help="Only signed commits come into force: a file of allowed ssh signers, or a GnuPG home.",
+        ),
+    ] = None,
 ) -> None:
     """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API.
 
     Example: rorg run manifests
     """
-    import time
-
     from rorg.api.server import make_server
     from rorg.cli.context import Context
+    from rorg.cli.following import followed
     from rorg.cli.output import note
-    from rorg.cli.terminal import entry
-    from rorg.daemon.wiring import make_loop
     from rorg.store.clearing import clear
 
     context = Context(state_dir, engine, directory, local=True, own=True)
-    robot = _check(context, group)
+    repository = followed(context.directory or context.root if committed else directory, git, path, committed, signers)
+    _check(None if repository else context.root, group)
     tcp = _tcp(listen, tls_cert, tls_key, tls_ca) if listen else None
     context.state.acquire("rorg run")
-    loop = make_loop(
-        context.root,
-        context.state,
-        context.engine(),
-        lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line)),
-        robot,
-    )
-    note(_begins(context, loop))
+    loop = _loop(context, repository, poll)
     server = make_server(loop, context.state, group)
     server.tcp = tcp
     with context.state.usable():
@@ -88,27 +120,48 @@ def command(
         os._exit(0)  # the interpreter would wait for their threads
 
 
-def _begins(context: Context, loop: Loop) -> str:
-    """What runs where."""
-    whose = f" for {loop.tree.robot}" if loop.tree.robot else ""
-    where = f"{context.root.resolve()}{whose} on {context.engine_name}, state in {context.state.path}"
-    return f"rorg runs {where}; containers keep running when it stops"
+def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
+    """Over the directory of manifests, or over a repository; told in one line. Raises Invalid where the directory has
+    no robot of the name that was asked for; of a repository that is an error of its manifests."""
+    import time
+
+    from rorg.cli.output import note
+    from rorg.cli.terminal import entry
+    from rorg.daemon.wiring import make_loop, make_source
+
+    robot = context.asked_robot if repository else context.named_robot
+    source = make_source(context.state, repository, poll) if repository else None
+    root = source.root if source else context.root.resolve()
+    loop = make_loop(
+        root,
+        context.state,
+        context.engine(),
+        lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line)),
+        robot,
+        source,
+    )
+    what = (repository.shown if repository else str(root)) + (f" for {loop.tree.robot}" if loop.tree.robot else "")
+    note(
+        f"rorg runs {what} on {context.engine_name}, state in {context.state.path}; "
+        "containers keep running when it stops"
+    )
+    return loop
 
 
-def _check(context: Context, group: str) -> str:
-    """The robot that was named. Raises Invalid where the directory, that robot or that group is not there."""
+def _check(root: Path | None, group: str) -> None:
+    """Raises Invalid where a directory, or a group that was named, is not there."""
     from rorg.api.permissions import group_id
     from rorg.errors import Invalid
 
-    if not context.root.is_dir():
-        raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
+    if root is not None and not root.is_dir():
+        raise Invalid(f"run {root}", "no such directory", "the directory that holds services/")
     if group_id(group) is None and group != GROUP:
         raise Invalid(f"let the group '{group}' in", "no such group", f"`sudo groupadd --system {group}`")
-    return context.named_robot
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:
-    """Until SIGINT or SIGTERM. systemd hears when it begins to work, when it ends, and that it goes on."""
+    """Until SIGINT or SIGTERM; at SIGHUP it looks at the repository that it follows. systemd hears when it begins to
+    work, when it ends, and that it goes on."""
     import os
     import signal
     import threading
@@ -118,7 +171,9 @@ def _run_until_told(loop: Loop, server: Server) -> None:
     told, tell = os.pipe()
 
     def end() -> None:
-        os.read(told, 1)
+        while os.read(told, 1) == FETCH:
+            if loop.tree.source is not None:
+                loop.tree.source.ask()
         server.end()
         loop.stop()
 
@@ -126,6 +181,8 @@ def _run_until_told(loop: Loop, server: Server) -> None:
     threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os.write(tell, b"."))
+    if loop.tree.source is not None:
+        signal.signal(signal.SIGHUP, lambda *_: os.write(tell, FETCH))
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()
     notify("READY=1")

@@ -100,6 +100,7 @@ class Recorder:
             self._tree,
             tree,
         )
+        self.when_new("git trust", tree.refusal, "git-refused", tree.refusal or "git trusts the manifests again")
         self._unknown(decision)
         self._when_new("requests", tuple(map(str, requests.diagnostics)), self._requests, requests)
         observed = decision.situation.observed

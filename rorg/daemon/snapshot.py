@@ -27,6 +27,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "fingerprint": tree.desired.catalog.fingerprint,
             "revision": tree.revision,
             "robot": tree.robot,
+            "git": tree.git_json(),
             "errors": [d.as_json() for d in tree.errors],
         },
         "requests_errors": [str(d) for d in requests.diagnostics],

@@ -9,13 +9,15 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from rorg.core.desired import Desired, desire
+from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
-from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp
+from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp, refusal
 from rorg.images.references import Content, References
-from rorg.manifest.documents import manifest_files, manifest_folders, overlay_files, stray_files, unexpected
+from rorg.manifest.documents import beside, manifest_files, manifest_folders, overlay_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
 from rorg.manifest.overlay import FOLDER, robot_for
@@ -49,11 +51,12 @@ class Tree:
         references: References | None = None,
         named: str = "",
         host: str = "",
+        source: GitSource | None = None,
     ) -> None:
         """`named`: the robot whose overlay counts; without that the one called `host`, where there is one."""
         self.named, self.host = named, host
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
-        self.references = references
+        self.references, self.source = references, source
         self.images = Content()
         """Of the last good tree."""
         self._catalog: Catalog | None = None
@@ -65,6 +68,10 @@ class Tree:
         self.warnings: tuple[Diagnostic, ...] = ()
         self._commit: tuple[object, Commit | None] | None = None
         """How the repository's head was when git was asked, and what it said."""
+        self.refusal = ""
+        """Why git says nothing of it."""
+        self._moves: tuple[tuple[int, int], ...] = ()
+        """How the repository's head was when it was read last."""
         self.loaded = False
         """Whether any tree has been good yet."""
         self._inputs = Inputs()
@@ -80,7 +87,7 @@ class Tree:
 
     @cached_property
     def _git(self) -> Path | None:
-        return git_dir(self.root)
+        return self.source.cache.store if self.source else git_dir(self.root)
 
     @property
     def robot(self) -> str:
@@ -98,6 +105,7 @@ class Tree:
         stamp = (self._stamp, head_stamp(self._git))
         if self._commit is None or self._commit[0] != stamp:
             self._commit = stamp, head(self.root) if self._git else None
+            self.refusal = refusal(self.root) if self._commit[1] is None else ""
         return self._commit[1]
 
     @property
@@ -109,7 +117,21 @@ class Tree:
     @property
     def busy(self) -> bool:
         """Whether it is being written, and left for later."""
-        return self._since is not None
+        return self._since is not None or (self.source is not None and self.source.writing)
+
+    @property
+    def _under_way(self) -> bool:
+        """Whether git writes it."""
+        return checkout_under_way(self._git) or (self.source is not None and self.source.writing)
+
+    def git_json(self) -> dict[str, Any] | None:
+        """The repository that is followed, and how that goes; or one that git does not trust; else None."""
+        if self.source is not None:
+            return self.source.as_json()
+        if not self.refusal:
+            return None
+        nothing = dict.fromkeys(("branch", "commit", "fetched_at"), "")
+        return {"followed": False, "repository": str(self.root), **nothing, "error": self.refusal}
 
     def stamp(self) -> Stamp:
         """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
@@ -133,10 +155,12 @@ class Tree:
             found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
         if self.robot:
             found += manifest_folders(self.root / FOLDER / self.robot)
+            found += sorted({beside(path, self.root) for path in manifest_files(self.root)})
         found += sorted(path.parent for path in self._inputs.files)
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
         contexts = [path for path in self._built_from() if os.path.isdir(path)]
+        contexts += [self._git / "logs"] if self._git and os.path.isdir(self._git / "logs") else []
         inside = (
             p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
         )
@@ -148,24 +172,41 @@ class Tree:
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
         read, is left for later; but not for ever."""
-        now, stamp, checkout = self.clock(), self.stamp(), checkout_under_way(self._git)
+        if self.source is not None and (self.source.writing or self.source.empty):
+            return self._without(self.source), False
+        now, stamp, checkout = self.clock(), self.stamp(), self._under_way
         if stamp == self._stamp and not checkout:
             self._since = None
-            return self._built_anew(), False
+            return self._moved() or self._built_anew(), False
         waited = 0.0 if self._since is None else now - self._since
         still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
         if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
             return self._later(now, stamp)
         if self._stamp and stamp[:2] == self._stamp[:2] and not self._rests(stamp, now):
             return False, True
+        moves = head_stamp(self._git)
         before, loaded = self._load(stamp)
         after = self.stamp()
-        whole = after[:2] == before[:2] and not (checkout_under_way(self._git) and not checkout)
+        whole = after[:2] == before[:2] and not (self._under_way and not checkout)
         if not whole and (waited < PATIENCE or (loaded.catalog is None and waited < 2 * PATIENCE)):
             return self._later(now, after)
-        self._since, self._stamp = None, before
+        self._since, self._stamp, self._moves = None, before, moves
         self._take(loaded)
         return True, not whole
+
+    def _without(self, source: GitSource) -> bool:
+        """Whether there is something new to say of a repository that has not brought anything yet."""
+        shown, why = source.cache.followed.remote.shown, source.error
+        errors = (Diagnostic(Where(shown), f"nothing of it is here yet: {why}"),)
+        if source.writing or not why or self.errors == errors:
+            return False
+        self.errors = errors
+        return True
+
+    def _moved(self) -> bool:
+        """Whether it is at another commit, though all that it declares is the same."""
+        before, self._moves = self._moves, head_stamp(self._git)
+        return before != self._moves
 
     def _built_anew(self) -> bool:
         """Whether images that the tree declares have become others, though nothing that they are made from has."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.generations import Generations
+from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop
@@ -26,6 +27,7 @@ from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.host.clock import booted_at, wall_clock
+from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
 from rorg.images.make import make_supplier
@@ -40,17 +42,31 @@ JOBS = 2
 """Images that are built at once beside a robot that does other things."""
 
 
-def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None], robot: str = "") -> Loop:
+def make_loop(
+    root: Path,
+    state: StateDir,
+    engine: Engine,
+    say: Callable[[str], None],
+    robot: str = "",
+    source: GitSource | None = None,
+) -> Loop:
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
-    for each thing that happens. `robot`: as of make_tree()."""
-    return loop_over(make_tree(root, state, engine.name, robot), state, engine, say)
+    for each thing that happens. `robot` and `source`: as of make_tree()."""
+    return loop_over(make_tree(root, state, engine.name, robot, source), state, engine, say)
 
 
-def make_tree(root: Path, state: StateDir, engine: str, robot: str = "") -> Tree:
+def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source: GitSource | None = None) -> Tree:
     """A tree of this robot's, for the engine of this name, not read yet. `robot`: whose overlay counts; without that
-    the one called as this machine."""
+    the one called as this machine. `source`: what follows a repository for it."""
     references, host = references_for(engine, state.path), os.uname().nodename
-    return Tree(root.resolve(), str(state.run), engine=engine, references=references, named=robot, host=host)
+    return Tree(
+        root.resolve(), str(state.run), engine=engine, references=references, named=robot, host=host, source=source
+    )
+
+
+def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
+    """What follows a repository, in the state directory; nothing is done yet."""
+    return GitSource(GitCache(state.git.resolve(), followed, threading.Event()), poll, wall_clock)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
@@ -74,16 +90,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
-    threads: tuple[Thread, ...] = (
-        maintenance,
-        *([images] if images else []),
-        prober,
-        sampler,
-        ros,
-        watcher,
-        notified,
-        observer,
-    )
+    bringers = _bringers(tree.source, images, recorder, wakes)
+    threads: tuple[Thread, ...] = (maintenance, *bringers, prober, sampler, ros, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -109,6 +117,15 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
 def _retention(tree: Tree) -> Retention:
     history = tree.desired.catalog.policy.history
     return Retention(days=history.days, events=history.events, revisions=history.revisions)
+
+
+def _bringers(source: GitSource | None, images: ImageManager | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
+    """What brings manifests and images: what follows a repository, with a watch on one that lies on this machine."""
+    found: list[Thread] = [images] if images else []
+    if source is not None:
+        source.tell, source.moved = recorder.when_new, wakes.files_changed
+        found += [source, *([Watcher(source.folders, source.ask, source.ignores)] if source.folders() else [])]
+    return found
 
 
 def _image_manager(

@@ -77,6 +77,18 @@ def commit_of(directory: Path, name: str) -> str:
     return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
 
 
+def refusal(directory: Path) -> str:
+    """Why git says nothing of a repository that belongs to another user, and what helps; empty when it does."""
+    found = repository(directory)
+    said = run_git(["-C", str(directory), "rev-parse"], owner_of(found), errors=True) if found else None
+    if found is None or said is None or "safe.directory" not in said.text:
+        return ""
+    return (
+        f"git does not trust {found.parent}, since it is another user's: its revision is not known, and nothing is "
+        f"committed there; try `git config --global --add safe.directory {found.parent}`"
+    )
+
+
 def head(directory: Path) -> Commit | None:
     """The commit that a tree is at; None outside of a repository, before its first commit, and where git refuses."""
     words = ("log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%H%n%ct%n%an%n%s%n.")
@@ -134,7 +146,7 @@ def wait_for_locks(root: Path, since: float) -> None:
 def _locks(git: Path, since: float) -> dict[Path, float]:
     """Each with the time when it was made."""
     found = {}
-    for lock in (*git.glob("*.lock"), *git.glob("refs/heads/**/*.lock")):
+    for lock in (*git.glob("*.lock"), *git.glob("refs/**/*.lock")):
         with contextlib.suppress(OSError):
             found[lock] = lock.stat().st_mtime
     return {lock: made for lock, made in found.items() if made >= since}

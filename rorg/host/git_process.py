@@ -86,7 +86,7 @@ def begin_git(
     In the name of an `owner` nothing of their repository's configuration (hooks, filters, programs) is executed as
     root; git itself refuses repositories of others (safe.directory). Where the kernel does not let us (no CAP_SETUID)
     it runs as we do, and refuses. Only in our own name our own configuration counts."""
-    own = os.environ.get("HOME", "") if owner is None else ""
+    own = os.path.expanduser("~") if owner is None else ""
     try:
         return subprocess.Popen(
             ["git", *SAFE, *words],

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args
 
@@ -47,9 +48,19 @@ class Source:
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
 
-    @property
+    @cached_property
     def directory(self) -> Path:
-        return self.path.parent
+        """What its relative paths begin from."""
+        return beside(self.path, self.root)
+
+
+def beside(path: Path, root: Path) -> Path:
+    """The directory that a manifest lies in: of a link the one of the file that it leads to. That lies in the tree:
+    one that leads out of it is not read."""
+    if not os.path.islink(path):
+        return path.parent
+    inner = os.path.relpath(os.path.realpath(path), os.path.realpath(root))
+    return path.parent if inner.startswith("..") else (root / inner).parent
 
 
 def manifest_files(root: Path) -> list[Path]:

@@ -24,7 +24,7 @@ FILES = (
 )
 LAST = ("instance", "instance.lock", ".requests.lock", "owner.json", "lock")
 """What says whose robot this is."""
-FOLDERS = ("process", "run", "builds")
+FOLDERS = ("process", "run", "builds", "git")
 SOCKETS = ("services", ".new", "rorg.sock")
 """Below the run directory, which may be one of the machine's."""
 

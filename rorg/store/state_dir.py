@@ -66,6 +66,11 @@ class StateDir:
         return self.path / "manifest-change.json"
 
     @property
+    def git(self) -> Path:
+        """The repository that is followed, and its files."""
+        return self.path / "git"
+
+    @property
     def status(self) -> Path:
         return self.path / "status.json"
 

@@ -1,0 +1,150 @@
+"""Follows a repository for the loop: fetches in a thread of its own, and brings forward what may come into force."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rorg.host.git import head
+from rorg.host.git_cache import GitCache, Unacceptable, Unreachable
+
+POLL = 30.0
+"""Seconds between two looks at a repository."""
+MOST_FOLDERS = 100
+"""Of a local repository's references that are watched."""
+
+
+class GitSource:
+    """`poll`: seconds between two fetches; `wall` gives ISO 8601 in UTC. While `writing` the tree is not to be read."""
+
+    def __init__(self, cache: GitCache, poll: float, wall: Callable[[], str]) -> None:
+        self.cache, self.poll, self.wall = cache, poll, wall
+        self.tell: Callable[[str, Any, str, str], None] = lambda *_: None
+        """(key, value, kind of event, message): an event, unless the last one of this key had the same value."""
+        self.moved: Callable[[], None] = lambda: None
+        """Called when the tree is to be looked at, or other things are to be told of it."""
+        self.writing = self.empty = True
+        self._accepted = ""
+        self.commit = self.fetched_at = self.error = ""
+        self._asked = threading.Event()
+        self._turn = threading.Condition()
+        self._begun = self._ended = 0
+        """Fetches."""
+
+    @property
+    def root(self) -> Path:
+        """Where the manifests are."""
+        return self.cache.tree / self.cache.followed.path
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "followed": True,
+            "repository": self.cache.followed.remote.shown,
+            "branch": self.cache.followed.remote.branch,
+            "commit": self.commit,
+            "fetched_at": self.fetched_at,
+            "error": self.error,
+        }
+
+    # -- what the loop's other threads call ------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """What is here already is in force at once, whoever can be reached."""
+        self._guarded(self._prepare)
+        threading.Thread(target=self._run, name="git", daemon=True).start()
+
+    def stop(self) -> None:
+        self.cache.stop.set()
+        self.ask()
+
+    def ask(self) -> None:
+        """Fetches soon."""
+        self._asked.set()
+
+    def fetch(self, patience: float) -> bool:
+        """Fetches, and waits for so many seconds; whether that has ended."""
+        with self._turn:
+            wanted = self._begun + 1
+            self.ask()
+            return self._turn.wait_for(lambda: self._ended >= wanted, patience)
+
+    def folders(self) -> list[Path]:
+        """Directories of a local repository, in which it says what it is at. The first may not be there."""
+        git = self.cache.followed.remote.git
+        if git is None:
+            return []
+        found = (Path(folder) for folder, _, _ in os.walk(git / "refs/heads"))
+        return [git, *(folder for _, folder in zip(range(MOST_FOLDERS), found, strict=False))]
+
+    def ignores(self, path: str) -> bool:
+        """Whether a file in there says nothing of that."""
+        return path.endswith(".lock") or not ("/refs/" in path or path.endswith(("/HEAD", "/packed-refs")))
+
+    # -- the thread ------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self.cache.stop.is_set():
+            with self._turn:
+                self._asked.clear()
+                self._begun += 1
+            self._guarded(self._sync)
+            with self._turn:
+                self._ended = self._begun
+                self._turn.notify_all()
+            self._asked.wait(self.poll)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Whatever comes of it the next time comes."""
+        kind, error = "git", ""
+        try:
+            work()
+        except Unacceptable as refused:
+            kind, error = "git-refused", f"{refused}"
+        except Unreachable as why:
+            kind, error = "git-unreachable", f"{why}"
+        except OSError as why:
+            kind, error = "git-unreachable", f"{why.filename or self.cache.folder}: {why.strerror or why}"
+        except Exception as bug:
+            kind, error = "internal-error", f"internal error: {type(bug).__name__}: {bug}"
+        if self.cache.stop.is_set():
+            return
+        changed, self.error = self.error != error, error
+        shown = self.cache.followed.remote.shown
+        kept = f"{self.commit[:10]} stays in force" if self.commit else "nothing new is in force"
+        self.tell("git", error, kind, f"git: {shown}: {error}; {kept}" if error else f"git: {shown} is followed again")
+        if changed:
+            self.moved()
+
+    def _prepare(self) -> None:
+        self.cache.prepare()
+        self._in_force()
+
+    def _in_force(self) -> None:
+        self.commit, self.empty, self.writing = self.cache.commit, self.cache.empty, False
+        self.moved()
+
+    def _sync(self) -> None:
+        if self.writing:
+            self._prepare()
+        commit = self.cache.fetch()
+        self.fetched_at = self.wall()
+        if commit != self._accepted:
+            self.cache.check(commit)
+        if commit != self.commit:
+            self._advance(commit)
+            self.cache.tidy()
+        self._accepted = commit
+
+    def _advance(self, commit: str) -> None:
+        self.writing = True
+        self.cache.advance(commit)
+        self._in_force()
+        found = head(self.cache.tree)
+        about = f": {found.subject} ({found.author})" if found else ""
+        self.tell("git-commit", commit, "git-commit", f"git: {commit[:10]}{about} comes into force")
+        if left := self.cache.submodules():
+            text = f"git: submodules are not followed, and their directories empty: {', '.join(left)}"
+            self.tell("git-submodules", left, "git-submodules", text)
