@@ -33,6 +33,8 @@ class Desired:
     rivals: Mapping[str, frozenset[str]]
     """Service -> those whose plan depends on whether it is active, though they do not need it: it conflicts with them,
     or shares an exclusive resource with them."""
+    sets: Mapping[str, tuple[str, ...]]
+    """Set -> the services that change together."""
     interlocks: Mapping[str, Probe]
     """Of the services that have one."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -54,7 +56,10 @@ def desire(
     dependants: dict[str, list[str]] = {name: [] for name in services}
     conflicts: dict[str, set[str]] = {name: set() for name in services}
     sharers: dict[str, list[str]] = {}
-    for name, service in services.items():
+    sets: dict[str, list[str]] = {}
+    for name, service in sorted(services.items()):
+        if service.update.atomic and service.spec is not None:
+            sets.setdefault(service.update.atomic, []).append(name)
         for need in graph[name]:
             dependants[need].append(name)
         for resource in service.exclusive:
@@ -81,6 +86,7 @@ def desire(
             for name, s in services.items()
             if s.exclusive or conflicts[name]
         },
+        sets={name: tuple(members) for name, members in sets.items() if len(members) > 1},
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
         contents=contents,
     )

@@ -20,7 +20,7 @@ from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, trace
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
-from rorg.model.catalog import RUN, Idle, Probe, Service
+from rorg.model.catalog import RUN, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.volumes import mounted_at
 
@@ -63,6 +63,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
         idle=_idle(spec, profile, policy),
+        update=Updating() if meta else _updating(spec, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
         interlock=None if meta else probe(interlock, "interlock", master),
@@ -89,6 +90,18 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
     declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     escalate = declared.get("escalate")
     return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+
+
+ALL = "true"
+"""The set of those that say `atomic: true`; no name can be this one, since YAML reads it as that."""
+
+
+def _updating(spec: Any, policy: Any) -> Updating:
+    """The Policy's, with what the manifest says otherwise."""
+    first = policy.updates.model_dump() if policy and policy.updates else {}
+    said = {**first, **(spec.update.model_dump(exclude_none=True) if spec.update else {})}
+    atomic = said.pop("atomic", False)
+    return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
 
 
 def probe(model: Any, role: str, master: str = "") -> Probe | None:
