@@ -36,8 +36,8 @@ FRESH = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What a pass reads. `requests`, `restarts`, `retries`, `holds` and `suspended` are those of the requests file; standing
-    requests come with the catalog."""
+    """What a pass reads. `requests`, `restarts`, `retries`, `holds` and `suspended` are those of the requests file;
+    standing requests come with the catalog."""
 
     desired: Desired
     requests: tuple[Request, ...]

@@ -1,5 +1,5 @@
-"""The trial of a new container: the one before it is kept until this one is ready and has stayed well for its bake; else
-it is gone back to, and what failed is quarantined: not tried again until it is changed, or a person says so.
+"""The trial of a new container: the one before it is kept until this one is ready and has stayed well for its bake;
+else it is gone back to, and what failed is quarantined: not tried again until it is changed, or a person says so.
 
 A new container carries the id of the one before it in a label, so whoever comes after a crash knows which is which.
 """

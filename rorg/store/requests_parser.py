@@ -18,7 +18,8 @@ HEADER = """\
 # What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
 # requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
-# service was asked for; retries: the same of another try of a change that failed. holds: services that must not be active until a time. suspended: nothing is changed until then.
+# service was asked for. retries: when another try of a change of it that failed was. holds: services that must not be
+# active until a time. suspended: nothing is changed until then.
 # removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: everything is
 # ceased and removed, whatever else is said here, and then rorg ends.
 """
