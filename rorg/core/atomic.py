@@ -32,14 +32,26 @@ def sets_of(names: Iterable[str], desired: Desired) -> set[str]:
 
 
 def judged_together(
-    name: str,
+    sets: Iterable[str],
     progress: Mapping[str, Progress],
     desired: Desired,
     wanted: Collection[str],
     containers: Mapping[str, Sequence[Container]],
 ) -> dict[str, Progress]:
-    """What is remembered otherwise of the services of a set."""
-    members = desired.sets[name]
+    """What is to be remembered otherwise of the services of these sets."""
+    found: dict[str, Progress] = {}
+    for name in sets:
+        found |= _judged(desired.sets[name], progress, desired, wanted, containers)
+    return found
+
+
+def _judged(
+    members: Sequence[str],
+    progress: Mapping[str, Progress],
+    desired: Desired,
+    wanted: Collection[str],
+    containers: Mapping[str, Sequence[Container]],
+) -> dict[str, Progress]:
     changing = {n: c for n in members if (c := _changing(n, progress, desired, wanted, containers.get(n, ())))}
     awaited = [c for c in changing.values() if c.wanted]
     bad = {n: why for n in members if (why := _own(progress, n))}

@@ -165,13 +165,8 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
-    memory, followed = _followed(
-        retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries),
-        admission.wanted,
-        inputs,
-        cache,
-        touched,
-    )
+    memory = retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries)
+    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))

@@ -9,7 +9,7 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.model.catalog import RUN, Catalog, Probe
+from rorg.model.catalog import RUN, Catalog, Probe, Service
 from rorg.model.image_names import declared
 
 
@@ -56,10 +56,7 @@ def desire(
     dependants: dict[str, list[str]] = {name: [] for name in services}
     conflicts: dict[str, set[str]] = {name: set() for name in services}
     sharers: dict[str, list[str]] = {}
-    sets: dict[str, list[str]] = {}
-    for name, service in sorted(services.items()):
-        if service.update.atomic and service.spec is not None:
-            sets.setdefault(service.update.atomic, []).append(name)
+    for name, service in services.items():
         for need in graph[name]:
             dependants[need].append(name)
         for resource in service.exclusive:
@@ -86,10 +83,19 @@ def desire(
             for name, s in services.items()
             if s.exclusive or conflicts[name]
         },
-        sets={name: tuple(members) for name, members in sets.items() if len(members) > 1},
+        sets=_sets(services),
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
         contents=contents,
     )
+
+
+def _sets(services: Mapping[str, Service]) -> dict[str, tuple[str, ...]]:
+    """Who goes together; whoever would be alone does not."""
+    found: dict[str, list[str]] = {}
+    for name, service in sorted(services.items()):
+        if service.update.atomic and not service.meta:
+            found.setdefault(service.update.atomic, []).append(name)
+    return {name: tuple(members) for name, members in found.items() if len(members) > 1}
 
 
 def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:

@@ -75,12 +75,9 @@ def follow(
         if not same:
             progress[name], changed = step, True
         (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)
-    for found in sets_of(names, desired):
-        noted_together = judged_together(found, progress, desired, wanted, by_service)
-        progress |= noted_together
-        restless |= noted_together.keys()
-        changed = changed or bool(noted_together)
-    memory = replace(memory, progress=progress) if changed else memory
+    together = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)
+    restless |= together.keys()
+    memory = replace(memory, progress={**progress, **together}) if changed or together else memory
     followed = Followed(
         desired=desired,
         wanted=wanted,

@@ -46,9 +46,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
     meta = spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins = ({}, {}) if meta else _container(source, profile, diagnostics, engine)
-    driver = spec.driver is not None
-    protected = driver if spec.protected is None else spec.protected
-    interlock = spec.interlock or (policy.interlock if policy and (driver or protected) else None)
+    protected, interlock = _guard(spec, policy)
     master = container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
     service = Service(
         name=source.name,
@@ -63,7 +61,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
         idle=_idle(spec, profile, policy),
-        update=Updating() if meta else _updating(spec, policy),
+        update=_updating(spec, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
         interlock=None if meta else probe(interlock, "interlock", master),
@@ -73,7 +71,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        driver=driver,
+        driver=spec.driver is not None,
         spec=None if meta else container,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
         origins={path: ", ".join(map(str, names)) for path, names in sorted(origins.items())},
@@ -92,8 +90,15 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
     return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
 
 
-ALL = "true"
-"""The set of those that say `atomic: true`; no name can be this one, since YAML reads it as that."""
+ALL = "*"
+"""The set of those that say `atomic: true`; no set can be called so."""
+
+
+def _guard(spec: Any, policy: Any) -> tuple[bool, Any]:
+    """Whether it is protected, and what must allow that its container is touched."""
+    driver = spec.driver is not None
+    protected = driver if spec.protected is None else spec.protected
+    return protected, spec.interlock or (policy.interlock if policy and (driver or protected) else None)
 
 
 def _updating(spec: Any, policy: Any) -> Updating:
