@@ -330,7 +330,7 @@ def no_way_back(robot: SimRobot, bad: set[str]) -> None:
         old = [c for c in known if c.digest not in robot.faults.bad]
         waits = {w.service for w in robot.decision.plan.waitings}
         assert not old or name in waits, f"{name}: nobody is told"
-        assert len(known) <= 1, f"{name} keeps {known}"
+        assert len(known) <= 1 or robot.memory.of(name).update.held, f"{name} keeps {known}"
 
 
 def closure_of(catalog: Catalog, names: set[str]) -> set[str]:
@@ -437,6 +437,8 @@ class Watch:
         robot, desired = self.robot, self.robot.desired
         wanted, found = robot.decision.situation.wanted, {c.id: c for c in robot.engine.list()}
         if action.reason != "changed" or name not in wanted or not found[action.container].active:
+            return
+        if name in robot.decision.situation.restarts:
             return
         for other in {*desired.sets.get(desired.catalog.services[name].update.atomic, ())} & {*wanted}:
             own = [c for c in found.values() if c.service == other]

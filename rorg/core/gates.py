@@ -47,7 +47,8 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     if locked:
         return (), Waiting(name, f"interlock: {locked}")
     begins = step.verb in ("start", "resume") or step.part_of
-    if swap and memory.update.held and view.active(name):  # what is down anyway begins anew with the new one
+    ends_anyway = not view.active(name) or name in view.s.restarts  # and begins with the new one then
+    if swap and memory.update.held and not ends_anyway:
         return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:

@@ -110,8 +110,8 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
         if name in ("ready", "live", "interlock"):
             guarded = [own, *(policy if service.protected or service.driver else [])]
             yield from _probe(guarded if name == "interlock" else levels, name, service)
-        elif name == "update" and not service.meta:
-            for key, part in fields_of(told.model or BaseModel).items():
+        elif name == "update":
+            for key, part in fields_of(told.model or BaseModel).items() if not service.meta else ():
                 own_word = getattr(own.source.spec.update, key, None) is not None
                 at = ("update" if own_word else "updates", key)
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
