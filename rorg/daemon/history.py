@@ -13,7 +13,7 @@ from rorg.core.desired import Desired
 from rorg.core.digest import canonical, declared_fields
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
-from rorg.core.situation import Situation
+from rorg.core.standing import GOOD, standing
 from rorg.daemon.outliving import outliving, remembered
 from rorg.daemon.tree import Tree
 from rorg.history.asked import Asked
@@ -100,12 +100,12 @@ class Historian:
             self._seen = seen
             self._begin(decision.plan, tree)
         revision = self._revision
-        if revision is None or revision.standing == "failed":
+        if revision is None:
             return
-        code, reason = standing(decision.situation, decision.plan, revision.standing == "good")
-        if code != revision.standing:
-            self._revision = replace(revision, standing=code, reason=reason)
-            self.revisions.settle(revision.number, code, reason, self.wall())
+        found = standing(decision.situation, decision.plan, revision.standing == GOOD)
+        if found.code != revision.standing:
+            self._revision = replace(revision, standing=found.code, reason=found.reason)
+            self.revisions.settle(revision.number, found.code, found.reason, self.wall())
 
     def _begin(self, plan: Plan, tree: Tree) -> None:
         """Writes a state of the manifests down, unless it is the one in force."""
@@ -120,7 +120,7 @@ class Historian:
             author=commit.author if commit else "",
             subject=commit.subject if commit else "",
             dirty=commit is not None and commit.dirty,
-            robot=getattr(tree, "robot", ""),
+            robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
             services = made(tree.desired, last.services if last else {})
@@ -144,14 +144,6 @@ def made(desired: Desired, before: Mapping[str, Made]) -> dict[str, Made]:
         declared = canonical(declared_fields(service.spec))
         found[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
     return found
-
-
-def standing(situation: Situation, plan: Plan, good: bool) -> tuple[str, str]:
-    """How a state of the manifests has done so far: its standing, and the reason."""
-    if good:
-        return "good", ""
-    doing = bool(situation.memory.in_flight or plan.actions or any(w.goes_on for w in plan.waitings))
-    return ("applying", "something is to be done") if doing else ("good", "")
 
 
 def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:
