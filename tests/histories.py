@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
 import subprocess
 import time
 from collections.abc import Iterator
@@ -20,6 +22,20 @@ def wall() -> str:
 def owned(path: Path) -> Journal:
     """A journal to write to."""
     return Journal(Database(path, wall))
+
+
+def write_many(path: Path, number: int, message: str, **more: object) -> None:
+    """So many entries at once."""
+    database = Database(path, wall)
+    rows = [(seq, wall(), "told", message, 0, json.dumps(more)) for seq in range(1, number + 1)]
+    about = [(more["service"], seq) for seq in range(1, number + 1) if "service" in more]
+
+    def change(connection: sqlite3.Connection) -> None:
+        connection.executemany("INSERT INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)", rows)
+        connection.executemany("INSERT INTO about (service, seq) VALUES (?, ?)", about)
+
+    assert database.write(change)
+    database.close()
 
 
 def entries(path: Path) -> list[dict]:
