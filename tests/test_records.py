@@ -338,6 +338,9 @@ def test_the_same_is_told_with_a_running_rorg_and_without(robot, reader, tmp_pat
     """The bad service would go on to fail: it is looked at up to a time."""
     robot.client().suspend(3600, "so that all stands still")
     robot.wait(lambda: robot.loop.decision.situation.suspended and not robot.loop.decision.memory.in_flight)
+    generation = robot.loop.generations.changed()
+    robot.loop.wake()
+    robot.wait(lambda: robot.loop.generations.reached(generation))
     entries = robot.loop.recorder.journal.after(0, 10_000)
     until = entries[-1]["at"]
     lines = [
@@ -361,15 +364,72 @@ def test_the_same_is_told_with_a_running_rorg_and_without(robot, reader, tmp_pat
     states = [(s["state"], s["who"]) for s in json.loads(served[5])["spans"]]
     assert ("ready", author) in states
     assert states[-1] in (("exited", author), ("paused", author)), "who released it"
-    assert [json.loads(line) for line in served[8].splitlines()][-len(entries) :] == [{"event": e} for e in entries]
+    exported = [json.loads(line) for line in served[8].splitlines()]
+    assert [r["event"] for r in exported if "event" in r][: len(entries)] == entries
 
     pieces = tmp_path / "robot.pb"
     said(robot, "history", "export", "--format", "protobuf", "--file", str(pieces))
     read = [without_empty(told(record)) for record in reader.records(pieces)]
-    assert read == [without_empty(json.loads(line)) for line in served[8].splitlines()]
+    assert read[: len(exported)] == [without_empty(record) for record in exported]
 
     with pytest.raises(Forbidden):
         robot.client("bad").call("GET", "/v1/history")
     robot.stop()
     for line, before in zip(lines[:-1], served, strict=False):
         assert said(robot, *line) == before, line
+
+
+def git(folder: Path, *words: str) -> str:
+    who = ("-c", "user.name=Ann", "-c", "user.email=ann@example.org")
+    return subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def commit(robot, subject: str, services: dict) -> str:
+    """Declares services in a commit, and waits until that has proven good."""
+    robot.declare(services)
+    git(robot.tree, "add", "--all")
+    git(robot.tree, "commit", "--quiet", "--message", subject)
+    found = git(robot.tree, "rev-parse", "HEAD")
+    revisions = robot.loop.recorder.historian.revisions
+    robot.wait(lambda: (r := revisions.last()) and (r.commit, r.dirty, r.standing) == (found, False, "good"))
+    return found
+
+
+def test_revisions_are_shown_and_compared_by_number_and_by_commit(tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    try:
+        robot.tree.mkdir(exist_ok=True)
+        git(robot.tree, "init", "--quiet", "--initial-branch", "main/line")
+        secret = ["sleep", "600", "--password", "geheim"]
+        first = commit(robot, "First", {"camera": {"always_on": True}, "arm": {"command": secret}})
+        git(robot.tree, "tag", "demo")
+        last = commit(robot, "Second", {"camera": {"always_on": True, "command": ["sleep", "601"]}})
+        (robot.tree / "services" / "bad.yaml").write_text("kind: Service\n")
+        robot.wait(lambda: robot.loop.recorder.historian.revisions.last().standing == "refused")
+        lines = [
+            ["history", "-o", "json"],
+            ["history"],
+            ["history", "show", "demo"],
+            ["history", "show", first[:8], "-o", "json"],
+            ["history", "diff", "demo", "HEAD"],
+            ["history", "diff", "HEAD~1", "main/line", "-o", "json"],
+            ["history", "export"],
+        ]
+        served = [said(robot, *line) for line in lines]
+        refused, second, *others = json.loads(served[0])
+        assert (refused["standing"], "bad.yaml" in refused["errors"][0]) == ("refused", True)
+        assert [second[k] for k in ("commit", "author", "subject", "standing")] == [last, "Ann", "Second", "good"]
+        number = next(r["number"] for r in others if r["commit"] == first)
+        assert "bad.yaml" in said(robot, "history", "show", str(refused["number"]))
+        assert re.search(rf"{last[:10]} +Ann +good +Second$", served[1], re.MULTILINE)
+        assert served[2].startswith(f"revision {number}: ")
+        shown = json.loads(served[3])
+        assert (shown["number"], set(shown["services"])) == (number, {"camera", "arm"})
+        assert [line.split()[:2] for line in served[4].splitlines()] == [["-", "arm"], ["~", "camera"]]
+        assert served[4].endswith("-> sleep 601\n")
+        assert [c["change"] for c in json.loads(served[5])["services"]] == ["removed", "changed"]
+        assert "geheim" not in "".join(served)
+        robot.stop()
+        assert [said(robot, *line) for line in lines] == served
+    finally:
+        robot.close()
