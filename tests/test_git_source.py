@@ -67,6 +67,15 @@ def test_the_head_of_a_tree(tree):
     assert head(tree.parent) is None
 
 
+def test_rorg_commits_where_a_person_signs(tree, tmp_path, monkeypatch):
+    """Nobody is there who could be asked for a passphrase."""
+    (tmp_path / ".gitconfig").write_text("[commit]\n\tgpgSign = true\n[gpg]\n\tprogram = false\n")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    committed(tree)
+    (tree / "services/camera.yaml").write_text("x")
+    assert commit(tree, tree / "services/camera.yaml", "Anna", "Change")
+
+
 # -- another user's repository ---------------------------------------------------------------------------------
 
 

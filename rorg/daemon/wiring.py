@@ -128,7 +128,8 @@ def _bringers(source: GitSource | None, images: ImageManager | None, recorder: R
     found: list[Thread] = [images] if images else []
     if source is not None:
         source.tell, source.moved = recorder.when_new, wakes.files_changed
-        found += [source, *([Watcher(source.folders, source.ask, source.ignores)] if source.folders() else [])]
+        here = source.cache.followed.remote.local is not None
+        found += [source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
     return found
 
 

@@ -156,7 +156,14 @@ def commit(root: Path, path: Path, author: str, message: str) -> bool:
     """Commits one file, alone, whatever else is staged; False outside of a repository, or when git says no."""
     if git_dir(root) is None:
         return False
-    who = ("-c", f"user.name={author}", "-c", f"user.email={author.replace(' ', '.')}@rorg.local")
+    who = (
+        "-c",
+        "commit.gpgSign=false",
+        "-c",
+        f"user.name={author}",
+        "-c",
+        f"user.email={author.replace(' ', '.')}@rorg.local",
+    )
     _git(root, "add", "--all", "--", str(path))
     return (
         _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path), patience=COMMIT_PATIENCE)
