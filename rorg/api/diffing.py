@@ -22,6 +22,8 @@ from rorg.core.plan import Plan, Waiting
 from rorg.daemon.past import Past, load_at
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
+from rorg.history.names import for_git
+from rorg.history.revisions import Revisions
 
 PATIENCE = 2.0
 """Seconds to wait at the most for a tree that is being written."""
@@ -36,15 +38,20 @@ def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyn
     async def diff(unified: bool = False, rev: str = "") -> Response:
         """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
         drifted, until now counts. `unified`: with a unified diff of each container that is changed. `rev`: what would
-        be done if the manifests of this commit, tag or branch were in force; nothing is done of it."""
+        be done if the manifests of this revision, commit, tag or branch were in force; nothing is done of it."""
         await _look(operations, changed)
         if rev:
             async with reading:
-                past = await asyncio.to_thread(load_at, operations.loop.tree, rev)
+                past = await asyncio.to_thread(_past, operations, rev)
             found = supposed(operations, past, unified)
         else:
             found = differences(operations, unified)
         return Response(json.dumps(found), media_type="application/json")
+
+
+def _past(operations: Operations, rev: str) -> Past:
+    loop = operations.loop
+    return load_at(loop.tree, for_git(rev, Revisions(loop.recorder.history)))
 
 
 async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
