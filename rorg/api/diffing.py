@@ -22,6 +22,8 @@ from rorg.core.plan import Plan, Waiting
 from rorg.daemon.past import Past, load_at
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
+from rorg.history.names import for_git
+from rorg.history.revisions import Revisions
 
 PATIENCE = 2.0
 """Seconds to wait at the most for a tree that is being written."""
@@ -29,16 +31,27 @@ PATIENCE = 2.0
 
 def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The route by which commands see what would change."""
+    reading = asyncio.Lock()
+    """One state of the history at a time: all its files are read for it."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff(unified: bool = False, rev: str = "") -> Response:
         """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
         drifted, until now counts. `unified`: with a unified diff of each container that is changed. `rev`: what would
-        be done if the manifests of this commit, tag or branch were in force; nothing is done of it."""
+        be done if the manifests of this revision, commit, tag or branch were in force; nothing is done of it."""
         await _look(operations, changed)
-        past = await asyncio.to_thread(load_at, operations.loop.tree, rev) if rev else None
-        found = differences(operations, unified) if past is None else supposed(operations, past, unified)
+        if rev:
+            async with reading:
+                past = await asyncio.to_thread(_past, operations, rev)
+            found = supposed(operations, past, unified)
+        else:
+            found = differences(operations, unified)
         return Response(json.dumps(found), media_type="application/json")
+
+
+def _past(operations: Operations, rev: str) -> Past:
+    loop = operations.loop
+    return load_at(loop.tree, for_git(rev, Revisions(loop.recorder.history)))
 
 
 async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:

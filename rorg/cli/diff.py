@@ -19,7 +19,7 @@ def command(
     rev: Annotated[
         str,
         Argument(
-            help="What else is compared: a state from the history of the tree's repository (a commit, tag or branch), "
+            help="What else is compared: a state from the history (a number of rorg history, a commit, tag or branch), "
             "as if it were in force; or two of them, A..B, by their manifests alone.",
             show_default=False,
         ),
@@ -88,10 +88,9 @@ def command(
 
 def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
     """What changed between two states from the history: A..B, where nothing stands for HEAD as with git."""
-    from rorg.cli.differences import tree_of
+    from rorg.cli.differences import past_of, tree_of
     from rorg.cli.output import print_rows
     from rorg.core.between import between
-    from rorg.daemon.past import load_at
     from rorg.errors import Exit, Invalid
 
     if unified or output == "wide":
@@ -100,7 +99,7 @@ def _between(context: Context, rev: str, service: str, unified: bool, output: st
     context.here("compare states of the manifests")
     before, _, after = rev.partition("..")
     tree = tree_of(context)
-    old, new = (load_at(tree, name or "HEAD") for name in (before, after))
+    old, new = (past_of(context, tree, name or "HEAD") for name in (before, after))
     found = [c for c in between(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)]
     rows = [{**c.as_json(), "change": c.verb, "fields": "; ".join(map(str, c.changes))} for c in found]
     full = {"from": old.commit, "to": new.commit, "changes": [c.as_json() for c in found]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlencode
@@ -15,6 +16,7 @@ from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
 if TYPE_CHECKING:
+    from rorg.daemon.past import Past
     from rorg.daemon.tree import Tree
 
 
@@ -133,15 +135,28 @@ def tree_of(context: Context) -> Tree:
     return make_tree(context.root, context.state, context.engine_name, context.robot)
 
 
+def past_of(context: Context, tree: Tree, rev: str) -> Past:
+    """A state of the tree from the history: by its number there, or as git knows it."""
+    from rorg.daemon.past import load_at
+    from rorg.errors import Unreachable
+    from rorg.history.database import reading
+    from rorg.history.names import NUMBER, for_git
+    from rorg.history.revisions import Revisions
+
+    if NUMBER.fullmatch(rev):
+        with suppress(Unreachable), reading(context.state.journal) as database:
+            rev = for_git(rev, Revisions(database))
+    return load_at(tree, rev)
+
+
 def _computed(context: Context, unified: bool, rev: str) -> Differences:
     from rorg.api.plan_forms import shown
     from rorg.cli.local import decision_for
-    from rorg.daemon.past import load_at
     from rorg.manifest.load import unusable
 
     tree = tree_of(context)
     if rev:
-        past = load_at(tree, rev)
+        past = past_of(context, tree, rev)
         decision = decision_for(context, past.desired)
         forms = {**shown(decision, decision.plan, unified), "commit": past.commit}
         return _of(forms, context.root, told=False)

@@ -11,7 +11,7 @@ from typing import Any
 
 from rorg.core.desired import Desired, desire
 from rorg.daemon.tree import Tree
-from rorg.errors import Invalid, RorgError
+from rorg.errors import Invalid, RorgError, Unreachable
 from rorg.host import contents
 from rorg.host.git_tree import Mirror, extracted, resolved
 from rorg.images import identity
@@ -74,6 +74,8 @@ def _named(mirror: Mirror) -> Iterator[None]:
         yield
     except RorgError as error:
         raise type(error)(*map(mirror.name, (error.what, error.why, error.remedy))) from error
+    except OSError as error:
+        raise Unreachable(f"read the manifests of {mirror.commit[:7]}", mirror.name(str(error))) from error
 
 
 def _bring_inputs(mirror: Mirror, inputs: Inputs) -> None:

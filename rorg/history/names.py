@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Protocol
 
+from rorg.errors import Invalid
 from rorg.history.revisions import Revision
 
 NUMBER = re.compile(r"[0-9]{1,6}")
@@ -23,3 +24,14 @@ def parse(text: str, revisions: Numbered) -> Revision | str:
     HEAD~2."""
     found = revisions.get(int(text)) if text.isascii() and NUMBER.fullmatch(text) else None
     return found or text
+
+
+def for_git(text: str, revisions: Numbered) -> str:
+    """The same as git understands it: of a revision its commit. Raises Invalid for one that no commit has."""
+    found = parse(text, revisions)
+    if not isinstance(found, Revision):
+        return found
+    if found.dirty or not found.commit:
+        why = "its manifests were not all committed" if found.commit else "its tree was in no repository"
+        raise Invalid(f"read the manifests of revision {found.number}", why, f"`rorg history show {found.number}`")
+    return found.commit

@@ -52,8 +52,10 @@ def robots_of(root: Path) -> list[str]:
 def robot_for(root: Path, named: str, host: str) -> str:
     """The robot that a tree is read for: the one that is named, else the one called as this machine (`host`, with or
     without its domain) where it has an overlay; empty for the base alone."""
+    if named or not host:
+        return named
     known = robots_of(root)
-    return named or next((name for name in (host, host.partition(".")[0]) if name in known), "")
+    return next((name for name in (host, host.partition(".")[0]) if name in known), "")
 
 
 def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
