@@ -160,6 +160,29 @@ def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(vi
     assert len(virtual.containers()) == 4
 
 
+@pytest.mark.parametrize("bad", [False, True])
+def test_a_kill_of_rorg_at_any_moment_of_a_sets_change(virtual, bad):
+    """rorg is killed before each of its actions in turn; the set changes as a whole, or goes back as a whole."""
+    for kill_at in range(1, 14):
+        virtual.sim = None
+        virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+        virtual.settle()
+        before = ids(virtual)
+        virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+        if bad:
+            spoil(virtual, "map")
+        done, end = len(virtual.sim.log) + kill_at, virtual.now() + 20
+        virtual.sim.at(end, lambda: None)
+        virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
+        virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+        virtual.wait(lambda: len(ids(virtual)) == len(virtual.containers()) == 2, 120)
+        later(virtual, 10)
+        found = ids(virtual)
+        assert [found[n] == before[n] for n in ("nav", "map")] == [bad, bad], f"killed before action {kill_at}"
+        own = virtual.sim.memory.of("nav").update.quarantined
+        assert not own, f"killed before action {kill_at}: nothing is wrong with nav itself"
+
+
 def test_who_leaves_its_set_waits_for_nobody_of_it(virtual):
     virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
     virtual.settle()
