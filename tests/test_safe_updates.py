@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from commands import rorg
-from robots import WORK, RealRobot, VirtualRobot
+from robots import WORK, RealRobot, VirtualRobot, write_tree
 from test_updates import failed, later, retry, running
 
 from rorg.core.standing import standing
@@ -160,6 +160,40 @@ def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(vi
     assert len(virtual.containers()) == 4
 
 
+@pytest.mark.parametrize("bad", [False, True])
+def test_a_kill_of_rorg_at_any_moment_of_a_sets_change(virtual, bad):
+    """rorg is killed before each of its actions in turn; the set changes as a whole, or goes back as a whole."""
+    for kill_at in range(1, 14):
+        virtual.sim = None
+        virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+        virtual.settle()
+        before = ids(virtual)
+        virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+        if bad:
+            spoil(virtual, "map")
+        done, end = len(virtual.sim.log) + kill_at, virtual.now() + 20
+        virtual.sim.at(end, lambda: None)
+        virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
+        virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+        virtual.wait(lambda: len(ids(virtual)) == len(virtual.containers()) == 2, 120)
+        later(virtual, 10)
+        found = ids(virtual)
+        assert [found[n] == before[n] for n in ("nav", "map")] == [bad, bad], f"killed before action {kill_at}"
+        own = virtual.sim.memory.of("nav").update.quarantined
+        assert not own, f"killed before action {kill_at}: nothing is wrong with nav itself"
+
+
+def test_who_leaves_its_set_waits_for_nobody_of_it(virtual):
+    virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+    virtual.settle()
+    before = ids(virtual)
+    virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+    spoil(virtual, "map", "start")
+    virtual.wait(lambda: "its change failed" in virtual.waits("nav") and ids(virtual) == before)
+    virtual.declare({"nav": changed(1), "map": changed(1, **TOGETHER)})
+    virtual.wait(lambda: ids(virtual).get("nav", before["nav"]) != before["nav"])
+
+
 def test_of_a_set_nobody_changes_over_where_one_cannot_be_made(virtual):
     virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
     virtual.settle()
@@ -192,6 +226,13 @@ def test_the_policy_lets_all_go_together_but_for_who_says_otherwise(virtual):
     services = virtual.sim.desired.catalog.services
     assert {n: services[n].update.bake for n in names} == {"nav": 3.0, "map": 1.0, "cam": 3.0}
     assert [*virtual.sim.desired.sets.values()] == [("map", "nav")]
+
+
+def test_a_policy_of_before_is_told_where_its_word_stands(tmp_path):
+    from rorg.manifest.load import load
+
+    write_tree(tmp_path, {"nav": {}}, policies={"policy": {"images": {"update": "when_ceased"}}})
+    assert "`updates: {when: when_ceased}`" in str(load(tmp_path).errors[0])
 
 
 # -- standing --------------------------------------------------------------------------------------------------
@@ -279,3 +320,19 @@ def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
     assert rorg("retry", "nav", **where).stdout == "nav, map: the change is tried again\n"
     robot.wait(lambda: running(robot, "map") and running(robot, "map").id != before["map"])
     robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and failed(robot, "map"))
+
+
+def test_apply_without_a_rorg_leaves_a_long_bake_to_the_next_one(tmp_path):
+    tree, where = tmp_path / "tree", {"RORG_STATE_DIR": str(tmp_path / "state"), "RORG_ENGINE": "process"}
+    robot = RealRobot(tmp_path, "process", None)
+    try:
+        write_tree(tree, {"nav": WELL})
+        apply = ("apply", str(tree), "--yes", "--wait", "--timeout")
+        assert rorg(*apply, "60s", **where).returncode == 0
+        before = robot.container("nav").id
+        write_tree(tree, {"nav": changed(1, update={"bake": "1h"})})
+        assert "not yet known to stay well: nav" in rorg(*apply, "8s", **where).stderr
+        assert running(robot, "nav").id != before
+        assert before in {c.id for c in robot.containers()}
+    finally:
+        robot.close()

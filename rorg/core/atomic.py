@@ -13,6 +13,7 @@ from rorg.core.desired import Desired
 from rorg.core.memory import NONE, Progress
 from rorg.core.observed import Container
 from rorg.core.rollout import candidate, fits
+from rorg.model.catalog import Service
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,14 @@ def sets_of(names: Iterable[str], desired: Desired) -> set[str]:
     """The sets that these services belong to."""
     services = desired.catalog.services
     return {found for n in names if (found := services[n].update.atomic) in desired.sets}
+
+
+def freed(step: Progress, service: Service, desired: Desired) -> Progress:
+    """Of a service that belongs to no set any more."""
+    update = step.update
+    if not (update.drawn or update.held) or service.update.atomic in desired.sets:
+        return step
+    return replace(step, update=replace(update, drawn="", held=""))
 
 
 def judged_together(

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from rorg.core.atomic import judged_together, sets_of
+from rorg.core.atomic import freed, judged_together, sets_of
 from rorg.core.changes import changed_keys
 from rorg.core.content import noted
 from rorg.core.desired import Desired
@@ -110,7 +110,7 @@ def _to_look_at(
 
 def _one(step: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
     name = service.name
-    step = advanced(renewed(step, desired.editions[name]), service, seen)
+    step = advanced(freed(renewed(step, desired.editions[name]), service, desired), service, seen)
     current = seen.current(name)
     if name in desired.contents and current is not None:
         step = noted(step, current, desired.contents[name])
