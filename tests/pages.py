@@ -1,6 +1,6 @@
-"""Pages whose commands are run as they stand there: what a reader types, what that has to say, and which files it writes.
+"""Pages whose commands are run as they stand there: what a reader types, what that has to say, the files it writes.
 
-A block `console` has commands after `$ `, and below each the lines that its output must hold. A block of another language
+A block `console` has commands after `$ `, and below each the lines that its output must hold. Of another language, one
 in whose first two lines a comment is nothing but a path, such as `# services/arm.yaml`, is that file.
 """
 
