@@ -51,10 +51,11 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
 
     from rorg.api.description import describe
     from rorg.cli.alone import Local
-    from rorg.store.journal import Journal
+    from rorg.history.database import reading
+    from rorg.history.journal import Journal
 
     local = Local(context)
-    found: list[dict[str, Any]] = json.loads(
-        json.dumps(describe(local.looked, service, Journal(context.state.journal), context.engine))
-    )
+    with reading(context.state.journal) as database:
+        described = describe(local.looked, service, Journal(database), context.engine)
+    found: list[dict[str, Any]] = json.loads(json.dumps(described))
     return found

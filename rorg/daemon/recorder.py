@@ -18,9 +18,10 @@ from rorg.core.requests import MOST_TOLD
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
+from rorg.history.database import Database
+from rorg.history.journal import Journal
 from rorg.model.diagnostics import nearest
 from rorg.model.units import counted, format_seconds
-from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -40,7 +41,8 @@ class Recorder:
         engine: Engine,
     ) -> None:
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
-        self.journal = Journal(state.journal)
+        self.history = Database(state.journal, wall)
+        self.journal = Journal(self.history)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
