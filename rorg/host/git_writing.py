@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import os
 import shlex
-import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rorg.errors import Refused
-from rorg.host.git import COMMIT_PATIENCE, SAFE, identity
+from rorg.host.git import COMMIT_PATIENCE, identity
+from rorg.host.git_process import MISSING, Owner, owner_of, run_git
 from rorg.host.person import Person
 
 SHORT = 12
@@ -33,6 +33,10 @@ class Restoring:
     paths: tuple[str, ...]
     """Below `top`; `.` for all. What the source does not have of them goes."""
     message: str
+
+    @property
+    def _owner(self) -> Owner | None:
+        return owner_of(self.top / ".git")
 
     def commands(self, clone: bool = False) -> list[str]:
         """The same for a shell, line by line; in a `clone` with the push that publishes it. Empty where there is
@@ -55,6 +59,8 @@ class Restoring:
         if not there:
             return ""
         with tempfile.TemporaryDirectory(prefix="rorg-index-") as folder:
+            if self._owner:
+                os.chown(folder, self._owner.uid, self._owner.gid)
             index = {"GIT_INDEX_FILE": f"{folder}/index"}
             self._git("read-tree", head, environment=index)
             self._git("restore", f"--source={self.source}", "--staged", "--", *there, environment=index)
@@ -67,19 +73,16 @@ class Restoring:
     def take(self, commit: str) -> None:
         """Goes there. Raises Refused, with nothing changed, where something else has been committed since, or where
         what is not committed would be lost."""
-        self._git("merge", "--ff-only", "--no-autostash", "--quiet", commit)
+        self._git("merge", "--ff-only", "--no-autostash", "--quiet", commit, told=True)
 
     def changed(self) -> list[str]:
-        """Files that git knows and that are not as they were committed, by their paths below `top`."""
-        return self._status("--untracked-files=no")
+        """Files that are not as they were committed, by their paths below `top`. Raises Refused."""
+        return self._git("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", *self.paths).split("\0")[:-1]
 
-    def unknown(self) -> list[str]:
-        """Files that git neither knows nor ignores."""
-        return [path for path in self._status("--untracked-files=all") if path not in set(self.changed())]
-
-    def _status(self, which: str) -> list[str]:
-        words = ("status", "--porcelain", "-z", "--no-renames", "--ignore-submodules", which, "--", *self.paths)
-        return [line[3:] for line in self._git(*words).split("\0") if line]
+    def unknown(self, files: Sequence[str]) -> list[str]:
+        """Those of these files that git does not know. Raises Refused."""
+        known = set(self._git("ls-files", "-z", "--", *files).split("\0"))
+        return [path for path in files if path not in known]
 
     def _there(self, head: str) -> list[str]:
         """Those of the paths that one of the two commits has: git refuses others."""
@@ -95,28 +98,11 @@ class Restoring:
             found = dict(zip(NAMES, 2 * (person.name, f"{person.name}@rorg.local"), strict=True)) | found
         return found
 
-    def _git(self, *words: str, environment: Mapping[str, str] | None = None) -> str:
-        """What it says. Raises Refused."""
-        return said(self.top, f"restore {self.source[:SHORT]} in {self.top}", *words, environment=environment)
-
-
-def said(directory: Path, what: str, *words: str, environment: Mapping[str, str] | None = None) -> str:
-    """What git says of it. Raises Refused, as not doing `what`, with git's reason."""
-    clean = {"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_LITERAL_PATHSPECS": "1"}
-    try:
-        done = subprocess.run(
-            ["git", *SAFE, "-C", str(directory), *words],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            umask=0o022,
-            env={**clean, **(environment or {})},
-            timeout=COMMIT_PATIENCE,
-        )
-    except OSError as error:
-        raise Refused(what, f"git: {error.strerror}", "installing git") from error
-    except subprocess.TimeoutExpired as error:
-        raise Refused(what, f"`git {words[0]}` does not end within {COMMIT_PATIENCE:g} s", "it by hand") from error
-    if done.returncode:
-        why = os.fsdecode(done.stderr or done.stdout).strip()
-        raise Refused(what, f"git says: {why or f'`git {words[0]}` fails'}", "git's advice, then again")
-    return os.fsdecode(done.stdout).rstrip("\n")
+    def _git(self, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
+        """What it says, as whose repository it is; with `told` also of mistakes. Raises Refused."""
+        where, more = ["-C", str(self.top)], {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
+        said = run_git([*where, *words], self._owner, COMMIT_PATIENCE, more, errors=told)
+        if not said.yes:
+            why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
+            raise Refused(f"restore {self.source[:SHORT]} in {self.top}", why, "`git status` there")
+        return said.text
