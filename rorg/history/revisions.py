@@ -17,6 +17,8 @@ UNDER_WAY = ("applying", "baking")
 LONGEST_PLAN = 1 << 18
 """Characters of a plan that are kept."""
 COLUMNS = "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, plan, errors"
+FIELDS = tuple(COLUMNS.replace("git", "commit").split(", "))
+"""`commit` is a word of SQL's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,13 +198,12 @@ def _make(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Ma
 
 
 def _revision(row: tuple[Any, ...]) -> Revision:
-    *said, errors = row
+    said = dict(zip(FIELDS, row, strict=True))
     try:
-        told = tuple(map(str, json.loads(errors)))
+        told = tuple(map(str, json.loads(said["errors"])))
     except (ValueError, TypeError):
         told = ()
-    found = Revision(*said, told)
-    return replace(found, dirty=bool(found.dirty))
+    return Revision(**{**said, "dirty": bool(said["dirty"]), "errors": told})
 
 
 def _execute(connection: sqlite3.Connection, sql: str, row: tuple[Any, ...]) -> None:
