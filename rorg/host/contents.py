@@ -40,7 +40,7 @@ class Contents:
     def _digest(self, source: str) -> str:
         """ "" for what cannot be told."""
         files, size = [], 0
-        for path, facts in _walk(source):
+        for path, facts in walk(source):
             files.append((path, facts))
             size += facts.st_size
             if len(files) > MOST_FILES or size > MOST_BYTES:
@@ -67,8 +67,9 @@ def mounted(spec: Spec, base: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _walk(source: str) -> Iterator[tuple[str, os.stat_result]]:
-    """Regular files and links of a mount. Hidden ones belong to editors and version control, not to the service."""
+def walk(source: str) -> Iterator[tuple[str, os.stat_result]]:
+    """Regular files and links of a mount that count. Hidden ones belong to editors and version control, not to the
+    service."""
     if not os.path.isdir(source):
         yield from _one(source)
     for folder, folders, files in os.walk(source):

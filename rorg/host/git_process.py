@@ -10,7 +10,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from rorg.host.commands import Exceeded, Output, end, listen
 
@@ -73,6 +73,39 @@ def owner_of(path: Path) -> Owner | None:
     return Owner(user.pw_uid, user.pw_gid, tuple(os.getgrouplist(user.pw_name, user.pw_gid)), user.pw_name)
 
 
+def begin_git(
+    words: Sequence[str],
+    owner: Owner | None = None,
+    environment: Mapping[str, str] | None = None,
+    stdin: int | IO[bytes] = subprocess.DEVNULL,
+    stdout: int | IO[bytes] = subprocess.PIPE,
+    stderr: int = subprocess.DEVNULL,
+) -> subprocess.Popen[bytes]:
+    """One that runs. Raises OSError.
+
+    In the name of an `owner` nothing of their repository's configuration (hooks, filters, programs) is executed as
+    root; git itself refuses repositories of others (safe.directory). Where the kernel does not let us (no CAP_SETUID)
+    it runs as we do, and refuses. Only in our own name our own configuration counts."""
+    own = os.environ.get("HOME", "") if owner is None else ""
+    try:
+        return subprocess.Popen(
+            ["git", *SAFE, *words],
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            umask=0o022,  # what it writes is for whoever could read the tree before
+            env={**CLEAN, **({"HOME": own} if own else {}), **(environment or {})},
+            start_new_session=True,
+            user=owner.uid if owner else None,
+            group=owner.gid if owner else None,
+            extra_groups=owner.groups if owner else None,
+        )
+    except PermissionError:
+        if owner is None:
+            raise
+        return begin_git(words, None, environment, stdin, stdout, stderr)
+
+
 def run_git(
     words: Sequence[str],
     owner: Owner | None = None,
@@ -82,29 +115,10 @@ def run_git(
     stop: threading.Event | None = None,
 ) -> Said:
     """Runs it to its end, or for so many seconds, or until `stop` is set: then it is ended by SIGTERM, upon which it
-    takes its locks away, and with it what it runs. `errors`: what it says of them is part of its answer.
-
-    In the name of an `owner` nothing of their repository's configuration (hooks, filters, programs) is executed as
-    root; git itself refuses repositories of others (safe.directory). Where the kernel does not let us (no CAP_SETUID)
-    it runs as we do, and refuses. Only in our own name our own configuration counts."""
-    own = os.environ.get("HOME", "") if owner is None else ""
+    takes its locks away, and with it what it runs. `errors`: what it says of them is part of its answer. `owner` and
+    `environment`: as of begin_git()."""
     try:
-        process = subprocess.Popen(
-            ["git", *SAFE, *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT if errors else subprocess.DEVNULL,
-            umask=0o022,  # what it writes is for whoever could read the tree before
-            env={**CLEAN, **({"HOME": own} if own else {}), **(environment or {})},
-            start_new_session=True,
-            user=owner.uid if owner else None,
-            group=owner.gid if owner else None,
-            extra_groups=owner.groups if owner else None,
-        )
-    except PermissionError as error:
-        if owner is not None:
-            return run_git(words, None, patience, environment, errors, stop)
-        return Said(MISSING, f"git: {error.strerror}")
+        process = begin_git(words, owner, environment, stderr=subprocess.STDOUT if errors else subprocess.DEVNULL)
     except OSError as error:
         return Said(MISSING, f"git: {error.strerror}")
     output = Output(patience, stop)

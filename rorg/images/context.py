@@ -19,13 +19,14 @@ OWN = ".rorg.Dockerfile"
 """The name of the Dockerfile in a tar."""
 
 
-def context_files(context: Path, dockerfile: str) -> Iterator[tuple[str, os.stat_result]]:
+def context_files(context: Path, dockerfile: str, ignored: Path | None = None) -> Iterator[tuple[str, os.stat_result]]:
     """All that a build can see: paths in the context, and how the files are (links are not followed). Regular files,
     links and directories, each directory before what is in it, in the order of their names; without what
-    `.dockerignore` leaves out, without `.git` at the top, without sockets, pipes and devices.
+    `.dockerignore` leaves out, without `.git` at the top, without sockets, pipes and devices. `ignored`: the directory
+    whose `.dockerignore` counts, where that is another one.
 
     Raises OSError where a directory, or the `.dockerignore`, cannot be read."""
-    ignore = read_ignore(context, dockerfile)
+    ignore = read_ignore(ignored or context, dockerfile)
     yield from _below(context, (), ignore)
 
 

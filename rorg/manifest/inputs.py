@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +19,8 @@ class Inputs:
     """Paths, whether anything is there or not: what is missing may come."""
 
     files: frozenset[Path] = frozenset()
-    """Read with the manifests: env_file, Dockerfiles; and programs and their directories that are missing."""
+    """Read with the manifests: env_file, profiles of seccomp, Dockerfiles; and programs and their directories, and what
+    is to be mounted, that are missing."""
     mounted: frozenset[Path] = frozenset()
     """Files and directories of the tree that services mount to read. What they may write is their own."""
     contexts: frozenset[Path] = frozenset()
@@ -35,10 +38,11 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         files |= missing(source)
         for options in (spec.container, *profiles):
             files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
+            files |= {source.directory / name for name in _seccomp(options)}
             mounted |= {source.directory / path for path in _sources(options)}
-        mounted |= {
-            source.directory / mount.partition(":")[0] for mount in spec.mounts or () if not mount.endswith(":rw")
-        }
+        mounts = {m: source.directory / m.partition(":")[0] for m in spec.mounts or ()}
+        files |= {path for path in mounts.values() if not os.path.exists(path)}
+        mounted |= {path for mount, path in mounts.items() if not mount.endswith(":rw")}
     for source in by_kind.get("Image", {}).values():
         image: Any = source.spec
         if image.context is not None:
@@ -47,6 +51,14 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     top = real(root)
     inside = frozenset(p for path in mounted if (p := real(path)).is_relative_to(top))
     return Inputs(frozenset(files), inside, frozenset(contexts))
+
+
+def _seccomp(options: Any) -> Iterator[str]:
+    """Files that the words on seccomp name."""
+    for value in getattr(options, "security_opt", None) or ():
+        kind, name = re.split("[=:]", value, maxsplit=1) if re.search("[=:]", value) else (value, "")
+        if kind == "seccomp" and name not in ("unconfined", "builtin"):
+            yield name
 
 
 def _sources(options: Any) -> Iterator[str]:

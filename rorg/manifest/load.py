@@ -85,7 +85,7 @@ def _load(
     if any(d.severity == "error" for d in diagnostics):
         return Loaded(None, tuple(sorted(set(diagnostics))))
     diagnostics += _misnamed(sources)
-    return Loaded(replace(catalog, fingerprint=_fingerprint(catalog)), tuple(sorted(set(diagnostics))))
+    return Loaded(replace(catalog, fingerprint=fingerprint(catalog)), tuple(sorted(set(diagnostics))))
 
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
@@ -120,7 +120,9 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     )
 
 
-def _fingerprint(catalog: Catalog) -> str:
+def fingerprint(catalog: Catalog) -> str:
+    """Of all that a tree declares, wherever it is written."""
+
     def content(value: Any) -> dict[str, Any]:
         return {
             f.name: getattr(value, f.name) for f in fields(value) if f.name not in ("where", "origins", "fingerprint")

@@ -1,0 +1,128 @@
+"""States of the tree from its repository's history: read as if they lay in the tree now."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from rorg.daemon.past import load_at
+from rorg.daemon.tree import Tree
+from rorg.images.records import Records
+from rorg.images.references import References
+
+SERVICE = "apiVersion: rorg/v1\nkind: Service\nmetadata: {{name: {name}}}\nspec: {spec}\n"
+IMAGE = "apiVersion: rorg/v1\nkind: Image\nmetadata: {{name: {name}}}\nspec: {spec}\n"
+
+
+class Repository:
+    """One with a tree in `manifests/` and a context beside it."""
+
+    def __init__(self, top: Path) -> None:
+        self.top, self.tree = top, top / "manifests"
+        top.mkdir(parents=True, exist_ok=True)
+        self.git("init", "--quiet", "--initial-branch=main")
+
+    def git(self, *words: str) -> str:
+        who = ("-c", "user.name=Ada", "-c", "user.email=ada@localhost")
+        return subprocess.check_output(["git", *who, *words], cwd=self.top, text=True).strip()
+
+    def write(self, path: str, text: str, mode: int = 0) -> None:
+        place = self.top / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+        if mode:
+            place.chmod(mode)
+
+    def service(self, name: str, spec: str = "{image: x}") -> None:
+        self.write(f"manifests/services/{name}.yaml", SERVICE.format(name=name, spec=spec))
+
+    def commit(self, message: str = "Change") -> str:
+        self.git("add", "--all")
+        self.git("commit", "--quiet", "--allow-empty", "--message", message)
+        return self.git("rev-parse", "HEAD")
+
+    def read(self, engine: str = "docker") -> Tree:
+        """The tree as it lies there now."""
+        tree = self.unread(engine)
+        tree.read_now()
+        assert not tree.errors, tree.errors
+        return tree
+
+    def unread(self, engine: str = "docker") -> Tree:
+        references = References(Records(self.top.parent / "state"), engine == "docker")
+        return Tree(self.tree.resolve(), engine=engine, references=references)
+
+
+@pytest.fixture
+def repository(tmp_path):
+    return Repository(tmp_path / "home" / "robot")
+
+
+def every_kind_of_file(repository: Repository, mask: int) -> list[str]:
+    """A history of commits in which each kind of file that a tree is made of changes."""
+    write, commits = repository.write, []
+
+    def commit() -> None:
+        commits.append(repository.commit())
+
+    write(".gitignore", "*.secret\nbuilt/\n")
+    write(".gitattributes", "config.ini export-ignore\n*.crlf eol=crlf\n")
+    write("../beside/Dockerfile", "FROM scratch\nCOPY . .\n")  # in no repository
+    write("manifests/services/a/config.ini", "one")
+    write("manifests/services/a/deep/er/x.crlf", "1\n2\n")
+    write("manifests/services/a/seccomp.json", '{"defaultAction": "SCMP_ACT_ALLOW"}')
+    write("manifests/services/a/pass.secret", "TOKEN=unknown to git")
+    write("manifests/services/a/maps/big.secret", "a map")
+    write("images/a/Dockerfile", "FROM scratch\nCOPY . .\n")
+    write("images/a/run.sh", "#!/bin/sh\n", 0o777 & ~mask)
+    write("images/a/built/out", "left out by .dockerignore later")
+    write("manifests/images/a.yaml", IMAGE.format(name="lab/a:1", spec="{context: ../../images/a}"))
+    write("manifests/images/b.yaml", IMAGE.format(name="lab/b:1", spec="{context: ../../../beside}"))
+    container = (
+        "{volumes: ['./a/deep:/deep:ro', '../../images:/i:ro'], env_file: a/pass.secret, "
+        "security_opt: ['seccomp=a/seccomp.json']}"
+    )
+    repository.service(
+        "aa", f"{{image: 'lab/a:1', mounts: ['./a/config.ini:/c', './a/maps:/m'], container: {container}}}"
+    )
+    commit()
+    write("manifests/services/a/config.ini", "two")
+    os.symlink("a", repository.tree / "services/link")
+    commit()
+    write("manifests/services/a/deep/er/x.crlf", "3\n")
+    write("images/a/.dockerignore", "built\n")
+    write("images/a/new", "new")
+    (repository.top / "images/a/run.sh").chmod(0o666 & ~mask)
+    commit()
+    repository.service("bb", "{image: 'lab/b:1', needs: [aa], container: {env_file: a/seccomp.json}}")
+    write("manifests/services/a/seccomp.json", '{"defaultAction": "SCMP_ACT_LOG"}')
+    write("images/a/only\nnow", "a line's end in its name")
+    commit()
+    (repository.tree / "services/link").unlink()
+    write("manifests/services/link", "a file where a link was")
+    (repository.tree / "services/a/deep/er/x.crlf").unlink()
+    write("manifests/services/a/deep/kept", "")
+    commit()
+    return commits
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_a_past_state_is_what_a_checkout_of_it_would_be(repository, mask):
+    before = os.umask(mask)
+    try:
+        commits = every_kind_of_file(repository, mask)
+        past = {commit: load_at(repository.unread(), commit) for commit in commits}
+        for commit in commits:
+            repository.git("checkout", "--quiet", commit)
+            now = repository.read()
+            assert past[commit].images == now.images
+            assert past[commit].desired == now.desired
+            assert past[commit].commit == commit
+            assert load_at(repository.unread(), "HEAD").desired == now.desired
+        assert len({p.catalog.fingerprint for p in past.values()}) == 3
+        assert len({p.desired.editions["aa"] for p in past.values()}) == len(commits)
+    finally:
+        os.umask(before)
