@@ -15,6 +15,7 @@ from rorg import __version__
 from rorg.api.description import add_description
 from rorg.api.diffing import add_diffing
 from rorg.api.events import add_events
+from rorg.api.history import add_history
 from rorg.api.inputs import unreadable
 from rorg.api.limits import MOST_BODY
 from rorg.api.logs import add_logs
@@ -65,6 +66,7 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     add_logs(app, operations, changed)
     add_manifests(app, operations, changed)
     add_diffing(app, operations, changed)
+    add_history(app, operations)
     return app
 
 

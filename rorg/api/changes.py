@@ -47,7 +47,7 @@ def put_request(current: Current, request: Request) -> Change:
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
-    return Change(edit, "request", told, request.services, {"service": request.requester})
+    return Change(edit, "request", told, request.services, {"service": request.requester, "request": request.id})
 
 
 def _refuse(request: Request, found: Sequence[Problem]) -> None:
@@ -62,7 +62,9 @@ def release(key: tuple[str, str]) -> Change:
     """Gives the request of a (requester, id) up; what is released already is fine."""
     requester, id = key
     told = f"request '{id}' of {requester} released"
-    return Change(lambda document: document.without({key}), "release", told, about={"service": requester})
+    return Change(
+        lambda document: document.without({key}), "release", told, about={"service": requester, "request": id}
+    )
 
 
 def restart(current: Current, name: str, force: bool, now: float) -> Change:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import time
 from collections.abc import AsyncGenerator, Callable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Request
@@ -14,16 +16,19 @@ from pydantic import BaseModel
 from starlette.types import Receive, Scope, Send
 
 from rorg.api.callers import Who, needs, still
+from rorg.api.inputs import moment
 from rorg.api.operations import Operations
 from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
 from rorg.api.status_models import EventView
 from rorg.api.waiting import gone
 from rorg.errors import Busy, Forbidden
+from rorg.history.journal import Filter, Journal
 
 SLICE = 100
 """Lines that are written at once: no more are kept for who reads slowly."""
 
+When = Annotated[str | None, Query(max_length=64, description="10m (ago), or a time as of RFC 3339.")]
 Reading = Callable[[asyncio.Future[None]], AsyncGenerator[bytes, None]]
 """What is written until a future says that nobody listens any more."""
 
@@ -71,12 +76,20 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         tail: Annotated[int, Query(ge=0, le=10_000)] = 0,
         mine: bool = False,
         requester: Annotated[str | None, Query(max_length=64)] = None,
+        kind: Annotated[list[str] | None, Query(max_length=100, description="Only of these kinds.")] = None,
+        service: Annotated[list[str] | None, Query(max_length=300, description="Only about these services.")] = None,
+        since: When = None,
+        until: When = None,
+        text: Annotated[str, Query(max_length=500, description="Only with this in the message, in any case.")] = "",
     ) -> Response:
         """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
-        there. Without a cursor, the last `tail` lines, and what comes when following. `mine`: only lines about requests
-        of the caller (or of `requester`) and what they name, such as `lost`; a service sees no others."""
-        journal = operations.loop.recorder.journal
-        place = max(0, journal.last - tail) if cursor is None else cursor
+        there. Without a cursor, the last `tail` lines (with `since` and no `tail`, all from then on), and what
+        comes when following. `mine`: only lines about requests of the caller (or of `requester`) and what they name,
+        such as `lost`; a service sees no others."""
+        journal, now = operations.loop.recorder.journal, time.time()
+        begin, end = moment(since, "since", now), moment(until, "until", now)
+        meant = Filter(frozenset(kind or ()), frozenset(service or ()), begin, end, text)
+        place = _begin(journal, meant, tail) if cursor is None else cursor
         whose = ""
         if mine or requester or caller.kind == "service":
             whose = requester or caller.requester
@@ -86,14 +99,25 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
             return still(request, "events")
 
         def lines(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
-            return _lines(operations, place, follow, whose, changed, allowed, hangup)
+            return _lines(operations, replace(meant, after=place), follow, whose, changed, allowed, hangup)
 
         return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
+def _begin(journal: Journal, meant: Filter, tail: int) -> int:
+    """The number after which the last `tail` of the entries that are meant stand; all, of those since a time."""
+    if meant.since and not tail:
+        return 0
+    if meant == Filter():
+        return max(0, journal.last - tail)
+    last = journal.last
+    found = journal.select(meant, tail, newest=True) if tail else []
+    return found[0]["seq"] - 1 if found else last
+
+
 async def _lines(
     operations: Operations,
-    at: int,
+    meant: Filter,
     follow: bool,
     whose: str,
     changed: Callable[[], asyncio.Event],
@@ -111,9 +135,11 @@ async def _lines(
             turn = changed()
             with contextlib.suppress(Busy):
                 allowed()
-            found = journal.after(at, SLICE)
+            last = journal.last
+            found = journal.select(meant, SLICE)
+            seen = found[-1]["seq"] if found else 0
+            meant = replace(meant, after=seen if len(found) == SLICE else max(meant.after, last, seen))
             if found:
-                at = found[-1]["seq"]
                 told = _own(operations, found, whose) if whose else found
                 if told:
                     yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)

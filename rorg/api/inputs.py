@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from rorg.api.body_models import PutRequest
 from rorg.errors import Invalid
 from rorg.model.catalog import Request
-from rorg.model.units import parse_duration, parse_lease
+from rorg.model.units import parse_duration, parse_lease, parse_since, stamp
 
 M = TypeVar("M", bound=BaseModel)
 PARTS = ("body", "query", "path")
@@ -42,6 +42,15 @@ def seconds_of(value: str | None, field: str, parse: Callable[[object], float] =
     if not seconds:
         raise Invalid("read the request", f"{field}: must be more than 0", "10s, for instance")
     return seconds
+
+
+def moment(text: str | None, field: str, now: float) -> str:
+    """ISO 8601 in UTC of a time, or of so long before `now` (seconds since the epoch); empty without a text. Raises
+    Invalid."""
+    try:
+        return stamp(parse_since(text, now)) if text else ""
+    except ValueError as error:
+        raise Invalid("read the request", f"{field}: {error}") from error
 
 
 def request_of(id: str, requester: str, body: PutRequest, renewed: str = "") -> Request:

@@ -42,6 +42,10 @@ MOST_HELD = 4 << 20
 """Bytes of one service's bodies that are being read, and as many of answers that it does not read."""
 MOST_LOGS = 64
 """Logs of services that are read at once, each by a thread; of all callers."""
+MOST_EXPORTS = 4
+"""Exports of the history that are written at once, each by a thread; of all callers."""
+MOST_REVISIONS = 1000
+"""Revisions in one answer."""
 SHARE = 0.2
 """CPU seconds a second that a service's calls may cost; with none left, 429 and Retry-After. People have no such limit:
 who may stop rorg need not flood it."""

@@ -25,6 +25,7 @@ OPERATIONS = {
     "plan": ("developer",),
     "logs": ("developer",),
     "events": ("developer", "service"),
+    "history": ("developer",),
 }
 """Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
 what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
@@ -43,6 +44,7 @@ WORDS = {
     "plan": "see status and plan",
     "logs": "read logs",
     "events": "see events",
+    "history": "see the history",
 }
 """Operations as in "cannot X"."""
 

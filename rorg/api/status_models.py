@@ -173,3 +173,5 @@ class EventView(BaseModel):
     measures: list[str] | None = None
     helpless: bool | None = None
     shed: dict[str, str] | None = None
+    state: str | None = Field(default=None, description="That a service has come into; `none` without a container.")
+    states: dict[str, str] | None = Field(default=None, description="That services were found in.")

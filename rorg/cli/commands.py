@@ -24,6 +24,8 @@ COMMANDS = (
     "down",
     "wait",
     "events",
+    "history",
+    "timeline",
     "top",
     "logs",
     "exec",

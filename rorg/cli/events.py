@@ -2,38 +2,83 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Option, Output, StateDirectory
+from rorg.cli.options import SERVICES, Option, Output, StateDirectory, moment, words
 from rorg.cli.output import echo
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
 
+LAST = 20
+"""Entries that are shown by default."""
+MOST = 1 << 40
+"""All of them."""
+MOST_TOLD = 10_000
+"""Entries that the API counts back at the most."""
+
 
 def command(
     follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new entries.")] = False,
-    tail: Annotated[int, Option(names=("--tail",), least=0, help="Start with the last so many entries.")] = 20,
+    tail: Annotated[
+        int | None, Option(names=("--tail",), least=0, help="The last so many entries: 20, and all with --since.")
+    ] = None,
+    kind: Annotated[
+        str,
+        Option(names=("--kind",), metavar="KINDS", help="Only of these kinds: crashed,failed (-o wide shows them)."),
+    ] = "",
+    service: Annotated[
+        str, Option(names=("--service",), metavar="SERVICES", help="Only about these services.", completes=SERVICES)
+    ] = "",
+    since: Annotated[
+        str, Option(names=("--since",), parser=moment, help="Only from then on: 10m (ago), or 2026-01-31T12:00:00Z.")
+    ] = "",
+    until: Annotated[str, Option(names=("--until",), parser=moment, help="Only until then, as --since.")] = "",
+    grep: Annotated[str, Option(names=("--grep",), help="Only with this text in the message, in any case.")] = "",
+    no_fold: Annotated[bool, Option(names=("--no-fold",), help="Show what repeats as often as it happened.")] = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """What happened: actions and their outcomes, requests with their authors, refusals, crashes, pressure. JSON comes a
-    line an event, YAML a document an event.
+    """What happened: actions and their outcomes, states that services came into, requests with their authors, refusals,
+    crashes, pressure. What repeats is one line ("x 14 since ..."), except while following. JSON comes a line an event,
+    YAML a document an event.
 
-    Example: rorg events -f --tail 100
+    Example: rorg events --service navigation --kind crashed,stalled --since 1h
     """
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, end_with_reader
+    from rorg.errors import Invalid
 
     check_form(output)
+    if follow and until:
+        raise Invalid("follow events", "--until ends what -f goes on with", "one of them")
+    only = {"kind": words(kind), "service": words(service), "since": since, "until": until, "text": grep}
+    last = tail if tail is not None else MOST if since else LAST
     context = Context(state_dir, None)
-    needed = follow or not context.state.readable
-    client = context.serving("follow events" if follow else "read events") if needed else context.client()
-    found = client.events(follow=follow, tail=tail) if client else iter(_last(context, tail))
+    found = _events(context, follow, last, only)
     if follow:
         end_with_reader()
-    for event in found:
-        echo(_text(event, output))
+    fold = output in ("table", "wide") and not (follow or no_fold)
+    for text in _folded(found, output) if fold else (_text(event, output) for event in found):
+        echo(text)
+
+
+def _events(context: Context, follow: bool, last: int, only: dict[str, Any]) -> Iterator[Any]:
+    """From the running rorg, else from the file."""
+    needed = follow or not context.state.readable
+    client = context.serving("follow events" if follow else "read events") if needed else context.client()
+    if client:
+        return client.events(follow=follow, tail=0 if last == MOST else min(last, MOST_TOLD), only=only)
+    return iter(_kept(context, last, only))
+
+
+def _folded(found: Iterator[Any], output: str) -> Iterator[str]:
+    from rorg.history.folding import folded
+
+    for group in folded(found):
+        times = f"  (x {group.times} since {group.since[11:19]})" if group.times > 1 else ""
+        yield _text({**group.last, "message": group.last["message"] + times}, output)
 
 
 def _text(event: Any, output: str) -> str:
@@ -54,9 +99,11 @@ def _text(event: Any, output: str) -> str:
     return entry(f"{at}{more}  ", event["message"])
 
 
-def _last(context: Context, tail: int) -> list[dict[str, Any]]:
+def _kept(context: Context, last: int, only: dict[str, Any]) -> list[dict[str, Any]]:
     from rorg.history.database import reading
     from rorg.history.journal import Filter, Journal
 
+    kinds, services = frozenset(only["kind"]), frozenset(only["service"])
+    meant = Filter(kinds, services, only["since"], only["until"], only["text"])
     with reading(context.state.journal) as database:
-        return Journal(database).select(Filter(), tail, newest=True)
+        return Journal(database).select(meant, last, newest=True)

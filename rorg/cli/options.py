@@ -64,6 +64,20 @@ def duration(text: str) -> float:
     return parse_duration(f"{text}s" if text.replace(".", "", 1).isdecimal() and text.isascii() else text)
 
 
+def moment(text: str) -> str:
+    """ISO 8601 in UTC of a time, or of so long ago: 10m, 2026-01-31T12:00:00Z. Raises ValueError."""
+    import time
+
+    from rorg.model.units import parse_since, stamp
+
+    return stamp(parse_since(text, time.time()))
+
+
+def words(text: str) -> list[str]:
+    """Of a list with commas."""
+    return [word for part in text.split(",") if (word := part.strip())]
+
+
 Directory = Annotated[
     Path | None,
     Argument(

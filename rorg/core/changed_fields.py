@@ -12,7 +12,7 @@ from typing import Any
 from rorg.core.diff import Difference
 from rorg.core.digest import declared_fields, declared_of
 from rorg.core.masking import MASK, masked
-from rorg.core.normal import normal
+from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
 from rorg.model.live import LIVE
@@ -60,6 +60,13 @@ def changed_fields(container: Container, spec: Spec, difference: Difference) -> 
     found = [c for k in difference.recreate for c in _changes(k, was.get(k), now.get(k))]
     found += [Change(k, container.live.get(k), v) for k, v in sorted(difference.live.items())]
     return tuple(found)
+
+
+def changes_between(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[Change, ...]:
+    """Of two records of what a container was made from."""
+    then, there = normal_fields(was), normal_fields(now)
+    names = sorted(k for k in {*then, *there} if then.get(k) != there.get(k))
+    return tuple(c for k in names for c in _changes(k, was.get(k), now.get(k)))
 
 
 def unified(name: str, container: Container | None, spec: Spec | None) -> str:

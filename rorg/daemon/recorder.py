@@ -15,6 +15,7 @@ from rorg.core.memory import Progress
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
+from rorg.daemon.passages import Passages
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
@@ -43,6 +44,7 @@ class Recorder:
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
         self.history = Database(state.journal, wall)
         self.journal = Journal(self.history)
+        self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
@@ -109,6 +111,7 @@ class Recorder:
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         if observed.complete:
+            self._passages.note(decision)
             self._lost(decision)
         self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
 

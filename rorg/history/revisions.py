@@ -143,6 +143,12 @@ class Revisions:
         """Which was in force at a time (ISO 8601 in UTC); None before the first one."""
         return next(iter(self._select("at <= ? AND standing <> 'refused'", (time,), 1)), None)
 
+    def of_commit(self, commit: str) -> Revision | None:
+        """The last one of a commit of git, in full or shortened, with its services."""
+        found = self._select("git LIKE ? AND standing <> 'refused'", (f"{commit}%",), 1)
+        found = found or self._select("git LIKE ?", (f"{commit}%",), 1)
+        return self.get(found[0].number) if found else None
+
     def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
         return [_revision(row) for row in self.database.rows(sql, (*args, most))]

@@ -86,6 +86,12 @@ def head(directory: Path) -> Commit | None:
     return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
 
 
+def commit_of(directory: Path, name: str) -> str:
+    """The commit that git means by a name (HEAD~2, a tag, a branch); empty where it knows none."""
+    asked = f"{name}^{{commit}}"
+    return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
+
+
 def checkout_under_way(git: Path | None) -> bool:
     """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from typing import Any, AsyncIterator, Callable, TypeVar
+from typing import Any, AsyncIterator, Callable, Mapping, TypeVar
 
 from rorg_client import calls
 from rorg_client.address import Address
@@ -214,13 +214,14 @@ class AsyncClient:
         tail: int = 0,
         mine: bool = False,
         requester: str | None = None,
+        only: Mapping[str, Any] | None = None,
     ) -> AsyncIterator[Event]:
         """As Client.events."""
         while True:
             connection: AsyncConnection | None = None
             try:
                 connection = await AsyncConnection.open(self.address, self.timeout)
-                async for event in events_of(connection, calls.events(cursor, follow, tail, mine, requester)):
+                async for event in events_of(connection, calls.events(cursor, follow, tail, mine, requester, only)):
                     cursor = event["seq"]
                     if "kind" in event:
                         yield event

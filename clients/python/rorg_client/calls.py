@@ -7,7 +7,7 @@ import json
 import os
 import re
 import threading
-from typing import TYPE_CHECKING, Any, Generic, Sequence, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Mapping, Sequence, TypeVar
 from urllib.parse import quote, urlencode
 
 from rorg_client.errors import Error, Unreachable, invalid, problem, unreachable
@@ -242,9 +242,18 @@ def delete_manifest(kind: str, name: str, base: str, message: str) -> Call[None]
     return Call("DELETE", _query(f"/v1/manifests/{_of(kind)}/{_of(name)}", base=base, message=message))
 
 
-def events(cursor: int | None, follow: bool, tail: int, mine: bool, requester: str | None) -> str:
+def events(
+    cursor: int | None,
+    follow: bool,
+    tail: int,
+    mine: bool,
+    requester: str | None,
+    only: Mapping[str, Any] | None = None,
+) -> str:
     """The path."""
-    return _query("/v1/events", cursor=cursor, follow=follow, tail=tail, mine=mine or None, requester=requester)
+    path = _query("/v1/events", cursor=cursor, follow=follow, tail=tail, mine=mine or None, requester=requester)
+    more = {k: v for k, v in (only or {}).items() if v}
+    return f"{path}&{urlencode(more, doseq=True)}" if more else path
 
 
 def description(name: str) -> Call[list[dict[str, Any]]]:

@@ -6,7 +6,7 @@ import json
 import os
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Callable, Iterator, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, Iterator, Mapping, TypeVar
 
 from rorg_client import calls
 from rorg_client.address import Address
@@ -234,14 +234,16 @@ class Client:
         tail: int = 0,
         mine: bool = False,
         requester: str | None = None,
+        only: Mapping[str, Any] | None = None,
     ) -> Iterator[Event]:
         """What happened, each with its number `seq`; `mine`: about own requests and what they name, and a service sees
-        no others. When following, goes on across restarts of rorg, without a gap."""
+        no others; `only` those of a `kind` or about a `service` (lists), `since`, `until`, with a `text`. When
+        following, goes on across restarts of rorg, without a gap."""
         while True:
             connection: Connection | None = None
             try:
                 connection = Connection(self.address, None if follow else self.timeout)
-                for event in self.lines(connection, calls.events(cursor, follow, tail, mine, requester)):
+                for event in self.lines(connection, calls.events(cursor, follow, tail, mine, requester, only)):
                     # From here on it is known what was missed, though nothing may have been seen yet.
                     cursor = event["seq"]
                     if "kind" in event:

@@ -1,0 +1,106 @@
+"""The history through the API: revisions of the manifests, what services went through, all of it in one stream."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncGenerator, Iterator
+from itertools import islice
+from typing import Annotated, Any, Literal
+
+from fastapi import FastAPI, Query
+from fastapi.responses import Response
+
+from rorg.api.callers import needs
+from rorg.api.events import Lines, When, answering_lines
+from rorg.api.history_models import Comparison, RecordView, RevisionDetail, RevisionView, Timeline
+from rorg.api.inputs import moment
+from rorg.api.limits import MOST_EXPORTS, MOST_REVISIONS
+from rorg.api.operations import Operations
+from rorg.api.reading import text
+from rorg.errors import TooMany
+from rorg.history import queries
+from rorg.history.export import ENCODERS
+from rorg.history.revisions import Revision, Revisions
+from rorg.host.git import commit_of
+from rorg.model.units import stamp
+
+SLICE = 200
+"""Records that are written at once."""
+DAY = 86400.0
+
+
+class Protobuf(Lines):
+    """Records of `schemas/journal.proto`, each after its length as a varint."""
+
+    media_type = "application/x-protobuf"
+
+
+def add_history(app: FastAPI, operations: Operations) -> None:
+    """The routes."""
+    _add_export(app, operations)
+    history = [needs("history")]
+
+    def named(rev: str) -> Revision:
+        return queries.resolve(rev, _revisions(operations), lambda name: commit_of(operations.loop.tree.root, name))
+
+    @app.get("/v1/history", dependencies=history, response_model=list[RevisionView])
+    def listed(
+        most: Annotated[int, Query(ge=1, le=MOST_REVISIONS)] = 20,
+        before: Annotated[int, Query(ge=0, description="Only older ones than this number.")] = 0,
+    ) -> Response:
+        """The newest states of the manifests that were applied or refused, the newest first."""
+        return text(queries.listed(_revisions(operations), most, before))
+
+    @app.get("/v1/history/{a:path}/diff/{b:path}", dependencies=history, response_model=Comparison)
+    def compared(a: str, b: str) -> Response:
+        """Which services one revision has otherwise than another, with the fields. Revisions are named by their number,
+        or as git names commits."""
+        return text(queries.compared(named(a), named(b)))
+
+    @app.get("/v1/history/{rev:path}", dependencies=history, response_model=RevisionDetail)
+    def shown(rev: str) -> Response:
+        """All of a revision. It is named by its number, or as git names commits: a hash, a tag, a branch, HEAD~2."""
+        return text(queries.full(named(rev)))
+
+    @app.get("/v1/timeline/{service}", dependencies=history, response_model=Timeline)
+    def timeline(service: str, since: When = None, until: When = None) -> Response:
+        """What states a service was in, from when to when, why, and who asked for it: of the last day, or `since`. Of
+        one that is declared no more, too; without spans where nothing is on record."""
+        now = time.time()
+        begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
+        return text(queries.timeline(operations.loop.recorder.journal, service, begin, end))
+
+
+def _add_export(app: FastAPI, operations: Operations) -> None:
+    under_way: set[object] = set()
+
+    @app.get("/v1/history/export", dependencies=[needs("history")], **answering_lines(RecordView))
+    async def export(format: Literal["jsonl", "protobuf"] = "jsonl") -> Response:
+        """All that is on record, revisions first: as lines of JSON, or as the messages of `schemas/journal.proto`, each
+        after its length (application/x-protobuf)."""
+        if len(under_way) >= MOST_EXPORTS:
+            raise TooMany("export the history", f"{MOST_EXPORTS} exports are being written already", "again later", 5)
+        found, encode = queries.records(operations.loop.recorder.journal, _revisions(operations)), ENCODERS[format]
+
+        async def pieces(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
+            token = object()
+            under_way.add(token)
+            try:
+                while not hangup.done() and not operations.ending:
+                    piece = await asyncio.to_thread(_piece, found, encode)
+                    if not piece:
+                        return
+                    yield piece
+            finally:
+                under_way.discard(token)
+
+        return (Protobuf if format == "protobuf" else Lines)(pieces, headers={"rorg-cursor": "0"})
+
+
+def _revisions(operations: Operations) -> Revisions:
+    return Revisions(operations.loop.recorder.history)
+
+
+def _piece(found: Iterator[dict[str, Any]], encode: Any) -> bytes:
+    return b"".join(map(encode, islice(found, SLICE)))

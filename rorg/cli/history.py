@@ -1,0 +1,162 @@
+"""rorg history"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory
+from rorg.cli.output import check_form, dump, echo, print_rows
+
+if TYPE_CHECKING:
+    from rorg.cli.records import Records
+
+ACTIONS = ("list", "show", "diff", "export")
+TAKEN = {"list": (0, 0), "show": (1, 1), "diff": (1, 2), "export": (0, 0)}
+"""Words after an action: at least, at most."""
+FORMATS = ("jsonl", "protobuf")
+MOST = 1000
+
+
+def command(
+    action: Annotated[
+        str, Argument(help="list, show REV, diff REV [REV] (by default the newest), or export.", completes=ACTIONS)
+    ] = "list",
+    revisions: Annotated[
+        list[str], Argument(help="Numbers of the list, or what git calls a commit: a hash, a tag, HEAD~2.")
+    ] = [],  # noqa: B006
+    number: Annotated[
+        int, Option(names=("-n", "--number"), help="Of list: so many, the newest.", least=1, most=MOST)
+    ] = 20,
+    format: Annotated[
+        str, Option(names=("--format",), help="Of export: jsonl or protobuf.", completes=FORMATS)
+    ] = "jsonl",
+    file: Annotated[
+        Path | None,
+        Option(
+            names=("--file",), help="Of export: where to, by default standard output.", completes=FILES, metavar="FILE"
+        ),
+    ] = None,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+) -> None:
+    """The states of the manifests that were applied or refused, and what became of each: applying, baking, good,
+    failed, superseded or refused. `show` one, `diff` two, or `export` all that is on record.
+
+    Example: rorg history diff 3 7
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.records import records_of
+    from rorg.errors import Invalid
+
+    check_form(output)
+    if action not in ACTIONS:
+        raise Invalid(f"do '{action}' with the history", "there is no such action", f"one of {', '.join(ACTIONS)}")
+    least, most = TAKEN[action]
+    if not least <= len(revisions) <= most:
+        why = f"'{revisions[most]}' is one word too many" if len(revisions) > most else "no revision is named"
+        raise Invalid(f"{action} the history", why, f"`rorg history {action}{' REV' * least}`")
+    if format not in FORMATS:
+        raise Invalid("export that", f"there is no format '{format}'", f"one of {', '.join(FORMATS)}")
+    with records_of(Context(state_dir, None)) as records:
+        if action == "list":
+            _print(records.listed(number), output)
+        elif action == "show":
+            _show(records.shown(revisions[0]), output)
+        elif action == "diff":
+            _compare(records, revisions[0], revisions[1] if len(revisions) > 1 else "", output)
+        else:
+            _export(records, format, file)
+
+
+def _print(found: list[dict[str, Any]], output: str) -> None:
+    rows = [
+        {
+            **revision,
+            "when": revision["at"][:19].replace("T", " "),
+            "commit": _commit(revision),
+            "author": revision["author"] or "-",
+            "subject": revision["subject"] or "-",
+            "settled": revision["settled_at"][:19].replace("T", " ") or "-",
+        }
+        for revision in found
+    ]
+    columns = ("number", "when", "commit", "author", "standing", "subject")
+    print_rows(rows, output, columns, ("settled", "reason", "robot"), full=found, below=("subject", "author"))
+
+
+def _commit(revision: dict[str, Any]) -> str:
+    return f"{revision['commit'][:10] or '-'}{'+' * revision['dirty']}"
+
+
+def _show(found: dict[str, Any], output: str) -> None:
+    """In full."""
+    from rorg.cli.output import table
+    from rorg.cli.terminal import entry
+
+    if output in ("json", "yaml"):
+        dump(found, output)
+        return
+    if output == "name":
+        echo(found["number"])
+        return
+    names = ("at", "commit", "author", "subject", "robot", "settled_at", "reason")
+    facts = {name: found[name] for name in names if found[name]} | (
+        {"commit": _commit(found)} if found["commit"] else {}
+    )
+    echo(f"revision {found['number']}: {found['standing']}")
+    for name, value in facts.items():
+        echo(entry(f"  {name.removesuffix('_at'):<8} ", value))
+    for error in found["errors"]:
+        echo(entry("  error    ", error))
+    if found["plan"]:
+        echo("\n" + found["plan"], end="")
+    rows = [
+        {
+            "service": name,
+            "image": made["image"] or "-",
+            "id": made["image_id"].removeprefix("sha256:")[:12] or "-",
+            "digest": made["digest"][:12],
+            "declared": made["declared"],
+        }
+        for name, made in found["services"].items()
+    ]
+    columns = ("service", "image", "id", "digest", *(("declared",) if output == "wide" else ()))
+    if rows:
+        echo("\n" + table(rows, columns))
+
+
+def _compare(records: Records, a: str, b: str, output: str) -> None:
+    newest = records.listed(1) if not b else []
+    found = records.compared(a, b or str(newest[0]["number"] if newest else 0))
+    lines = [_change(change) for change in found["services"]]
+    same = f"revisions {found['old']['number']} and {found['new']['number']} are the same, service by service"
+    form = "table" if output == "wide" else output
+    print_rows(found["services"], form, ("service",), full=found, text="\n".join(lines) or same)
+
+
+def _change(change: dict[str, Any]) -> str:
+    from rorg.cli.terminal import printable
+
+    sign = {"added": "+", "removed": "-"}.get(change["change"], "~")
+    return printable(f"{sign} {change['service']}  {'; '.join(f['text'] for f in change['fields'])}".rstrip())
+
+
+def _export(records: Records, format: str, file: Path | None) -> None:
+    """Raises Invalid where the file cannot be written, and for what no terminal can show."""
+    import sys
+
+    from rorg.errors import Invalid, Refused
+    from rorg.history.export import ENCODERS
+
+    encode = ENCODERS[format]
+    if file is None and format == "protobuf" and sys.stdout.isatty():
+        raise Refused("write protocol buffers to a terminal", "they are no text", "--file FILE, or a pipe")
+    try:
+        with open(file, "wb") if file else open(sys.stdout.fileno(), "wb", closefd=False) as to:
+            for record in records.everything():
+                to.write(encode(record))
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or file is None:
+            raise
+        raise Invalid(f"write {file}", error.strerror or str(error), "another file") from error

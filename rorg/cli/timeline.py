@@ -1,0 +1,102 @@
+"""rorg timeline"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from rorg.cli.options import SERVICES, Argument, Option, Output, StateDirectory, moment
+from rorg.cli.output import check_form, echo, print_rows
+from rorg.cli.terminal import printable
+
+STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none", "unknown")
+"""From the top of the chart down."""
+DAY = "24h"
+LEAST = 20
+"""Characters of a bar."""
+
+
+def command(
+    service: Annotated[str, Argument(help="A service, also one of the past.", completes=SERVICES)],
+    since: Annotated[
+        str, Option(names=("--since",), parser=moment, help="From when on: 10m (ago), or 2026-01-31T12:00:00Z.")
+    ] = DAY,
+    until: Annotated[str, Option(names=("--until",), parser=moment, help="Until when, as --since.")] = "0s",
+    tail: Annotated[
+        int, Option(names=("-n", "--tail"), least=0, help="So many of the last states below the chart.")
+    ] = 20,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+) -> None:
+    """What states a service was in, from when to when, why, and who had asked for it: a chart, and the last states.
+
+    Example: rorg timeline navigation --since 1h
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.records import records_of
+    from rorg.errors import Missing
+
+    check_form(output)
+    begin, end = moment(since), moment(until)
+    with records_of(Context(state_dir, None)) as records:
+        found = records.timeline(service, begin, end)
+    if not found["spans"]:
+        raise Missing(f"show what {service} went through", "nothing is on record of it", "`rorg get` for all names")
+    if output in ("table", "wide"):
+        echo("\n".join(chart(found["begin"], found["end"], found["spans"], _width())) + "\n")
+    rows = [
+        {
+            "from": _time(span["begin"]),
+            "to": _time(span["end"]) if span["end"] else "now",
+            "for": _length(span["seconds"]),
+            "state": span["state"],
+            "why": span["why"] or "-",
+            "who": span["who"] or "-",
+        }
+        for span in (found["spans"][-tail:] if tail else [])
+    ]
+    print_rows(rows, output, ("from", "for", "state", "why", "who"), ("to",), full=found, below=("why",))
+
+
+def chart(begin: str, end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:
+    """A bar for each state: a column stands for a part of the time, and is filled where the service was in the state at
+    any moment of it; at the end the share of the whole time."""
+    from rorg.model.units import parse_time
+
+    if spans[0]["state"] == "unknown" and len(spans) > 1:
+        begin, spans = spans[1]["begin"], spans[1:]
+    first, last = parse_time(begin), parse_time(end)
+    names = [s for s in STATES if any(span["state"] == s for span in spans)]
+    names += sorted({span["state"] for span in spans} - set(names))
+    label = max(map(len, names))
+    columns = max(LEAST, width - label - 8)
+    part = max((last - first) / columns, 1e-6)
+    bars = {name: bytearray(b" " * columns) for name in names}
+    shares = dict.fromkeys(names, 0.0)
+    for span in spans:
+        at = parse_time(span["begin"]) - first
+        left = min(columns - 1, max(0, int(at / part)))
+        right = min(columns, max(left + 1, -int(-(at + span["seconds"]) // part)))
+        bars[span["state"]][left:right] = b"#" * (right - left)
+        shares[span["state"]] += span["seconds"]
+    whole = max(sum(shares.values()), 1e-6)
+    lines = [f"{printable(n):<{label}} |{bars[n].decode()}| {100 * shares[n] / whole:3.0f}%" for n in names]
+    from_, to = _time(begin), _time(end)
+    between = max(1, columns - len(from_) - len(to))
+    return [*lines, f"{'':<{label}}  {from_}{'':<{between}}{to}"]
+
+
+def _time(at: str) -> str:
+    return printable(at[:19].replace("T", " "))
+
+
+def _length(seconds: float) -> str:
+    from rorg.model.units import format_seconds
+
+    return format_seconds(seconds)
+
+
+def _width() -> int:
+    import shutil
+
+    return min(160, shutil.get_terminal_size((80, 24)).columns)

@@ -1,0 +1,142 @@
+"""What is told of the history: by the running rorg through its API, and by commands that read its database."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rorg.core.changed_fields import Change, changes_between
+from rorg.core.digest import declared_of
+from rorg.core.masking import masked
+from rorg.errors import Missing
+from rorg.history.journal import Filter, Journal
+from rorg.history.names import parse
+from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.timeline import spans
+
+COMMIT = re.compile(r"[0-9a-f]{7,40}")
+SLICE = 500
+"""Entries that are read at once."""
+MOST_SPANS = 10_000
+"""Entries from which a timeline is made: the newest ones."""
+TELLING = frozenset({"state", "found", "done", "crashed", "restart", "hold"})
+"""Kinds of entries from which a timeline is made."""
+
+
+def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) -> Revision:
+    """The revision that somebody names, with its services. `commit_of` gives git's commit of a name, empty without one.
+    Raises Missing."""
+    found = parse(text, revisions)
+    if isinstance(found, Revision):
+        return found
+    commit = commit_of(text) or (text if COMMIT.fullmatch(text) else "")
+    known = revisions.of_commit(commit) if commit else None
+    if known is None:
+        why = f"nothing of {commit[:12]} was ever applied here" if commit else "there is no such number, nor commit"
+        raise Missing(f"find the revision '{text}'", why, "`rorg history` for all")
+    return known
+
+
+def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, Any]]:
+    """The newest revisions first, without their services and plans."""
+    return [brief(revision) for revision in revisions.list(most, before)]
+
+
+def brief(revision: Revision) -> dict[str, Any]:
+    """What is told of a revision in a list."""
+    return {
+        "number": revision.number,
+        "at": revision.at,
+        "fingerprint": revision.fingerprint,
+        "commit": revision.commit,
+        "author": revision.author,
+        "subject": revision.subject,
+        "dirty": revision.dirty,
+        "robot": revision.robot,
+        "standing": revision.standing,
+        "reason": revision.reason,
+        "settled_at": revision.settled_at,
+        "errors": list(revision.errors),
+    }
+
+
+def full(revision: Revision) -> dict[str, Any]:
+    """All of a revision; what may be secret is masked."""
+    services = {name: _made(made) for name, made in sorted(revision.services.items())}
+    return {**brief(revision), "plan": revision.plan, "services": services}
+
+
+def _made(made: Made) -> dict[str, Any]:
+    shown = {name: masked(name, value) for name, value in sorted(declared_of(made.declared).items())}
+    return {
+        "digest": made.digest,
+        "declared": json.dumps(shown),
+        "image": made.image,
+        "image_id": made.image_id,
+        "edition": made.edition,
+    }
+
+
+def compared(old: Revision, new: Revision) -> dict[str, Any]:
+    """Which services the one revision has otherwise than the other, with the fields."""
+    names = sorted({*old.services, *new.services})
+    changes = [_change(name, old.services.get(name), new.services.get(name)) for name in names]
+    return {"old": brief(old), "new": brief(new), "services": [c for c in changes if c]}
+
+
+def _change(name: str, old: Made | None, new: Made | None) -> dict[str, Any] | None:
+    if old == new:
+        return None
+    word = "added" if old is None else "removed" if new is None else "changed"
+    fields = list(_fields(old, new)) if old and new else []
+    if word == "changed" and not fields:
+        if old and new and old.edition == new.edition:
+            return None  # all that differs is that the engine's id of its image became known
+        fields = [Change("content", None, None)]
+    return _told(name, word, fields)
+
+
+def _told(name: str, word: str, fields: list[Change]) -> dict[str, Any]:
+    return {"service": name, "change": word, "fields": [field.as_json() for field in fields]}
+
+
+def _fields(old: Made, new: Made) -> Iterator[Change]:
+    yield from changes_between(declared_of(old.declared), declared_of(new.declared))
+    if old.image == new.image and old.image_id and new.image_id and old.image_id != new.image_id:
+        yield Change("image_id", old.image_id, new.image_id)
+
+
+def timeline(journal: Journal, service: str, since: str, until: str) -> dict[str, Any]:
+    """What a service went through in a time, from ISO 8601 to ISO 8601. Empty where nothing is on record of it."""
+    services = frozenset({service})
+    before = journal.select(Filter(kinds=frozenset({"state", "found"}), services=services, until=since), 1, newest=True)
+    entries = journal.select(Filter(TELLING, services, since=since, until=until), MOST_SPANS, newest=True)
+    begin = entries[0]["at"] if len(entries) == MOST_SPANS else since
+    known = [*before, *(e for e in entries if not before or e["seq"] > before[0]["seq"])]
+    found = spans(service, known, begin, until, lambda *key: _author(journal, *key)) if known else []
+    return {"service": service, "begin": begin, "end": until, "spans": [span.as_json() for span in found]}
+
+
+def _author(journal: Journal, requester: str, id: str, until: str) -> str:
+    """Who was the last to make or release a request."""
+    asked = Filter(frozenset({"request", "release"}), frozenset({requester}), until=until, text=f"'{id}'")
+    return next((e.get("author", "") for e in journal.select(asked, 1, newest=True) if e.get("request") == id), "")
+
+
+def records(journal: Journal, revisions: Revisions) -> Iterator[dict[str, Any]]:
+    """All that is on record: revisions, then entries of the journal, each kind in the order of its numbers."""
+    newest = next(iter(revisions.list(1)), None)
+    for number in range(1, newest.number + 1 if newest else 1):
+        found = revisions.get(number)
+        if found:
+            yield {"revision": full(found)}
+    yield from ({"event": entry} for entry in _entries(journal))
+
+
+def _entries(journal: Journal) -> Iterator[dict[str, Any]]:
+    at, last = 0, journal.last
+    while at < last and (found := journal.after(at, SLICE)):
+        at = found[-1]["seq"]
+        yield from found

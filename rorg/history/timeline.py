@@ -1,0 +1,99 @@
+"""What a service went through, from entries of the journal: spans of time, each with a state, why, and who asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rorg.model.units import parse_time
+
+UNKNOWN = "unknown"
+"""Before anything is on record."""
+ENDED = {"exited": "stop", "paused": "pause", "none": "remove"}
+"""States, and the actions that end in them."""
+Author = Callable[[str, str, str], str]
+"""(requester, id, time) -> who was the last to make or release that request by then; empty where none is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A time in one state. Times are ISO 8601 in UTC."""
+
+    state: str
+    begin: str
+    end: str
+    why: str = ""
+    who: str = ""
+    open: bool = False
+    """It goes on."""
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "state": self.state,
+            "begin": self.begin,
+            "end": None if self.open else self.end,
+            "seconds": round(max(0.0, parse_time(self.end) - parse_time(self.begin)), 3),
+            "why": self.why,
+            "who": self.who,
+        }
+
+
+def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: str, author: Author) -> list[Span]:
+    """Of the time from `begin` to `end`. `entries` are those about the service, with the one by which its state at the
+    beginning is known."""
+    found, told = [Span(UNKNOWN, begin, end)], _Told()
+    for entry in entries:
+        state = _state(service, entry)
+        if not state:
+            told.note(service, entry)
+        elif state != found[-1].state:
+            at = max(begin, entry["at"])
+            before = [] if at == found[-1].begin else [replace(found[-1], end=at)]
+            found = [*found[:-1], *before, Span(state, at, end, told.why(entry, state), told.who(entry, state, author))]
+    return [*found[:-1], replace(found[-1], open=True)]
+
+
+def _state(service: str, entry: Mapping[str, Any]) -> str:
+    """That an entry tells of the service; empty where it tells none."""
+    if entry["kind"] == "found":
+        return str(entry.get("states", {}).get(service, ""))
+    return str(entry.get("state", "")) if entry["kind"] == "state" and entry.get("service") == service else ""
+
+
+class _Told:
+    """What the entries before a state say of why it came."""
+
+    def __init__(self) -> None:
+        self.asked = ""
+        """Who restarted or held the service, until it is ready again."""
+        self.requests: list[str] = []
+        """For which it was in the state before."""
+        self.crashed = False
+        self.done: Mapping[str, Any] = {}
+        """The last action."""
+
+    def note(self, service: str, entry: Mapping[str, Any]) -> None:
+        if entry.get("author") and service in entry.get("services", ()):
+            self.asked = entry["author"]
+        elif entry["kind"] == "crashed":
+            self.crashed = True
+        elif entry["kind"] == "done":
+            self.done = entry
+
+    def why(self, entry: Mapping[str, Any], state: str) -> str:
+        if entry["kind"] == "found":
+            return "found so when rorg began"
+        # Of what an action ended, the reason of that says more than why the service is wanted.
+        ended = self.done.get("verb") == ENDED.get(state, "") and not self.crashed
+        return str((self.done if ended else entry).get("reason", ""))
+
+    def who(self, entry: Mapping[str, Any], state: str, author: Author) -> str:
+        asked, crashed, before = self.asked, self.crashed, self.requests
+        self.asked, self.crashed = "" if state == "ready" else asked, False
+        self.requests = entry.get("requests", [])
+        requests = self.requests or before
+        if asked or crashed or not requests:
+            return "" if crashed else asked
+        requester, _, id = requests[0].partition("/")
+        return author(requester, id, entry["at"]) or requester
