@@ -15,11 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
+from rorg.history.checkpoints import Checkpoints
 from rorg.history.schema import STEPS
 from rorg.store.files import open_private
 
 WAITING = 2000
 """Changes that are kept in memory while the disk refuses them."""
+PAGE = 1024
+"""Bytes of a page. Each change writes the pages that it touches, so small ones spare the disk."""
 PATIENCE = 0.2
 """Seconds for which a change waits for another process that holds the file, as a tool of SQLite's may."""
 READING = 5.0
@@ -47,12 +50,22 @@ class Database:
         """Why nothing is written now; empty while all is."""
         self.changes = 0
         """So many transactions were written."""
-        self._lock, self._reading = threading.RLock(), threading.RLock()
+        self.changed = threading.Event()
+        """Set when there is something for maintenance to do."""
+        self.generation = 0
+        """Another one with every new file: what was written is not in it."""
+        self._lock, self._reading = threading.RLock(), threading.Lock()
+        """Who needs both takes them in this order."""
         self._writer: sqlite3.Connection | None = None
         self._reader: sqlite3.Connection | None = None
+        self._checkpoints: Checkpoints | None = None
+        self._at_work = False
+        """Whether they are being used."""
+        self._done = 0
+        """The number of transactions at the last checkpoint."""
+        self._inode = 0
         self._waiting: deque[Change] = deque(maxlen=WAITING)
         self._notes: list[tuple[str, str]] = []
-        self._closed = False
 
     # -- writing -----------------------------------------------------------------------------------------------
 
@@ -64,6 +77,7 @@ class Database:
                 return True
             if keep and self.trouble:
                 self._waiting.append(change)
+            self.changed.set()
             return False
 
     def retry(self) -> bool:
@@ -74,6 +88,7 @@ class Database:
             waiting, self._waiting = self._waiting, deque(maxlen=WAITING)
             if not self._carry_out(waiting):
                 self._waiting = waiting
+                self.changed.set()
                 return False
             self._note("journal-written", "the journal is written again")
             return True
@@ -98,11 +113,7 @@ class Database:
         return True
 
     def _transaction(self, changes: Sequence[Change] | deque[Change]) -> None:
-        if self._closed or self.wall is None:
-            raise OSError(errno.EBADF, "it is not open for writing")
-        if self._writer is None:
-            self._writer = self._open_writer()
-        connection = self._writer
+        connection = self._writer or self._open_writer()
         connection.execute("BEGIN IMMEDIATE")
         try:
             for change in changes:
@@ -113,38 +124,45 @@ class Database:
                 connection.execute("ROLLBACK")
             raise
         self.changes += 1
+        self.changed.set()
 
     def _refused(self, error: Exception) -> None:
         why = getattr(error, "strerror", None) or str(error)
         if not self.trouble:
             self._note("journal-not-written", f"the journal {self.path} cannot be written: {why}; it is tried again")
         self.trouble = why
-        self._close_writer()
+        self.close()
 
     def _open_writer(self) -> sqlite3.Connection:
-        self._close_reader()  # a lock of ours on the file ends with every descriptor of it that we close
+        if self.wall is None:
+            raise OSError(errno.EBADF, "it was opened for reading")
+        self.close()  # locks of ours on the file end with every descriptor of it that we close
         _check_regular(self.path)
         os.close(open_private(self.path, os.O_RDWR))
         try:
-            return self._opened()
+            self._writer = self._opened()
         except sqlite3.DatabaseError as error:
             if not _spoilt(error):
                 raise
             self._set_aside(str(error))
-            return self._opened()
+            self._writer = self._opened()
+        self._inode = os.stat(self.path).st_ino
+        return self._writer
 
     def _opened(self) -> sqlite3.Connection:
         connection = sqlite3.connect(self.path, PATIENCE, isolation_level=None, check_same_thread=False)
         try:
+            connection.execute(f"PRAGMA page_size = {PAGE}")
             connection.execute("PRAGMA journal_mode = WAL")
-            # Checkpoints are for the thread that may wait for the disk.
+            # The disk is waited for by checkpoints alone: see there.
             connection.execute("PRAGMA wal_autocheckpoint = 0")
-            connection.execute("PRAGMA synchronous = NORMAL")
+            connection.execute("PRAGMA synchronous = OFF")
             version = connection.execute("PRAGMA user_version").fetchone()[0]
             if version > len(STEPS):
-                raise _Newer(f"it is of version {version}, which a newer rorg wrote")
+                raise _Spoilt(f"it is of version {version}, which a newer rorg wrote")
             for number, step in enumerate(STEPS[version:], version + 1):
                 connection.executescript(f"BEGIN IMMEDIATE;{step}PRAGMA user_version = {number};COMMIT;")
+            self.generation += not version
         except BaseException:
             connection.close()
             raise
@@ -153,7 +171,6 @@ class Database:
     def _set_aside(self, why: str) -> None:
         """Moves the file away. Raises OSError."""
         self.close()
-        self._closed = False
         stamp = (self.wall() if self.wall else "").replace(":", "")
         aside = self.path.with_name(f"journal.damaged-{stamp}.db")
         for end in ("-wal", "-shm", ""):
@@ -173,29 +190,84 @@ class Database:
             notes, self._notes = self._notes, []
         return notes
 
+    # -- what may wait for the disk ----------------------------------------------------------------------------
+
+    def checkpoint(self) -> None:
+        """The disk has all that was written before this was called, unless it refuses."""
+        with self._lock:
+            if self._writer and not self._in_place():
+                self.close()  # somebody took the file away: the next change begins a new one
+            if self._writer is None or self.changes == self._done:
+                return
+            self._checkpoints = self._checkpoints or Checkpoints(self.path, self._quiet)
+            upto = self.changes
+        if self._use(Checkpoints.make):
+            self._done = upto
+
+    def check(self) -> None:
+        """Moves the file aside where SQLite finds it damaged."""
+
+        def look(checkpoints: Checkpoints) -> None:
+            if found := checkpoints.damage():
+                raise _Spoilt(found)
+
+        self._use(look)
+
+    def _use(self, use: Callable[[Checkpoints], None]) -> bool:
+        """False where the disk refuses it. It is closed afterwards where the file was closed meanwhile."""
+        with self._lock:
+            checkpoints, self._at_work = self._checkpoints, True
+        try:
+            if checkpoints:
+                use(checkpoints)
+            return True
+        except sqlite3.Error as error:
+            self.changed.set()
+            if _spoilt(error):
+                with self._lock, contextlib.suppress(OSError):
+                    self._set_aside(str(error))
+            return False
+        finally:
+            with self._lock:
+                self._at_work = False
+                if checkpoints and checkpoints is not self._checkpoints:
+                    checkpoints.close()
+
+    def _in_place(self) -> bool:
+        try:
+            return os.stat(self.path).st_ino == self._inode
+        except OSError:
+            return False
+
+    @contextlib.contextmanager
+    def _quiet(self) -> Iterator[int]:
+        with self._lock:
+            yield self.changes
+
     # -- reading -----------------------------------------------------------------------------------------------
 
     def rows(self, sql: str, args: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """What the file answers; nothing where there is none. The owner is answered nothing as well where it cannot be
         read, others are told: raises Invalid."""
-        with self._reading:
-            try:
-                return self._answer(sql, args)
-            except FileNotFoundError:
-                return []
-            except (sqlite3.Error, OSError) as error:
-                self._close_reader()
-                if self.wall is not None:
-                    return []
-                remedy = f"fixing or moving {self.path}"
-                raise Invalid("read the journal", f"{self.path}: {error}", remedy) from error
-
-    def _answer(self, sql: str, args: Sequence[Any]) -> list[tuple[Any, ...]]:
-        if self._reader is None:
+        if self.wall is not None:
+            self._make()
+        try:
+            with self._reading:
+                self._reader = self._reader or self._open_reader()
+                return self._reader.execute(sql, args).fetchall()
+        except FileNotFoundError:
+            return []
+        except (sqlite3.Error, OSError) as error:
+            self._close_reader()
             if self.wall is not None:
-                self.write(lambda _: None, keep=False)  # it is there, and its tables are
-            self._reader = self._open_reader()
-        return self._reader.execute(sql, args).fetchall()
+                return []
+            raise Invalid("read the journal", f"{self.path}: {error}", f"fixing or moving {self.path}") from error
+
+    def _make(self) -> None:
+        """Its tables are there, where the disk allows it."""
+        with self._lock:
+            if self._writer is None and not self.trouble:
+                self._carry_out([])
 
     def _open_reader(self) -> sqlite3.Connection:
         _check_regular(self.path)
@@ -207,12 +279,6 @@ class Database:
 
     # -- the end -----------------------------------------------------------------------------------------------
 
-    def _close_writer(self) -> None:
-        connection, self._writer = self._writer, None
-        if connection is not None:
-            with contextlib.suppress(sqlite3.Error):
-                connection.close()
-
     def _close_reader(self) -> None:
         with self._reading:
             connection, self._reader = self._reader, None
@@ -221,19 +287,27 @@ class Database:
                     connection.close()
 
     def close(self) -> None:
-        """Afterwards nothing is written."""
-        self._close_reader()
+        """Until it is used again."""
         with self._lock:
-            self._closed = True
-            self._close_writer()
+            self._close_reader()
+            writer, self._writer = self._writer, None
+            checkpoints, self._checkpoints = self._checkpoints, None
+            with contextlib.suppress(sqlite3.Error):
+                if writer:
+                    # The last one that is closed brings everything into the file, and that must be on the disk before
+                    # the log goes.
+                    writer.execute("PRAGMA synchronous = NORMAL")
+                    writer.close()
+            if checkpoints and not self._at_work:
+                checkpoints.close()
 
 
-class _Newer(sqlite3.DatabaseError):
-    """The file is of a later version."""
+class _Spoilt(sqlite3.DatabaseError):
+    """Nothing more can be written to this file."""
 
 
 def _spoilt(error: Exception) -> bool:
-    return isinstance(error, _Newer) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
+    return isinstance(error, _Spoilt) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
 
 
 def _check_regular(path: Path) -> None:

@@ -136,6 +136,15 @@ def named(entry: dict[str, Any]) -> list[str]:
     return [*([one] if isinstance(one, str) and one else []), *many]
 
 
+def named_in(more: str) -> list[str]:
+    """The same of an entry as it is stored."""
+    try:
+        found = json.loads(more)
+    except (ValueError, TypeError, RecursionError):
+        return []
+    return named(found) if isinstance(found, dict) else []
+
+
 def _insert(connection: sqlite3.Connection, row: tuple[Any, ...], about: list[tuple[str, int]]) -> None:
     connection.execute("INSERT OR REPLACE INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)", row)
     connection.executemany("INSERT OR REPLACE INTO about (service, seq) VALUES (?, ?)", about)

@@ -1,5 +1,5 @@
-"""The tables of the history. Each step leads from one `user_version` to the next; a step that was released is never
-changed."""
+"""The tables of the history, with as few indices as answer in time: each one is written with every entry. Each step
+leads from one `user_version` to the next; a step that was released is never changed."""
 
 STEPS = (
     """
@@ -7,7 +7,6 @@ CREATE TABLE entry (
   seq INTEGER PRIMARY KEY, at TEXT NOT NULL, kind TEXT NOT NULL, message TEXT NOT NULL,
   person INTEGER NOT NULL, more TEXT NOT NULL
 );
-CREATE INDEX entry_at ON entry (at);
 CREATE INDEX entry_kind ON entry (kind);
 CREATE INDEX entry_people ON entry (seq) WHERE person;
 CREATE TABLE about (service TEXT, seq INTEGER, PRIMARY KEY (service, seq)) WITHOUT ROWID;

@@ -71,6 +71,12 @@ def revision(directory: Path) -> str:
     return commit + ("+" if _git(directory, "status", "--porcelain", "--", str(directory)) else "")
 
 
+def commit_of(directory: Path, name: str) -> str:
+    """The commit that git means by a name (HEAD~2, a tag, a branch); empty where it knows none."""
+    asked = f"{name}^{{commit}}"
+    return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
+
+
 def head(directory: Path) -> Commit | None:
     """The commit that a tree is at; None outside of a repository, before its first commit, and where git refuses."""
     words = ("log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%H%n%ct%n%an%n%s%n.")
@@ -84,12 +90,6 @@ def head(directory: Path) -> Commit | None:
         at = ""
     dirty = bool(_git(directory, "status", "--porcelain", "--", str(directory)))
     return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
-
-
-def commit_of(directory: Path, name: str) -> str:
-    """The commit that git means by a name (HEAD~2, a tag, a branch); empty where it knows none."""
-    asked = f"{name}^{{commit}}"
-    return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
 
 
 def checkout_under_way(git: Path | None) -> bool:
