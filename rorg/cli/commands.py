@@ -25,6 +25,8 @@ COMMANDS = (
     "wait",
     "events",
     "history",
+    "rollback",
+    "restore",
     "timeline",
     "top",
     "logs",

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rorg.errors import Refused
-from rorg.host.git import COMMIT_PATIENCE, identity
-from rorg.host.git_process import MISSING, Owner, owner_of, run_git
+from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
+from rorg.host.git_process import MISSING, Owner, owner_of, repository, run_git
 from rorg.host.person import Person
 
 SHORT = 12
@@ -20,6 +20,27 @@ SHORT = 12
 MAGIC = frozenset("*?[]\\:!^")
 """What git takes for more than a path."""
 NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMITTER_EMAIL")
+
+
+def top_of(directory: Path) -> Path:
+    """The top of the work tree that a directory lies in. Raises Refused."""
+    found = _said(directory, "rev-parse", "--show-toplevel")
+    if not found:
+        why = f"{directory} is in no git repository that this user may read"
+        raise Refused(f"commit in {directory}", why, f"`git -C {directory} status` for the reason, or `git init`")
+    return Path(found)
+
+
+def subject_of(directory: Path, commit: str) -> str:
+    """The first line of its message."""
+    return _said(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
+
+
+def _said(directory: Path, *words: str) -> str:
+    """Empty where git says no."""
+    found = repository(directory)
+    said = run_git(["-C", str(directory), *words], owner_of(found) if found else None)
+    return said.text if said.yes else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +121,8 @@ class Restoring:
 
     def _git(self, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
         """What it says, as whose repository it is; with `told` also of mistakes. Raises Refused."""
-        where, more = ["-C", str(self.top)], {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
-        said = run_git([*where, *words], self._owner, COMMIT_PATIENCE, more, errors=told)
+        more = {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
+        said = run_git(["-C", str(self.top), *words], self._owner, COMMIT_PATIENCE, more, errors=told)
         if not said.yes:
             why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
             raise Refused(f"restore {self.source[:SHORT]} in {self.top}", why, "`git status` there")

@@ -1,0 +1,181 @@
+"""Which earlier state of the manifests is meant, and the commit that brings it back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences
+from rorg.cli.output import note
+from rorg.errors import Missing, Refused
+from rorg.history.names import parse
+from rorg.history.revisions import Revision
+from rorg.host.git import commit_of
+from rorg.host.git_writing import SHORT, Restoring, subject_of, top_of
+from rorg.model.catalog import Catalog
+
+Agreed = Callable[[dict[str, Any] | None, Differences], None]
+"""Shows what is to be done, by whom, and asks. Raises Refused."""
+KNOWN = 1000
+"""Revisions among which the one that is meant is looked for: the newest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A state to go back to."""
+
+    commit: str
+    """In full."""
+    name: str
+    """What it was called: a number of `rorg history`, or what git understands."""
+    subject: str
+
+    @property
+    def title(self) -> str:
+        """12 (abc1234): subject"""
+        short = self.commit[:SHORT]
+        return f"{short if self.commit.startswith(self.name) else f'{self.name} ({short})'}: {self.subject}"
+
+
+class Known:
+    """The revisions on record, the newest first."""
+
+    def __init__(self, rows: Iterable[dict[str, Any]]) -> None:
+        self.revisions = [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
+
+    def get(self, number: int) -> Revision | None:
+        return next((r for r in self.revisions if r.number == number), None)
+
+    def good_before(self) -> Revision:
+        """The last good one before the manifests of now were first in force: who goes back twice gets further back.
+        Raises Refused."""
+        now = self.revisions[0].fingerprint if self.revisions else ""
+        since = next((r.number for r in reversed(self.revisions) if r.fingerprint == now), 0)
+        found = (r for r in self.revisions if r.number < since and r.standing == "good" and r.commit and not r.dirty)
+        good = next(found, None)
+        if good is None:
+            why = "no good state of the manifests before this one is on record"
+            raise Refused("roll back", why, "`rorg rollback REV`, with what `rorg history` or `git log` has")
+        return good
+
+
+def known(context: Context) -> Known:
+    """Those of this robot. Raises Unreachable where its files may not be read and no rorg runs."""
+    from rorg.cli.records import records_of
+
+    with records_of(context) as records:
+        return Known(records.listed(KNOWN))
+
+
+def goal_of(text: str, revisions: Known, root: Path) -> Goal:
+    """What a REV means, by default the last good one. Raises Missing and Refused."""
+    found = parse(text, revisions) if text else revisions.good_before()
+    if isinstance(found, Revision):
+        return goal(found, root)
+    commit = commit_of(root, found)
+    if not commit:
+        why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
+        raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
+    return Goal(commit, found, subject_of(root, commit))
+
+
+def goal(revision: Revision, root: Path) -> Goal:
+    """The commit of a revision. Raises Refused where git has not what it was."""
+    what = f"go back to revision {revision.number}"
+    if not revision.commit or revision.dirty:
+        why = "it was in no repository" if not revision.commit else f"it was {revision.commit[:SHORT]} with changes"
+        raise Refused(what, f"{why} that were never committed", "another one of `rorg history`")
+    if not commit_of(root, revision.commit):
+        raise Refused(what, f"the repository has no commit {revision.commit[:SHORT]} any more", "fetching it")
+    return Goal(revision.commit, str(revision.number), revision.subject)
+
+
+def restoring(root: Path, goal: Goal, service: str) -> Restoring:
+    """The commit that would bring back the manifests directory, and what its images are built from; or the manifest of
+    one service. Raises Refused, and Invalid where the manifests of then have errors."""
+    from rorg.daemon.past import load_at
+    from rorg.daemon.tree import Tree
+    from rorg.manifest.load import load
+
+    top = top_of(root)
+    past = load_at(Tree(root, engine=""), goal.commit).catalog
+    if service:
+        places, of = _manifest(root, past, service, goal), f" {service}"
+    else:
+        now = load(root).catalog
+        places, of = [root, *_contexts(past), *(_contexts(now) if now else [])], ""
+    return Restoring(top, goal.commit, _below(top, places), f"Roll back{of} to {goal.title}")
+
+
+def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]:
+    """Where it was declared then, and where it is now."""
+    from rorg.api.manifest_texts import manifests_of
+
+    if service not in past.services or not past.services[service].where.file:
+        why = f"it was not declared in {goal.title}"
+        raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
+    now = manifests_of(root).get(("Service", service))
+    return [root / past.services[service].where.file, *([now[0]] if now else [])]
+
+
+def _contexts(catalog: Catalog) -> list[Path]:
+    return [Path(image.context) for image in catalog.images.values() if image.context]
+
+
+def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
+    """Those that lie in the repository, without what lies in another one of them."""
+    found: list[Path] = []
+    for place in sorted({Path(os.path.realpath(p)) for p in places}):
+        if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in found):
+            found.append(place)
+    return tuple(str(place.relative_to(top)) for place in found)
+
+
+def allow(context: Context, root: Path, wanted: Restoring) -> None:
+    """Raises Refused where rorg follows a remote repository, or where something is not committed."""
+    from rorg.manifest.documents import manifest_files
+
+    if root.is_relative_to(context.state.path / "git"):
+        note("\n".join(wanted.commands(clone=True)))
+        raise Refused("commit here", "rorg follows another repository", "these commands in a clone of that")
+    manifests = [os.path.relpath(path, wanted.top) for path in manifest_files(root)]
+    files = [*wanted.changed(), *wanted.unknown(manifests)]
+    if files:
+        shown = ", ".join(files[:10]) + (f" and {len(files) - 10} more" if len(files) > 10 else "")
+        raise Refused("roll back", f"not committed: {shown}", f"`git -C {wanted.top} stash --include-untracked`")
+
+
+def go_back(
+    context: Context, root: Path, wanted: Restoring, agreed: Agreed, wait: bool, timeout: float, command: str
+) -> bool:
+    """Shows the plan, asks, commits and has it done; False where the commit would change nothing. `agreed` asks. Raises
+    Refused and NotReady."""
+    from rorg.cli.apply import bring_about, taken
+    from rorg.cli.differences import differences
+    from rorg.host.person import caller
+
+    allow(context, root, wanted)
+    owner = taken(context, command)
+    made = wanted.commit(caller(os.environ, os.getuid(), os.getgid()), os.environ)
+    shown = differences(context, rev=made) if made else differences(context)
+    agreed(owner, shown)
+    if made:
+        wanted.take(made)
+        note(f"committed {made[:SHORT]}: {wanted.message}")
+    done = differences(context) if made else shown
+    # What nobody was shown stays, though it is withheld.
+    bring_about(context, owner, done._replace(withheld=[n for n in done.withheld if n in shown.withheld]), wait, timeout)
+    return bool(made)
+
+
+def tree_of(context: Context) -> Path:
+    """The directory of manifests: of the running rorg, also of one that is only known by its socket."""
+    if context.remote and not context.directory:
+        if context.place.elsewhere:
+            context.here("commit in its tree")
+        return Path((context.live() or {})["tree"]["root"]).resolve()
+    return context.root.resolve()

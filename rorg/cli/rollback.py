@@ -1,0 +1,67 @@
+"""rorg rollback"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rorg.cli.options import DIRECTORIES, SERVICES, Argument, EngineName, Option, StateDirectory, Timeout, Wait, Yes
+
+
+def command(
+    revision: Annotated[
+        str,
+        Argument(
+            help="REV: a number of `rorg history`, or what git understands. Default: the last good one.",
+            show_default=False,
+        ),
+    ] = "",
+    service: Annotated[
+        str,
+        Option(
+            names=("--service",),
+            show_default=False,
+            help="Only the manifest of this service.",
+            metavar="SERVICE",
+            completes=SERVICES,
+        ),
+    ] = "",
+    printed: Annotated[
+        bool, Option(names=("--print",), help="Only print the commands of git that make the commit.")
+    ] = False,
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 300.0,
+    directory: Annotated[
+        Path | None,
+        Option(
+            names=("--manifests",), help="Directory of manifests.", metavar="DIR", completes=DIRECTORIES,
+            show_default=False,
+        ),
+    ] = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Show the plan, ask, and commit the manifests as they were at REV, with what their images are built from; then carry
+    it out, by itself or through the running rorg.
+
+    Example: rorg rollback HEAD~1 --yes --wait
+    """
+    from rorg.cli.apply import agree
+    from rorg.cli.context import Context
+    from rorg.cli.going_back import go_back, goal_of, known, restoring, tree_of
+    from rorg.cli.output import echo, note
+
+    context = Context(state_dir, engine, directory, local=True)
+    root = tree_of(context)
+    wanted = restoring(root, goal_of(revision, known(context), root), service)
+    if printed:
+        echo("\n".join(wanted.commands()))
+        return
+    what = f"roll {service or 'the manifests'} back"
+
+    def agreed(owner, shown) -> None:
+        agree(context, owner, shown, what, f"{wanted.message}?", yes)
+
+    if not go_back(context, root, wanted, agreed, wait, timeout, "rorg rollback"):
+        note(f"{wanted.message}: the same already")
