@@ -9,6 +9,23 @@ from rorg.cli.output import check_form, consent, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
+    from rorg.cli.differences import Differences
+
+
+def command(
+    directory: Directory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 300.0,
+    output: Output = "table",
+) -> None:
+    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory.
+
+    Example: rorg apply --yes --wait --timeout 5m
+    """
+    from rorg.cli.context import Context
     from rorg.cli.differences import differences
 
     check_form(output)
@@ -29,9 +46,16 @@ def taken(context: Context, command: str) -> dict[str, Any] | None:
 
 
 def agree(
-    context: Context, owner: dict[str, Any] | None, shown: Differences, what: str, question: str, yes: bool
+    context: Context,
+    owner: dict[str, Any] | None,
+    shown: Differences,
+    what: str,
+    question: str,
+    yes: bool,
+    nothing: bool = True,
 ) -> None:
-    """Shows what would be done, and asks. Raises Refused."""
+    """Shows what would be done, and asks, but where there is `nothing` else to agree to and nothing to do. Raises
+    Refused."""
     from rorg.cli.differences import warn_of_other_tree
     from rorg.errors import Refused
 
@@ -43,13 +67,11 @@ def agree(
         note(f"To be removed once you confirm, though still named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
         raise Refused(what, f"rorg is {shown.suspended}", "`rorg suspend --end`")
-    if not (shown.empty or yes):
+    if not ((shown.empty and nothing) or yes):
         consent(what, question)
 
 
-def bring_about(
-    context: Context, owner: dict[str, Any] | None, shown: Differences, wait: bool, timeout: float
-) -> None:
+def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: bool, timeout: float) -> None:
     """Has it done, and returns when it is. Raises NotReady."""
     if owner is None:
         from rorg.cli.carrying_out import carry_out

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +20,8 @@ from rorg.host.git import commit_of
 from rorg.host.git_writing import SHORT, Restoring, subject_of, top_of
 from rorg.model.catalog import Catalog
 
+NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
+"""A number of `rorg history`, or a commit, though it may be read as a time."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows what is to be done, by whom, and asks. Raises Refused."""
 KNOWN = 1000
@@ -49,6 +53,10 @@ class Known:
 
     def get(self, number: int) -> Revision | None:
         return next((r for r in self.revisions if r.number == number), None)
+
+    def at(self, time: str) -> Revision | None:
+        """Which was in force at a time (ISO 8601 in UTC)."""
+        return next((r for r in self.revisions if r.at <= time and r.standing != "refused"), None)
 
     def good_before(self) -> Revision:
         """The last good one before the manifests of now were first in force: who goes back twice gets further back.
@@ -92,6 +100,27 @@ def goal(revision: Revision, root: Path) -> Goal:
     if not commit_of(root, revision.commit):
         raise Refused(what, f"the repository has no commit {revision.commit[:SHORT]} any more", "fetching it")
     return Goal(revision.commit, str(revision.number), revision.subject)
+
+
+def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
+    """(ISO 8601 in UTC, the state that was in force) of a time, or of a REV: when that had proven good, else when it
+    began. `now` in seconds since the epoch. Raises Missing and Refused."""
+    from rorg.model.units import parse_since, stamp
+
+    if not NO_TIME.fullmatch(text):
+        with contextlib.suppress(ValueError):
+            moment = stamp(parse_since(text, now))
+            found = revisions.at(moment)
+            if found is None:
+                raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
+            return moment, goal(found, root)
+    wanted = goal_of(text, revisions, root)
+    then = next((r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty), None)
+    if then is None:
+        raise Refused(f"restore {text}", f"{wanted.title} was never in force here", "`rorg rollback` with it")
+    numbered = revisions.get(int(wanted.name)) if wanted.name.isdecimal() else None
+    then = numbered or then
+    return then.settled_at or then.at, wanted
 
 
 def restoring(root: Path, goal: Goal, service: str) -> Restoring:
@@ -150,10 +179,17 @@ def allow(context: Context, root: Path, wanted: Restoring) -> None:
 
 
 def go_back(
-    context: Context, root: Path, wanted: Restoring, agreed: Agreed, wait: bool, timeout: float, command: str
+    context: Context,
+    root: Path,
+    wanted: Restoring,
+    agreed: Agreed,
+    command: str,
+    waiting: tuple[bool, float],
+    then: Callable[[], None] = lambda: None,
 ) -> bool:
-    """Shows the plan, asks, commits and has it done; False where the commit would change nothing. `agreed` asks. Raises
-    Refused and NotReady."""
+    """Shows the plan and asks (`agreed`), commits, does what is to be done besides (`then`), and has it carried out:
+    `waiting` says whether everything must get ready, and in how many seconds. False where there was nothing to commit.
+    Raises Refused and NotReady."""
     from rorg.cli.apply import bring_about, taken
     from rorg.cli.differences import differences
     from rorg.host.person import caller
@@ -166,9 +202,12 @@ def go_back(
     if made:
         wanted.take(made)
         note(f"committed {made[:SHORT]}: {wanted.message}")
-    done = differences(context) if made else shown
+    differences(context)  # until it is read
+    then()
+    found = differences(context)
     # What nobody was shown stays, though it is withheld.
-    bring_about(context, owner, done._replace(withheld=[n for n in done.withheld if n in shown.withheld]), wait, timeout)
+    withheld = [n for n in found.withheld if n in shown.withheld]
+    bring_about(context, owner, found._replace(withheld=withheld), *waiting)
     return bool(made)
 
 

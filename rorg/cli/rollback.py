@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import DIRECTORIES, SERVICES, Argument, EngineName, Option, StateDirectory, Timeout, Wait, Yes
+
+if TYPE_CHECKING:
+    from rorg.cli.differences import Differences
 
 
 def command(
@@ -35,15 +38,18 @@ def command(
     directory: Annotated[
         Path | None,
         Option(
-            names=("--manifests",), help="Directory of manifests.", metavar="DIR", completes=DIRECTORIES,
+            names=("--manifests",),
+            help="Directory of manifests.",
+            metavar="DIR",
+            completes=DIRECTORIES,
             show_default=False,
         ),
     ] = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Show the plan, ask, and commit the manifests as they were at REV, with what their images are built from; then carry
-    it out, by itself or through the running rorg.
+    """Show the plan, ask, commit the manifests as they were at REV, with what their images are built from, and carry it
+    out.
 
     Example: rorg rollback HEAD~1 --yes --wait
     """
@@ -60,8 +66,8 @@ def command(
         return
     what = f"roll {service or 'the manifests'} back"
 
-    def agreed(owner, shown) -> None:
+    def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
         agree(context, owner, shown, what, f"{wanted.message}?", yes)
 
-    if not go_back(context, root, wanted, agreed, wait, timeout, "rorg rollback"):
+    if not go_back(context, root, wanted, agreed, "rorg rollback", (wait, timeout)):
         note(f"{wanted.message}: the same already")

@@ -11,10 +11,11 @@ from rorg.core.changes import changed_items, changed_keys
 from rorg.core.decide import Decision
 from rorg.core.digest import unreadable
 from rorg.core.losses import losses, ready_runs
-from rorg.core.memory import Progress
+from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
+from rorg.daemon.history import Historian
 from rorg.daemon.passages import Passages
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
@@ -45,6 +46,7 @@ class Recorder:
         self.history = Database(state.journal, wall)
         self.journal = Journal(self.history)
         self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
+        self.historian = Historian(self.history, wall)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
@@ -53,6 +55,13 @@ class Recorder:
         self._observed: Observed | None = None
         """By the last pass."""
         self._lock = threading.Lock()
+
+    def begin(self, memory: Memory) -> None:
+        """What the last rorg has told of is not told again."""
+        self._progress = memory.progress
+        for name, step in memory.progress.items():
+            known = {"crashes": step.crashes, "stalled": step.stalled, "update": step.update.failed}
+            self._said.update({f"{word} {name}": value for word, value in known.items()})
 
     def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
         """`person`: a person did it."""
@@ -194,7 +203,7 @@ class Recorder:
         kind = "driver " if service and service.driver else ""
         self.event(
             "crashed",
-            f"{kind}{name} {step.error} (unexpected exit {step.crashes} since rorg started)",
+            f"{kind}{name} {step.error} (unexpected exit {step.crashes})",
             service=name,
             crashes=step.crashes,
         )

@@ -10,7 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from rorg.history.asked import Asked
 from rorg.history.database import Database
+from rorg.model.catalog import Request
 
 RECENT = 2000
 """Entries kept in memory, for those who follow, and while the disk refuses them."""
@@ -111,6 +113,10 @@ class Journal:
     def since(self, seq: int) -> list[dict[str, Any]]:
         """All entries after a number, as far as they are kept."""
         return self.after(seq, ALL)
+
+    def asked_at(self, time: str) -> tuple[Request, ...]:
+        """What meta-services asked for at a time (ISO 8601 in UTC)."""
+        return Asked(self.database).at(time)
 
     def select(self, filter: Filter, most: int, newest: bool = False) -> list[dict[str, Any]]:
         """The first entries that are meant, or the newest ones; in their order."""

@@ -135,6 +135,11 @@ class Revisions:
         found = self._select("? IN ('', standing)", (standing,), 1)
         return self.get(found[0].number) if found else None
 
+    def in_force(self) -> Revision | None:
+        """The last one that was not refused, with its services."""
+        found = self._select("standing <> 'refused'", (), 1)
+        return self.get(found[0].number) if found else None
+
     def list(self, most: int, before: int = 0) -> Sequence[Revision]:
         """The newest ones, the newest first; with `before` those that are older than that number."""
         return self._select("number < ?" if before else "number > ?", (before,), most)

@@ -92,6 +92,16 @@ def head(directory: Path) -> Commit | None:
     return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
 
 
+def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
+    """Changes when another commit is checked out, or made, in the repository's folder `git`."""
+    found = []
+    for name in ("HEAD", "logs/HEAD"):
+        with contextlib.suppress(OSError):
+            stat = (git / name).stat() if git else None
+            found += [(stat.st_mtime_ns, stat.st_size)] if stat else []
+    return tuple(found)
+
+
 def checkout_under_way(git: Path | None) -> bool:
     """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
     try:
