@@ -7,12 +7,14 @@ import os
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences
 from rorg.cli.output import note
+from rorg.cli.records import records_of
 from rorg.errors import Missing, Refused
 from rorg.history.names import parse
 from rorg.history.revisions import Revision
@@ -46,10 +48,17 @@ class Goal:
 
 
 class Known:
-    """The revisions on record, the newest first."""
+    """The revisions on record. They are read when one is asked for: what git names needs none."""
 
-    def __init__(self, rows: Iterable[dict[str, Any]]) -> None:
-        self.revisions = [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
+    def __init__(self, context: Context) -> None:
+        self.context = context
+
+    @cached_property
+    def revisions(self) -> list[Revision]:
+        """The newest first. Raises Unreachable where the files may not be read and no rorg runs."""
+        with records_of(self.context) as records:
+            rows = records.listed(KNOWN)
+        return [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
 
     def get(self, number: int) -> Revision | None:
         return next((r for r in self.revisions if r.number == number), None)
@@ -61,22 +70,18 @@ class Known:
     def good_before(self) -> Revision:
         """The last good one before the manifests of now were first in force: who goes back twice gets further back.
         Raises Refused."""
-        now = self.revisions[0].fingerprint if self.revisions else ""
-        since = next((r.number for r in reversed(self.revisions) if r.fingerprint == now), 0)
-        found = (r for r in self.revisions if r.number < since and r.standing == "good" and r.commit and not r.dirty)
-        good = next(found, None)
+        now = next(iter(self.revisions), None)
+        same = [r for r in self.revisions if r == now or (now and r.fingerprint == now.fingerprint != "")]
+        since = now if now and now.standing == "refused" else next(iter(same[-1:]), None)
+        good = next((r for r in self.revisions if since and r.number < since.number and _recoverable(r)), None)
         if good is None:
             why = "no good state of the manifests before this one is on record"
             raise Refused("roll back", why, "`rorg rollback REV`, with what `rorg history` or `git log` has")
         return good
 
 
-def known(context: Context) -> Known:
-    """Those of this robot. Raises Unreachable where its files may not be read and no rorg runs."""
-    from rorg.cli.records import records_of
-
-    with records_of(context) as records:
-        return Known(records.listed(KNOWN))
+def _recoverable(revision: Revision) -> bool:
+    return bool(revision.standing == "good" and revision.commit and not revision.dirty)
 
 
 def goal_of(text: str, revisions: Known, root: Path) -> Goal:
@@ -115,11 +120,11 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
                 raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
             return moment, goal(found, root)
     wanted = goal_of(text, revisions, root)
-    then = next((r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty), None)
+    found = parse(text, revisions)
+    of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
+    then = found if isinstance(found, Revision) else next(of_it, None)
     if then is None:
         raise Refused(f"restore {text}", f"{wanted.title} was never in force here", "`rorg rollback` with it")
-    numbered = revisions.get(int(wanted.name)) if wanted.name.isdecimal() else None
-    then = numbered or then
     return then.settled_at or then.at, wanted
 
 

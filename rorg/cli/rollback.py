@@ -55,12 +55,12 @@ def command(
     """
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
-    from rorg.cli.going_back import go_back, goal_of, known, restoring, tree_of
+    from rorg.cli.going_back import Known, go_back, goal_of, restoring, tree_of
     from rorg.cli.output import echo, note
 
     context = Context(state_dir, engine, directory, local=True)
     root = tree_of(context)
-    wanted = restoring(root, goal_of(revision, known(context), root), service)
+    wanted = restoring(root, goal_of(revision, Known(context), root), service)
     if printed:
         echo("\n".join(wanted.commands()))
         return
