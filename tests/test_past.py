@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from pathlib import Path
 
 import pytest
+from robots import RealRobot, write_tree
+from test_thin_commands import rorg
 
 from rorg.daemon.past import load_at
 from rorg.daemon.tree import Tree
@@ -126,3 +129,86 @@ def test_a_past_state_is_what_a_checkout_of_it_would_be(repository, mask):
         assert len({p.desired.editions["aa"] for p in past.values()}) == len(commits)
     finally:
         os.umask(before)
+
+
+# -- rorg diff REV ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    """A loop with its API, whose tree has three commits: `first`, HEAD~1 and HEAD; and what is not committed."""
+    monkeypatch.chdir(tmp_path)
+    found = RealRobot(tmp_path, "process", None, with_server=True)
+    found.history = Repository(found.tree)
+    states = [services("60"), {**services("61"), "more": {"always_on": True}}, services("62")]
+    for name, state in zip(("first", "second", "third"), states, strict=True):
+        write_tree(found.tree, state)
+        found.history.commit()
+        found.history.git("tag", name)
+    (tmp_path / "allowed").touch()
+    found.declare(services("63"))
+    found.wait(lambda: {"base", "arm"} <= set(found.active()))
+    found.settle()
+    (tmp_path / "allowed").unlink()
+    yield found
+    found.close()
+
+
+def services(seconds: str) -> dict:
+    command = ["sh", "-c", f"exec sleep {seconds}", "--password", "hunter22"]
+    arm = {"always_on": True, "interlock": {"file": str(Path("allowed").absolute())}, "priority": int(seconds)}
+    return {"base": {"always_on": True, "command": command}, "arm": arm, "spare": {"needs": ["base"]}}
+
+
+def test_diff_to_a_commit_is_the_same_through_the_running_rorg_as_without(robot):
+    lines = [("first",), ("HEAD~1", "-u"), ("HEAD~1", "-o", "wide"), (str(robot.tree), "HEAD", "-o", "json")]
+    running = [rorg(robot, "diff", *line, code=1).stdout for line in lines]
+    assert "exec sleep 63" in running[0]
+    assert "exec sleep 60" in running[0].partition(" -> ")[2]
+    assert "-/+ replace base" in running[0]
+    assert "more" in running[2]
+    assert "hunter" not in "".join(running)
+    assert rorg(robot, "diff").stdout == "No differences.\n", "nothing of it was done"
+    robot.stop()
+    assert [rorg(robot, "diff", *line, code=1).stdout for line in lines] == running
+
+
+def test_a_state_that_is_none_is_told_with_what_is_near(robot):
+    (robot.tree / "services/base.yaml").write_text("kind: Servise\n")
+    broken = robot.history.commit()
+    write_tree(robot.tree, services("63"))
+    for running in (True, False):
+        if not running:
+            robot.stop()
+        assert "'first'" in rorg(robot, "diff", "fisrt", code=2).stderr
+        said = rorg(robot, "diff", broken[:9], code=2).stderr
+        assert f"{broken[:7]}:services/base.yaml:1:7: error: unknown kind 'Servise'" in said
+        assert rorg(robot, "diff", "--", "--help", code=2).stderr.startswith(
+            "rorg: cannot read the manifests of '--help'"
+        )
+    assert "no such directory" in rorg(robot, "diff", "../first", code=2).stderr
+
+
+def test_diff_outside_of_a_repository_says_what_is_missing(tmp_path, monkeypatch):
+    found = RealRobot(tmp_path, "process", None)
+    found.declare(services("60"))
+    assert "is in no git repository" in rorg(found, "diff", str(found.tree), "HEAD", code=2).stderr
+    found.close()
+
+
+def test_two_states_are_compared_service_by_service_without_an_engine(robot):
+    said = rorg(robot, "diff", "first..HEAD~1", "--engine", "docker", code=1).stdout.splitlines()
+    assert [line.split()[:3] for line in said[1:]] == [
+        ["arm", "Service", "change"],
+        ["base", "Service", "change"],
+        ["more", "Service", "add"],
+    ]
+    assert said[1].endswith("priority: 60 -> 61")
+    assert "exec sleep 60" in said[2].partition(" -> ")[0]
+    assert "hunter" not in "".join(said)
+    found = json.loads(rorg(robot, "diff", "HEAD~1..", "-o", "json", code=1).stdout)
+    assert found["to"] == robot.history.git("rev-parse", "HEAD")
+    assert {(c["name"], c["verb"]) for c in found["changes"]} >= {("more", "remove"), ("base", "change")}
+    assert rorg(robot, "diff", "HEAD..HEAD").stdout == "No differences.\n"
+    assert rorg(robot, "diff", "first..", "--service", "spare").stdout == "No differences.\n"
+    assert "git diff" in rorg(robot, "diff", "first..", "-u", code=2).stderr

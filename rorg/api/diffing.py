@@ -19,6 +19,7 @@ from rorg.api.operations import Operations
 from rorg.api.plan_forms import shown
 from rorg.core.decide import Decision
 from rorg.core.plan import Plan, Waiting
+from rorg.daemon.past import Past, load_at
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
 
@@ -30,11 +31,14 @@ def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyn
     """The route by which commands see what would change."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
-    async def diff(unified: bool = False) -> Response:
+    async def diff(unified: bool = False, rev: str = "") -> Response:
         """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
-        drifted, until now counts. `unified`: with a unified diff of each container that is changed."""
+        drifted, until now counts. `unified`: with a unified diff of each container that is changed. `rev`: what would
+        be done if the manifests of this commit, tag or branch were in force; nothing is done of it."""
         await _look(operations, changed)
-        return Response(json.dumps(differences(operations, unified)), media_type="application/json")
+        past = await asyncio.to_thread(load_at, operations.loop.tree, rev) if rev else None
+        found = differences(operations, unified) if past is None else supposed(operations, past, unified)
+        return Response(json.dumps(found), media_type="application/json")
 
 
 async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
@@ -64,9 +68,22 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
     about = about_tree(operations.loop.tree, operations.loop.leases.file)
     return {
         "root": about["tree"]["root"],
+        "commit": "",
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
         **shown(decision, with_calls_under_way(decision), unified),
+    }
+
+
+def supposed(operations: Operations, past: Past, unified: bool) -> dict[str, Any]:
+    """The same of what a state of the manifests from the history would come to."""
+    decision, about = operations.suppose(past.desired), about_tree(operations.loop.tree, operations.loop.leases.file)
+    return {
+        "root": about["tree"]["root"],
+        "commit": past.commit,
+        "errors": [],
+        "requests_errors": about["requests_errors"],
+        **shown(decision, decision.plan, unified),
     }
 
 

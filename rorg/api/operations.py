@@ -16,7 +16,9 @@ from rorg.api.current import Current, missing
 from rorg.api.permissions import Caller, allow_request, allow_restart
 from rorg.api.readiness import Question, Readiness, readiness
 from rorg.core.decide import Decision
+from rorg.core.desired import Desired
 from rorg.core.status import Status, statuses
+from rorg.core.supposed import suppose
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
 from rorg.errors import Busy, Missing
@@ -112,6 +114,12 @@ class Operations:
         return snapshot(
             self.decision, {**self.loop.publisher.about, **about_tree(self.loop.tree, self.loop.leases.file)}
         )
+
+    def suppose(self, desired: Desired) -> Decision:
+        """What would be decided if this were declared."""
+        decision, inputs = self.decision, self.loop.inputs
+        assert inputs is not None, "there is one with each decision"
+        return suppose(inputs, decision.memory, desired)
 
     def requests(self) -> list[dict[str, Any]]:
         """All requests, with the seconds that are left of their leases."""

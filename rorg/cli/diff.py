@@ -5,16 +5,25 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import FORMS, SERVICES, Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import FORMS, SERVICES, Argument, Directory, EngineName, Option, StateDirectory
 from rorg.cli.output import check_form, dump, echo
 from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
+    from rorg.cli.context import Context
     from rorg.cli.differences import Differences
 
 
 def command(
     directory: Directory = None,
+    rev: Annotated[
+        str,
+        Argument(
+            help="What else is compared: a state from the history of the tree's repository (a commit, tag or branch), "
+            "as if it were in force; or two of them, A..B, by their manifests alone.",
+            show_default=False,
+        ),
+    ] = "",
     service: Annotated[
         str,
         Option(
@@ -45,17 +54,23 @@ def command(
 ) -> None:
     """Show what would be done, and why, without doing it. Exits 1 when there is anything.
 
-    Example: rorg diff manifests
+    Example: rorg diff HEAD~1
     """
+    import os
+
     from rorg.cli.context import Context
     from rorg.cli.differences import differences, warn_of_other_tree
     from rorg.errors import Exit, Invalid
 
     check_form(output)
+    if directory and not (rev or os.path.isdir(directory) or str(directory).startswith(("/", "../"))):
+        directory, rev = None, str(directory)
     if service and output == "wide":
         raise Invalid("show every step of one service", "steps are those of the whole plan", "-o table, or -u")
     context = Context(state_dir, engine, directory, local=True)
-    found = differences(context, unified)
+    if ".." in rev:
+        return _between(context, rev, service, unified, output)
+    found = differences(context, unified, rev)
     warn_of_other_tree(context, found)
     if service:
         found = _only(found, service)
@@ -69,6 +84,29 @@ def command(
     else:
         echo(found.text if output == "wide" else found.overview(), end="")
     sys.exit(int(Exit.OK if found.empty else Exit.DIFFERENCES))
+
+
+def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
+    """What changed between two states from the history: A..B, where nothing stands for HEAD as with git."""
+    from rorg.cli.differences import tree_of
+    from rorg.cli.output import print_rows
+    from rorg.core.between import between
+    from rorg.daemon.past import load_at
+    from rorg.errors import Exit, Invalid
+
+    if unified or output == "wide":
+        why = "two states of the manifests have no containers and no steps"
+        raise Invalid(f"compare {rev} in that form", why, f"`git diff {rev}`")
+    context.here("compare states of the manifests")
+    before, _, after = rev.partition("..")
+    tree = tree_of(context)
+    old, new = (load_at(tree, name or "HEAD") for name in (before, after))
+    found = [c for c in between(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)]
+    rows = [{**c.as_json(), "change": c.verb, "fields": "; ".join(map(str, c.changes))} for c in found]
+    full = {"from": old.commit, "to": new.commit, "changes": [c.as_json() for c in found]}
+    columns = ("name", "kind", "change", "fields")
+    print_rows(rows, output, columns, full=full, below=("fields",), text=None if found else "No differences.")
+    sys.exit(int(Exit.DIFFERENCES if found else Exit.OK))
 
 
 def _only(found: Differences, name: str) -> Differences:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlencode
 
 from rorg_client import Error as ClientError
 
@@ -12,6 +13,9 @@ from rorg.cli.context import Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
+
+if TYPE_CHECKING:
+    from rorg.daemon.tree import Tree
 
 
 class Differences(NamedTuple):
@@ -38,6 +42,8 @@ class Differences(NamedTuple):
     """Where it was computed here."""
     tree: Any = None
     """The same, as it was read."""
+    commit: str = ""
+    """Whose manifests these are, where they are from the history."""
 
     def overview(self) -> str:
         """One line for each service, and one with the counts."""
@@ -45,11 +51,12 @@ class Differences(NamedTuple):
         return "".join(f"{line}\n" for line in lines if line)
 
 
-def differences(context: Context, unified: bool = False) -> Differences:
-    """Raises Invalid where the tree has errors, and Unreachable."""
-    found = _told(context, unified)
+def differences(context: Context, unified: bool = False, rev: str = "") -> Differences:
+    """To what the tree declares, or did at `rev` of its repository's history. Raises Invalid where the tree has errors,
+    and Unreachable."""
+    found = _told(context, unified, rev)
     if found is None:
-        return _computed(context, unified)
+        return _computed(context, unified, rev)
     if found["errors"]:
         from rorg.model.units import counted
 
@@ -72,6 +79,7 @@ def _of(found: dict[str, Any], root: Path, told: bool) -> Differences:
         probed=found["probed"],
         fingerprint=found["fingerprint"],
         told=told,
+        commit=found.get("commit", ""),
     )
 
 
@@ -88,13 +96,14 @@ def warn_of_other_tree(context: Context, found: Differences) -> None:
         note(f"{runs} {last}; this compares {found.root.resolve()}")
 
 
-def _told(context: Context, unified: bool) -> dict[str, Any] | None:
+def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
     """What the running rorg says; None where it says nothing of this tree."""
     if context.directory and context.place.elsewhere:
         context.here("compare that directory")
-    client = context.client()
+    client, asked = context.client(), {"unified": "true" if unified else "", "rev": rev}
+    query = urlencode({name: value for name, value in asked.items() if value})
     try:
-        found: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?unified=true' * unified}") if client else None
+        found: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?' * bool(query)}{query}") if client else None
     except ClientError:
         if context.remote:
             raise
@@ -102,7 +111,7 @@ def _told(context: Context, unified: bool) -> dict[str, Any] | None:
     if found and context.directory and Path(found["root"]) != context.directory.resolve():
         context.here("compare that directory")
         return None
-    return found if found and "services" in found else None
+    return found if found and "services" in found and bool(found.get("commit")) == bool(rev) else None
 
 
 def line(error: dict[str, Any]) -> str:
@@ -112,16 +121,28 @@ def line(error: dict[str, Any]) -> str:
     return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
 
 
-def _computed(context: Context, unified: bool) -> Differences:
-    from rorg.api.plan_forms import shown
-    from rorg.cli.local import decision_for
+def tree_of(context: Context) -> Tree:
+    """The tree that a command is about, not read yet. Raises Invalid where there is no such directory."""
     from rorg.daemon.wiring import make_tree
-    from rorg.manifest.load import unusable
 
     if context.directory and not os.path.isdir(context.directory):
         what = f"read manifests in {context.directory}"
         raise Invalid(what, "no such directory", "the directory that holds services/")
-    tree = make_tree(context.root, context.state, context.engine_name)
+    return make_tree(context.root, context.state, context.engine_name)
+
+
+def _computed(context: Context, unified: bool, rev: str) -> Differences:
+    from rorg.api.plan_forms import shown
+    from rorg.cli.local import decision_for
+    from rorg.daemon.past import load_at
+    from rorg.manifest.load import unusable
+
+    tree = tree_of(context)
+    if rev:
+        past = load_at(tree, rev)
+        decision = decision_for(context, past.desired)
+        forms = {**shown(decision, decision.plan, unified), "commit": past.commit}
+        return _of(forms, context.root, told=False)
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)

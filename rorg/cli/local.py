@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
-from rorg.core.memory import Memory, ProbeResult
+from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
+from rorg.core.supposed import unlocked
 from rorg.daemon.outliving import remembered
 from rorg.daemon.snapshot import restore, snapshot
 from rorg.engines.protocol import Engine
@@ -52,7 +53,7 @@ def decision(place: Place, catalog: Catalog) -> Decision:
 
 
 def decision_for(place: Place, desired: Desired) -> Decision:
-    """The same for what a tree declares."""
+    """The same for what a tree declares, now or once."""
     observed = Observed(tuple(place.engine().list()))
     first = _look(place, desired, observed)
     return _look(place, desired, observed, _ready(place, first, desired))
@@ -76,15 +77,13 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
         running = place.published()
         memory = restore(running, time.monotonic()) if running else _remembered(place)
         memory = replace(memory, kept=read_kept(place.state.path))
-    # An interlock is asked when something is done; a plan that is only shown does not wait for it.
-    locked = [n for n, s in desired.catalog.services.items() if s.interlock]
     return decide(
         Inputs(
             desired=desired,
             requests=document.requests,
             restarts=document.restarts,
             observed=observed,
-            results={(n, "interlock"): ProbeResult("", True, 0.0) for n in locked},
+            results=unlocked(desired, 0.0),
             memory=memory,
             now=0.0,
             owner=place.state.instance(lambda: uuid.uuid4().hex),

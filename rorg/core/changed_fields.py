@@ -57,7 +57,7 @@ class Change:
 def changed_fields(container: Container, spec: Spec, difference: Difference) -> tuple[Change, ...]:
     """`difference` is that of these two."""
     was, now = declared_of(container.declared), _fields(spec)
-    found = [c for k in difference.recreate for c in _changes(k, was.get(k), now.get(k))]
+    found = [c for k in difference.recreate for c in field_changes(k, was.get(k), now.get(k))]
     found += [Change(k, container.live.get(k), v) for k, v in sorted(difference.live.items())]
     return tuple(found)
 
@@ -95,12 +95,12 @@ def _as_it_is(container: Container) -> dict[str, Any]:
     return {**was, **live}
 
 
-def _changes(field: str, old: Any, new: Any) -> list[Change]:
+def field_changes(field: str, old: Any, new: Any) -> list[Change]:
     """One for each entry of a mapping that differs."""
     if all(isinstance(value, dict | None) for value in (old, new)) and (old or new):
         was, now = old or {}, new or {}
         keys = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
-        return [c for k in keys for c in _changes(f"{field}.{k}", was.get(k), now.get(k))]
+        return [c for k in keys for c in field_changes(f"{field}.{k}", was.get(k), now.get(k))]
     return [Change(field, masked(field, old), masked(field, new))]
 
 

@@ -56,6 +56,8 @@ class Loop:
         self.passes = 0
         self.decision: Decision | None = None
         """Of the last pass."""
+        self.inputs: Inputs | None = None
+        """What it was made from."""
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
         self._down: tuple[Desired, Desired] | None = None
@@ -151,7 +153,7 @@ class Loop:
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
         self._keep(decision.memory.kept)
-        self.memory, self.decision = decision.memory, decision
+        self.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
             self.workers.begin(action)

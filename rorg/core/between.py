@@ -1,0 +1,88 @@
+"""What has changed between two states of the manifests, thing by thing, without a robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rorg.core.changed_fields import Change, field_changes
+from rorg.core.desired import Desired
+from rorg.core.digest import declared_fields
+from rorg.core.masking import MASK
+from rorg.model.catalog import DEVELOPER
+
+UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels"))
+"""What makes nothing different for a robot, or is told otherwise."""
+
+CONTENT = "content"
+"""Path of the tree that a service mounts -> digest of what is there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """A service, group, image, request or the Policy that is not the same in both. `verb`: add, change or remove."""
+
+    kind: str
+    name: str
+    verb: str
+    changes: tuple[Change, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        return {"kind": self.kind, "name": self.name, "verb": self.verb, "changes": [c.as_json() for c in self.changes]}
+
+
+def between(old: Desired, new: Desired) -> tuple[Changed, ...]:
+    """Services first, each kind in the order of names."""
+    return tuple(_compared(_things(old), _things(new)))
+
+
+def _compared(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]) -> Iterator[Changed]:
+    for kind in new:
+        was, now = old[kind], new[kind]
+        for name in sorted({*was, *now}):
+            if name not in was or name not in now:
+                yield Changed(kind, name, "add" if name in now else "remove")
+                continue
+            fields = sorted(f for f in {*was[name], *now[name]} if was[name].get(f) != now[name].get(f))
+            if fields:
+                changes = [c for f in fields for c in _changes(f, was[name].get(f), now[name].get(f))]
+                yield Changed(kind, name, "change", tuple(changes))
+
+
+def _changes(field: str, old: Any, new: Any) -> list[Change]:
+    if field != CONTENT:
+        return field_changes(field, old, new)
+    was, now = old or {}, new or {}
+    paths = sorted(p for p in {*was, *now} if was.get(p) != now.get(p))
+    return [Change(path, MASK if path in was else None, MASK if path in now else None) for path in paths]
+
+
+def _things(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
+    """Kind -> name -> its fields, as plain JSON."""
+    catalog = desired.catalog
+    services = {n: s for n, s in catalog.services.items() if n != DEVELOPER}
+    return {
+        "Service": {name: _service(desired, name) for name in services},
+        "Group": {name: _fields(group) for name, group in catalog.groups.items()},
+        "Image": {name: _fields(image) for name, image in catalog.images.items()},
+        "Request": {request.id: _fields(request) for request in catalog.requests},
+        "Policy": {"": _fields(catalog.policy)},
+    }
+
+
+def _service(desired: Desired, name: str) -> dict[str, Any]:
+    """With the options of its container, and the contents of what it mounts from the tree."""
+    service = desired.catalog.services[name]
+    contents = dict(desired.contents.get(name, {}))
+    return {**_fields(service), **_plain(declared_fields(service.spec or {})), CONTENT: contents}
+
+
+def _fields(thing: Any) -> dict[str, Any]:
+    found: dict[str, Any] = _plain({k: v for k, v in asdict(thing).items() if k not in UNTOLD})
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return json.loads(json.dumps(value))
