@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rorg.errors import Refused
-from rorg.host.git_writing import Restoring
+from rorg.host.git_writing import Restoring, changed, unknown
 from rorg.host.person import Person
 
 ANN = {
@@ -136,8 +136,8 @@ def test_what_is_not_committed_is_named_and_never_lost(repository, first):
     (repository / "tree/a.yaml").write_text("mine")
     (repository / "tree/old.yaml").write_text("mine too")
     restoring = Restoring(repository, first, ("tree",), "Back")
-    assert restoring.changed() == ["tree/a.yaml"]
-    assert restoring.unknown(["tree/a.yaml", "tree/old.yaml"]) == ["tree/old.yaml"]
+    assert changed(repository, repository / "tree") == ["tree/a.yaml"]
+    assert unknown(repository, ["tree/a.yaml", "tree/old.yaml"]) == ["tree/old.yaml"]
     with pytest.raises(Refused, match="would be overwritten"):
         restoring.take(restoring.commit(NOBODY, ANN))
     assert (repository / "tree/a.yaml").read_text() == "mine"

@@ -19,13 +19,15 @@ from rorg.errors import Missing, Refused
 from rorg.history.names import parse
 from rorg.history.revisions import Revision
 from rorg.host.git import commit_of
-from rorg.host.git_writing import SHORT, Restoring, subject_of, top_of
+from rorg.host.git_writing import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog
 
 NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
 """A number of `rorg history`, or a commit, though it may be read as a time."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows what is to be done, by whom, and asks. Raises Refused."""
+NAMED = 10
+"""Files that an error names."""
 KNOWN = 1000
 """Revisions among which the one that is meant is looked for: the newest."""
 
@@ -119,10 +121,9 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
             if found is None:
                 raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
             return moment, goal(found, root)
-    wanted = goal_of(text, revisions, root)
-    found = parse(text, revisions)
+    wanted, meant = goal_of(text, revisions, root), parse(text, revisions)
     of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
-    then = found if isinstance(found, Revision) else next(of_it, None)
+    then = meant if isinstance(meant, Revision) else next(of_it, None)
     if then is None:
         raise Refused(f"restore {text}", f"{wanted.title} was never in force here", "`rorg rollback` with it")
     return then.settled_at or then.at, wanted
@@ -169,18 +170,17 @@ def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
     return tuple(str(place.relative_to(top)) for place in found)
 
 
-def allow(context: Context, root: Path, wanted: Restoring) -> None:
-    """Raises Refused where rorg follows a remote repository, or where something is not committed."""
+def all_committed(root: Path) -> None:
+    """Raises Refused where a file of the manifests directory is not as it was committed, or is a manifest that git does
+    not know."""
     from rorg.manifest.documents import manifest_files
 
-    if root.is_relative_to(context.state.path / "git"):
-        note("\n".join(wanted.commands(clone=True)))
-        raise Refused("commit here", "rorg follows another repository", "these commands in a clone of that")
-    manifests = [os.path.relpath(path, wanted.top) for path in manifest_files(root)]
-    files = [*wanted.changed(), *wanted.unknown(manifests)]
+    top = top_of(root)
+    manifests = [os.path.relpath(path, top) for path in manifest_files(root)]
+    files = [*changed(top, root), *unknown(top, manifests)]
     if files:
-        shown = ", ".join(files[:10]) + (f" and {len(files) - 10} more" if len(files) > 10 else "")
-        raise Refused("roll back", f"not committed: {shown}", f"`git -C {wanted.top} stash --include-untracked`")
+        shown = ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")
+        raise Refused("go back", f"not committed: {shown}", f"`git -C {top} commit`, or `stash --include-untracked`")
 
 
 def go_back(
@@ -199,7 +199,9 @@ def go_back(
     from rorg.cli.differences import differences
     from rorg.host.person import caller
 
-    allow(context, root, wanted)
+    if root.is_relative_to(context.state.path / "git"):
+        note("\n".join(wanted.commands(clone=True)))
+        raise Refused("commit here", "rorg follows another repository", "these commands in a clone of that")
     owner = taken(context, command)
     made = wanted.commit(caller(os.environ, os.getuid(), os.getgid()), os.environ)
     shown = differences(context, rev=made) if made else differences(context)
@@ -217,9 +219,11 @@ def go_back(
 
 
 def tree_of(context: Context) -> Path:
-    """The directory of manifests: of the running rorg, also of one that is only known by its socket."""
-    if context.remote and not context.directory:
-        if context.place.elsewhere:
-            context.here("commit in its tree")
-        return Path((context.live() or {})["tree"]["root"]).resolve()
-    return context.root.resolve()
+    """The directory of manifests: of the running rorg, also of one that is only known by its socket. Raises Refused
+    outside of a repository."""
+    if context.place.elsewhere:
+        context.here("commit in its tree")
+    view = context.live() if context.remote and not context.directory else None
+    root = (Path(view["tree"]["root"]) if view else context.root).resolve()
+    top_of(root)
+    return root

@@ -46,7 +46,7 @@ def command(
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
     from rorg.cli.earlier_requests import EarlierRequests
-    from rorg.cli.going_back import Known, go_back, moment_of, restoring, tree_of
+    from rorg.cli.going_back import Known, all_committed, go_back, moment_of, restoring, tree_of
     from rorg.cli.output import note
     from rorg.errors import Invalid
 
@@ -55,6 +55,7 @@ def command(
     context = Context(state_dir, engine, directory, local=True)
     root = tree_of(context)
     moment, goal = moment_of(at, Known(context), root, time.time())
+    all_committed(root)
     wanted, requests = restoring(root, goal, ""), EarlierRequests(context, root, moment)
     note(f"as of {moment}, revision {goal.title}")
 

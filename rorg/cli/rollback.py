@@ -55,15 +55,17 @@ def command(
     """
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
-    from rorg.cli.going_back import Known, go_back, goal_of, restoring, tree_of
+    from rorg.cli.going_back import Known, all_committed, go_back, goal_of, restoring, tree_of
     from rorg.cli.output import echo, note
 
     context = Context(state_dir, engine, directory, local=True)
     root = tree_of(context)
-    wanted = restoring(root, goal_of(revision, Known(context), root), service)
+    goal = goal_of(revision, Known(context), root)
     if printed:
-        echo("\n".join(wanted.commands()))
+        echo("\n".join(restoring(root, goal, service).commands()))
         return
+    all_committed(root)
+    wanted = restoring(root, goal, service)
     what = f"roll {service or 'the manifests'} back"
 
     def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:

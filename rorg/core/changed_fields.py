@@ -66,7 +66,7 @@ def changes_between(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[Cha
     """Of two records of what a container was made from."""
     then, there = normal_fields(was), normal_fields(now)
     names = sorted(k for k in {*then, *there} if then.get(k) != there.get(k))
-    return tuple(c for k in names for c in _changes(k, was.get(k), now.get(k)))
+    return tuple(c for k in names for c in field_changes(k, was.get(k), now.get(k)))
 
 
 def unified(name: str, container: Container | None, spec: Spec | None) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
-from rorg.host.git_process import MISSING, Owner, owner_of, repository, run_git
+from rorg.host.git_process import MISSING, owner_of, repository, run_git
 from rorg.host.person import Person
 
 SHORT = 12
@@ -36,6 +36,19 @@ def subject_of(directory: Path, commit: str) -> str:
     return _said(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
 
 
+def changed(top: Path, directory: Path) -> list[str]:
+    """Files below a directory that are not as they were committed, by their paths below `top`. Raises Refused."""
+    what = f"look at {directory}"
+    words = ("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", str(directory))
+    return _asked(top, what, *words).split("\0")[:-1]
+
+
+def unknown(top: Path, files: Sequence[str]) -> list[str]:
+    """Those of these files that git does not know. Raises Refused."""
+    known = set(_asked(top, f"look at {top}", "ls-files", "-z", "--", *files).split("\0")) if files else set()
+    return [path for path in files if path not in known]
+
+
 def _said(directory: Path, *words: str) -> str:
     """Empty where git says no."""
     found = repository(directory)
@@ -54,10 +67,6 @@ class Restoring:
     paths: tuple[str, ...]
     """Below `top`; `.` for all. What the source does not have of them goes."""
     message: str
-
-    @property
-    def _owner(self) -> Owner | None:
-        return owner_of(self.top / ".git")
 
     def commands(self, clone: bool = False) -> list[str]:
         """The same for a shell, line by line; in a `clone` with the push that publishes it. Empty where there is
@@ -80,8 +89,9 @@ class Restoring:
         if not there:
             return ""
         with tempfile.TemporaryDirectory(prefix="rorg-index-") as folder:
-            if self._owner:
-                os.chown(folder, self._owner.uid, self._owner.gid)
+            owner = owner_of(self.top / ".git")
+            if owner:
+                os.chown(folder, owner.uid, owner.gid)
             index = {"GIT_INDEX_FILE": f"{folder}/index"}
             self._git("read-tree", head, environment=index)
             self._git("restore", f"--source={self.source}", "--staged", "--", *there, environment=index)
@@ -95,15 +105,6 @@ class Restoring:
         """Goes there. Raises Refused, with nothing changed, where something else has been committed since, or where
         what is not committed would be lost."""
         self._git("merge", "--ff-only", "--no-autostash", "--quiet", commit, told=True)
-
-    def changed(self) -> list[str]:
-        """Files that are not as they were committed, by their paths below `top`. Raises Refused."""
-        return self._git("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", *self.paths).split("\0")[:-1]
-
-    def unknown(self, files: Sequence[str]) -> list[str]:
-        """Those of these files that git does not know. Raises Refused."""
-        known = set(self._git("ls-files", "-z", "--", *files).split("\0"))
-        return [path for path in files if path not in known]
 
     def _there(self, head: str) -> list[str]:
         """Those of the paths that one of the two commits has: git refuses others."""
@@ -120,10 +121,15 @@ class Restoring:
         return found
 
     def _git(self, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
-        """What it says, as whose repository it is; with `told` also of mistakes. Raises Refused."""
-        more = {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
-        said = run_git(["-C", str(self.top), *words], self._owner, COMMIT_PATIENCE, more, errors=told)
-        if not said.yes:
-            why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
-            raise Refused(f"restore {self.source[:SHORT]} in {self.top}", why, "`git status` there")
-        return said.text
+        what = f"restore {self.source[:SHORT]} in {self.top}"
+        return _asked(self.top, what, *words, environment=environment, told=told)
+
+
+def _asked(top: Path, what: str, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
+    """What git says, as whose repository it is; with `told` also of mistakes. Raises Refused, as not doing `what`."""
+    more = {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
+    said = run_git(["-C", str(top), *words], owner_of(top / ".git"), COMMIT_PATIENCE, more, errors=told)
+    if not said.yes:
+        why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
+        raise Refused(what, why, f"`git -C {top} status`")
+    return said.text
