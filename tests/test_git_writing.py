@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rorg.errors import Refused
-from rorg.host.git_writing import Restoring, changed, unknown
+from rorg.host.git_writing import Restoring, changed, top_of, unknown
 from rorg.host.person import Person
 
 ANN = {
@@ -161,8 +161,10 @@ def test_it_is_by_whom_git_knows_else_by_the_user(repository, first, tmp_path_fa
 
 
 def test_no_repository_is_told(tmp_path):
-    with pytest.raises(Refused, match="git status"):
+    with pytest.raises(Refused, match="`git rev-parse` ends with 128; try `git -C"):
         Restoring(tmp_path, "abc", (".",), "Back").commit(NOBODY, ANN)
+    with pytest.raises(Refused, match="is in no git repository that this user may read; try"):
+        top_of(tmp_path)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for another user")

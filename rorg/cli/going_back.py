@@ -15,17 +15,21 @@ from rorg.cli.context import Context
 from rorg.cli.differences import Differences
 from rorg.cli.output import note
 from rorg.cli.records import records_of
-from rorg.errors import Missing, Refused
+from rorg.errors import Missing, Refused, RorgError
 from rorg.history.names import parse
 from rorg.history.revisions import Revision
 from rorg.host.git import commit_of
 from rorg.host.git_writing import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog
 
+SHORTEST = 7
+"""Digits of a commit that is called by them."""
 NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
 """A number of `rorg history`, or a commit, though it may be read as a time."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows what is to be done, by whom, and asks. Raises Refused."""
+TRIED = 20
+"""Good revisions that are looked at for one that can be had again."""
 NAMED = 10
 """Files that an error names."""
 KNOWN = 1000
@@ -46,7 +50,8 @@ class Goal:
     def title(self) -> str:
         """12 (abc1234): subject"""
         short = self.commit[:SHORT]
-        return f"{short if self.commit.startswith(self.name) else f'{self.name} ({short})'}: {self.subject}"
+        same = NO_TIME.fullmatch(self.name) and len(self.name) >= SHORTEST and self.commit.startswith(self.name)
+        return f"{short if same else f'{self.name} ({short})'}: {self.subject}"
 
 
 class Known:
@@ -69,28 +74,40 @@ class Known:
         """Which was in force at a time (ISO 8601 in UTC)."""
         return next((r for r in self.revisions if r.at <= time and r.standing != "refused"), None)
 
-    def good_before(self) -> Revision:
-        """The last good one before the manifests of now were first in force: who goes back twice gets further back.
-        Raises Refused."""
+    def committed(self, revision: Revision, root: Path) -> bool:
+        """Whether its commit has all that counted of it. Where other files differed then, the manifests tell."""
+        from rorg.daemon.past import load_at
+        from rorg.daemon.tree import Tree
+
+        if not (revision.commit and commit_of(root, revision.commit)):
+            return False
+        if not revision.dirty:
+            return True
+        with contextlib.suppress(RorgError):
+            engine = (self.context.live() or {}).get("engine_name") or self.context.engine_name
+            tree = Tree(root, engine=engine)
+            return load_at(tree, revision.commit).catalog.fingerprint == revision.fingerprint
+        return False
+
+    def good_before(self, root: Path) -> Revision:
+        """The last good one, of which git has all, before the manifests of now were first in force: who goes back twice
+        gets further back. Raises Refused."""
         now = next(iter(self.revisions), None)
         same = [r for r in self.revisions if r == now or (now and r.fingerprint == now.fingerprint != "")]
         since = now if now and now.standing == "refused" else next(iter(same[-1:]), None)
-        good = next((r for r in self.revisions if since and r.number < since.number and _recoverable(r)), None)
+        before = [r for r in self.revisions if since and r.number < since.number and r.standing == "good"]
+        good = next((r for r in before[:TRIED] if self.committed(r, root)), None)
         if good is None:
             why = "no good state of the manifests before this one is on record"
             raise Refused("roll back", why, "`rorg rollback REV`, with what `rorg history` or `git log` has")
         return good
 
 
-def _recoverable(revision: Revision) -> bool:
-    return bool(revision.standing == "good" and revision.commit and not revision.dirty)
-
-
 def goal_of(text: str, revisions: Known, root: Path) -> Goal:
     """What a REV means, by default the last good one. Raises Missing and Refused."""
-    found = parse(text, revisions) if text else revisions.good_before()
+    found = parse(text, revisions) if text else revisions.good_before(root)
     if isinstance(found, Revision):
-        return goal(found, root)
+        return goal(found, revisions, root)
     commit = commit_of(root, found)
     if not commit:
         why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
@@ -98,14 +115,14 @@ def goal_of(text: str, revisions: Known, root: Path) -> Goal:
     return Goal(commit, found, subject_of(root, commit))
 
 
-def goal(revision: Revision, root: Path) -> Goal:
+def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
     """The commit of a revision. Raises Refused where git has not what it was."""
-    what = f"go back to revision {revision.number}"
-    if not revision.commit or revision.dirty:
-        why = "it was in no repository" if not revision.commit else f"it was {revision.commit[:SHORT]} with changes"
-        raise Refused(what, f"{why} that were never committed", "another one of `rorg history`")
-    if not commit_of(root, revision.commit):
-        raise Refused(what, f"the repository has no commit {revision.commit[:SHORT]} any more", "fetching it")
+    if not revisions.committed(revision, root):
+        commit = revision.commit[:SHORT]
+        why = f"the repository has no {commit} any more" if commit else "it was in no repository"
+        if revision.dirty:
+            why = f"it was {commit} with changes that were not committed"
+        raise Refused(f"go back to revision {revision.number}", why, "another one of `rorg history`")
     return Goal(revision.commit, str(revision.number), revision.subject)
 
 
@@ -120,7 +137,7 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
             found = revisions.at(moment)
             if found is None:
                 raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
-            return moment, goal(found, root)
+            return moment, goal(found, revisions, root)
     wanted, meant = goal_of(text, revisions, root), parse(text, revisions)
     of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
     then = meant if isinstance(meant, Revision) else next(of_it, None)
