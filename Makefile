@@ -34,6 +34,7 @@ bench: $(VENV)/test-installed
 schemas: $(BIN)/rorg
 	$(BIN)/python -m rorg.manifest.schema schemas
 	$(BIN)/python -m rorg.api.openapi schemas/openapi.json
+	$(BIN)/python -m rorg.history.protobuf schemas/journal.proto
 
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py

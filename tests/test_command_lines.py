@@ -36,7 +36,8 @@ restart; restart a b; restart arm --timeout soon; restart --yes
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
-events -n 3
+events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x
+timeline; timeline a b; timeline arm --since soon; timeline arm -n -1
 logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; logs --follow; top x
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
@@ -64,7 +65,9 @@ request arm --ttl 0s
 request arm --as nobody; request driving nosuch; request arm --engine x
 restart nosuch; restart ''; hold nosuch --for 10m; hold arm; hold arm --for 0s
 hold arm --for 10m --end
-hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; events -o nosuch
+hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; events -o nosuch; events -f --until 1m
+history nosuch; history show; history show 1 2; history show 1; history show é; history diff; history diff a b c
+history export x; history export --format xml; history -o nosuch; timeline arm; timeline nosuch; timeline arm -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
 validate ''x
 diff nosuch; diff a-file; diff empty; diff -o nosuch; apply nosuch --yes; apply empty --yes; run nosuch; run a-file
@@ -94,6 +97,9 @@ request nosuch; request a/b; request arm --as nobody; request arm --id a/b; requ
 restart nosuch; restart ..; hold nosuch --for 1m; hold arm --for 0s; wait nosuch; logs nosuch; diff nosuch
 exec nosuch -- ls; edit nosuch; edit groups/arm; get -o nosuch; why arm -o nosuch; events -o nosuch
 dev base
+history show 99; history show ..; history show a/diff/b; history diff 1 99; history show -- --all
+timeline nosuch
+events --tail 3 --since 1h -o nosuch
 suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
 """,
     4: "request navigation --id tour --wait --timeout 0; apply --wait --yes --timeout 0",

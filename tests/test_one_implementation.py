@@ -132,6 +132,14 @@ COMMANDS = [
     "get services nosuch",
     "get service driving",
     "get neither",
+    "history show 1",
+    "history show 1 -o json",
+    "history show nosuch",
+    "history diff 1 1",
+    "history diff 1 99",
+    "history -n 1 -o yaml",
+    "timeline nosuch",
+    "events --until 2020-01-01",
 ]
 NOBODY = "no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""

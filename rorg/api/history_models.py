@@ -71,9 +71,7 @@ class Comparison(BaseModel):
 class SpanView(BaseModel):
     """A time in one state."""
 
-    state: str = Field(
-        description="The engine's word; none without a container, ready for one that runs and is ready, unknown."
-    )
+    state: str = Field(description="The engine's word; none without a container, ready for one that runs and is ready.")
     begin: str = Field(description="ISO 8601, UTC.")
     end: str | None = Field(description="Null where it goes on.")
     seconds: float

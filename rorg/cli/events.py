@@ -32,9 +32,21 @@ def command(
         str, Option(names=("--service",), metavar="SERVICES", help="Only about these services.", completes=SERVICES)
     ] = "",
     since: Annotated[
-        str, Option(names=("--since",), parser=moment, help="Only from then on: 10m (ago), or 2026-01-31T12:00:00Z.")
-    ] = "",
-    until: Annotated[str, Option(names=("--until",), parser=moment, help="Only until then, as --since.")] = "",
+        str | None,
+        Option(
+            names=("--since",),
+            parser=moment,
+            show_default=False,
+            metavar="TIME",
+            help="Only from then on: 10m (ago), or 2026-01-31T12:00:00Z.",
+        ),
+    ] = None,
+    until: Annotated[
+        str | None,
+        Option(
+            names=("--until",), parser=moment, show_default=False, metavar="TIME", help="Only until then, as --since."
+        ),
+    ] = None,
     grep: Annotated[str, Option(names=("--grep",), help="Only with this text in the message, in any case.")] = "",
     no_fold: Annotated[bool, Option(names=("--no-fold",), help="Show what repeats as often as it happened.")] = False,
     output: Output = "table",
@@ -53,7 +65,7 @@ def command(
     check_form(output)
     if follow and until:
         raise Invalid("follow events", "--until ends what -f goes on with", "one of them")
-    only = {"kind": words(kind), "service": words(service), "since": since, "until": until, "text": grep}
+    only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
     last = tail if tail is not None else MOST if since else LAST
     context = Context(state_dir, None)
     found = _events(context, follow, last, only)

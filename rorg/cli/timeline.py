@@ -9,7 +9,7 @@ from rorg.cli.options import SERVICES, Argument, Option, Output, StateDirectory,
 from rorg.cli.output import check_form, echo, print_rows
 from rorg.cli.terminal import printable
 
-STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none", "unknown")
+STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none")
 """From the top of the chart down."""
 DAY = "24h"
 LEAST = 20
@@ -19,9 +19,14 @@ LEAST = 20
 def command(
     service: Annotated[str, Argument(help="A service, also one of the past.", completes=SERVICES)],
     since: Annotated[
-        str, Option(names=("--since",), parser=moment, help="From when on: 10m (ago), or 2026-01-31T12:00:00Z.")
+        str,
+        Option(
+            names=("--since",), parser=moment, metavar="TIME", help="From when on: 10m (ago), or 2026-01-31T12:00:00Z."
+        ),
     ] = DAY,
-    until: Annotated[str, Option(names=("--until",), parser=moment, help="Until when, as --since.")] = "0s",
+    until: Annotated[
+        str, Option(names=("--until",), parser=moment, metavar="TIME", help="Until when, as --since.")
+    ] = "0s",
     tail: Annotated[
         int, Option(names=("-n", "--tail"), least=0, help="So many of the last states below the chart.")
     ] = 20,
@@ -43,7 +48,7 @@ def command(
     if not found["spans"]:
         raise Missing(f"show what {service} went through", "nothing is on record of it", "`rorg get` for all names")
     if output in ("table", "wide"):
-        echo("\n".join(chart(found["begin"], found["end"], found["spans"], _width())) + "\n")
+        echo("\n".join(chart(found["end"], found["spans"], _width())) + "\n")
     rows = [
         {
             "from": _time(span["begin"]),
@@ -58,13 +63,12 @@ def command(
     print_rows(rows, output, ("from", "for", "state", "why", "who"), ("to",), full=found, below=("why",))
 
 
-def chart(begin: str, end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:
+def chart(end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:
     """A bar for each state: a column stands for a part of the time, and is filled where the service was in the state at
-    any moment of it; at the end the share of the whole time."""
+    any moment of it; at the end the share of the whole time. It begins with the first state that is on record."""
     from rorg.model.units import parse_time
 
-    if spans[0]["state"] == "unknown" and len(spans) > 1:
-        begin, spans = spans[1]["begin"], spans[1:]
+    begin = spans[0]["begin"]
     first, last = parse_time(begin), parse_time(end)
     names = [s for s in STATES if any(span["state"] == s for span in spans)]
     names += sorted({span["state"] for span in spans} - set(names))

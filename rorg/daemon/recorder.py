@@ -45,8 +45,8 @@ class Recorder:
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
         self.history = Database(state.journal, wall)
         self.journal = Journal(self.history)
-        self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
         self.historian = Historian(self.history, wall)
+        self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""

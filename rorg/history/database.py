@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rorg.errors import Invalid
 from rorg.history.checkpoints import Checkpoints
@@ -274,7 +275,7 @@ class Database:
         os.stat(self.path)
         # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
         alone = not os.path.exists(f"{self.path}-wal")
-        place = f"{self.path.resolve().as_uri()}?mode=ro" + "&immutable=1" * alone
+        place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
         return sqlite3.connect(place, READING, isolation_level=None, check_same_thread=False, uri=True)
 
     # -- the end -----------------------------------------------------------------------------------------------

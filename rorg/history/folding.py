@@ -37,6 +37,7 @@ def folded(entries: Iterable[Mapping[str, Any]], window: int = WINDOW) -> list[F
 
 def _said(entry: Mapping[str, Any]) -> tuple[str, ...]:
     text = TIMES.sub("_", entry["message"])
-    if "crashes" in entry:
-        text = text.replace(f" {entry['crashes']} ", " _ ")
+    if "crashes" in entry:  # the message tells it behind the exit code, which may be the same number
+        head, _, tail = text.rpartition(str(entry["crashes"]))
+        text = f"{head}_{tail}"
     return str(entry["kind"]), str(entry.get("service") or ""), text

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
+from functools import cache
+from operator import itemgetter
 from typing import Any
 
 from rorg.core.changed_fields import Change, changes_between
@@ -14,13 +17,15 @@ from rorg.errors import Missing
 from rorg.history.journal import Filter, Journal
 from rorg.history.names import parse
 from rorg.history.revisions import Made, Revision, Revisions
-from rorg.history.timeline import spans
+from rorg.history.timeline import Author, spans
 
 COMMIT = re.compile(r"[0-9a-f]{7,40}")
 SLICE = 500
 """Entries that are read at once."""
 MOST_SPANS = 10_000
 """Entries from which a timeline is made: the newest ones."""
+MOST_ASKED = 2000
+"""Entries about one request."""
 TELLING = frozenset({"state", "found", "done", "crashed", "restart", "hold"})
 """Kinds of entries from which a timeline is made."""
 
@@ -115,14 +120,22 @@ def timeline(journal: Journal, service: str, since: str, until: str) -> dict[str
     entries = journal.select(Filter(TELLING, services, since=since, until=until), MOST_SPANS, newest=True)
     begin = entries[0]["at"] if len(entries) == MOST_SPANS else since
     known = [*before, *(e for e in entries if not before or e["seq"] > before[0]["seq"])]
-    found = spans(service, known, begin, until, lambda *key: _author(journal, *key)) if known else []
+    found = spans(service, known, begin, until, _authors(journal, until))
     return {"service": service, "begin": begin, "end": until, "spans": [span.as_json() for span in found]}
 
 
-def _author(journal: Journal, requester: str, id: str, until: str) -> str:
-    """Who was the last to make or release a request."""
-    asked = Filter(frozenset({"request", "release"}), frozenset({requester}), until=until, text=f"'{id}'")
-    return next((e.get("author", "") for e in journal.select(asked, 1, newest=True) if e.get("request") == id), "")
+def _authors(journal: Journal, end: str) -> Author:
+    @cache
+    def asked(requester: str, id: str) -> list[dict[str, Any]]:
+        meant = Filter(frozenset({"request", "release"}), frozenset({requester}), until=end, text=f"'{id}'")
+        return [e for e in journal.select(meant, MOST_ASKED, newest=True) if e.get("request") == id]
+
+    def author(requester: str, id: str, until: str) -> str:
+        found = asked(requester, id)
+        before = bisect_right(found, until, key=itemgetter("at"))
+        return str(found[before - 1].get("author", "")) if before else ""
+
+    return author
 
 
 def records(journal: Journal, revisions: Revisions) -> Iterator[dict[str, Any]]:

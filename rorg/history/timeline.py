@@ -8,8 +8,6 @@ from typing import Any
 
 from rorg.model.units import parse_time
 
-UNKNOWN = "unknown"
-"""Before anything is on record."""
 ENDED = {"exited": "stop", "paused": "pause", "none": "remove"}
 """States, and the actions that end in them."""
 Author = Callable[[str, str, str], str]
@@ -40,18 +38,19 @@ class Span:
 
 
 def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: str, author: Author) -> list[Span]:
-    """Of the time from `begin` to `end`. `entries` are those about the service, with the one by which its state at the
-    beginning is known."""
-    found, told = [Span(UNKNOWN, begin, end)], _Told()
+    """Of the time from `begin` to `end`, as far as a state is on record. `entries` are those about the service, with
+    the one by which its state at the beginning is known."""
+    found, told = list[Span](), _Told()
     for entry in entries:
         state = _state(service, entry)
         if not state:
             told.note(service, entry)
-        elif state != found[-1].state:
+        elif not found or state != found[-1].state:
             at = max(begin, entry["at"])
-            before = [] if at == found[-1].begin else [replace(found[-1], end=at)]
-            found = [*found[:-1], *before, Span(state, at, end, told.why(entry, state), told.who(entry, state, author))]
-    return [*found[:-1], replace(found[-1], open=True)]
+            found[-1:] = [replace(last, end=at) for last in found[-1:] if last.begin != at]
+            found.append(Span(state, at, end, told.why(entry, state), told.who(entry, state, author)))
+    found[-1:] = [replace(last, open=True) for last in found[-1:]]
+    return found
 
 
 def _state(service: str, entry: Mapping[str, Any]) -> str:
