@@ -22,6 +22,11 @@ git config --global user.name you
 git config --global user.email you@localhost
 exec 2>&1
 """
+AT_THE_END = f"""
+echo '{pages.SAID}built'
+rorg events --kind image-ready
+echo '{pages.SAID}end'
+"""
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +37,7 @@ def told(dockerd, tmp_path_factory) -> str:
     home = folder / "home"
     home.mkdir()
     steps = [step for name in PAGES for step in STEPS[name]]
-    (folder / "script").write_text(PREPARE + pages.script(steps, str(folder / "state/run/rorg.sock")))
+    (folder / "script").write_text(PREPARE + pages.script(steps, str(folder / "state/run/rorg.sock")) + AT_THE_END)
     environment = {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "HOME": str(home),
@@ -59,3 +64,8 @@ def test_a_page_word_for_word(told, page):
     assert len(mine) > 3
     assert str(first + len(STEPS[page]) - 1) in parts, told[-3000:]
     pages.check(STEPS[page], mine, told)
+
+
+def test_the_image_of_before_is_used_as_it_was(told):
+    """The running rorg built the second version and the third; the first one came back, and was used ever since."""
+    assert pages.parts(told).get("built", "").count(" built in ") == 2, told[-3000:]
