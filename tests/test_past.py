@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,8 @@ from test_thin_commands import rorg
 
 from rorg.daemon.past import load_at
 from rorg.daemon.tree import Tree
+from rorg.errors import Invalid, Unreachable
+from rorg.host import contents
 from rorg.images.records import Records
 from rorg.images.references import References
 
@@ -129,6 +133,91 @@ def test_a_past_state_is_what_a_checkout_of_it_would_be(repository, mask):
         assert len({p.desired.editions["aa"] for p in past.values()}) == len(commits)
     finally:
         os.umask(before)
+
+
+@pytest.fixture
+def theirs():
+    """A directory that others may look into."""
+    with tempfile.TemporaryDirectory(prefix="rorg-theirs-") as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root acts for others")
+def test_the_repository_of_another_user_is_read_in_their_name(theirs):
+    repository = Repository(theirs / "robot")
+    commits = every_kind_of_file(repository, 0o022)
+    plain = load_at(repository.unread(), commits[1])
+    for path in (repository.top, *repository.top.rglob("*")):
+        os.chown(path, 65534, 65534, follow_symlinks=False)
+    assert load_at(repository.unread(), commits[1]).desired == plain.desired
+
+
+def test_what_git_does_not_know_is_brought_up_to_where_nobody_looks_any_more(repository, monkeypatch):
+    repository.write(".gitignore", "*.bin\n")
+    repository.write("manifests/services/aa/kept", "x")
+    repository.service("aa", "{image: x, mounts: ['./aa:/a']}")
+    commit = repository.commit()
+    monkeypatch.setattr(contents, "MOST_FILES", 3)
+    seen = []
+    for number in range(5):
+        os.mkfifo(repository.tree / f"services/aa/pipe{number}")
+        repository.write(f"manifests/services/aa/{number}.bin", "x" * number)
+        past, now = load_at(repository.unread(), commit).desired.contents, repository.read().desired.contents
+        assert past == now
+        seen.append("aa" in now)
+    assert seen == [True, True, False, False, False]
+
+
+def test_a_crafted_commit_writes_nowhere_else(repository, tmp_path):
+    """A link out of the tree, and a file below it, as no checkout would have them."""
+    (tmp_path / "outside").mkdir()
+    repository.service("aa")
+    repository.commit()
+    blob = repository.git("hash-object", "-w", str(repository.tree / "services/aa.yaml"))
+    repository.write("link", str(tmp_path / "outside"))
+    link = repository.git("hash-object", "-w", "link")
+    inner = tree_object(repository, f"100644 blob {blob}\tfile")
+    top = tree_object(repository, f"120000 blob {link}\tlink\n040000 tree {inner}\tlink")
+    commit = repository.git("commit-tree", "-m", "crafted", top)
+    with pytest.raises(Unreachable, match="below what is a file too"):
+        load_at(repository.unread(), commit)
+    dotted = tree_object(repository, f"040000 tree {inner}\t..")
+    with pytest.raises(Unreachable, match=re.escape("has a file '../file'")):
+        load_at(repository.unread(), repository.git("commit-tree", "-m", "crafted", dotted))
+    assert not list((tmp_path / "outside").iterdir())
+
+
+def tree_object(repository: Repository, lines: str) -> str:
+    """Of git, whatever is in it."""
+    content = b""
+    for line in lines.splitlines():
+        about, _, name = line.partition("\t")
+        mode, _, digest = about.split()
+        content += f"{mode.lstrip('0')} {name}\0".encode() + bytes.fromhex(digest)
+    words = ["git", "hash-object", "-t", "tree", "-w", "--literally", "--stdin"]
+    return (
+        subprocess.run(words, input=content, cwd=repository.top, capture_output=True, check=True)
+        .stdout.decode()
+        .strip()
+    )
+
+
+def test_nothing_of_it_is_left_behind(repository, monkeypatch, tmp_path):
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    repository.service("aa")
+    repository.commit()
+    repository.service("aa", "{imag: x}")
+    broken = repository.commit()
+    before = repository.git("status", "--porcelain", "--ignored"), sorted(os.listdir(repository.top / ".git"))
+    load_at(repository.unread(), "HEAD~1")
+    with pytest.raises(Invalid, match="unknown key 'imag'"):
+        load_at(repository.unread(), broken)
+    assert not list((tmp_path / "temporary").iterdir())
+    after = repository.git("status", "--porcelain", "--ignored"), sorted(os.listdir(repository.top / ".git"))
+    assert after == before
 
 
 # -- rorg diff REV ---------------------------------------------------------------------------------------------

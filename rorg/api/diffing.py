@@ -29,6 +29,8 @@ PATIENCE = 2.0
 
 def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     """The route by which commands see what would change."""
+    reading = asyncio.Lock()
+    """One state of the history at a time: all its files are read for it."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff(unified: bool = False, rev: str = "") -> Response:
@@ -36,8 +38,12 @@ def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         drifted, until now counts. `unified`: with a unified diff of each container that is changed. `rev`: what would
         be done if the manifests of this commit, tag or branch were in force; nothing is done of it."""
         await _look(operations, changed)
-        past = await asyncio.to_thread(load_at, operations.loop.tree, rev) if rev else None
-        found = differences(operations, unified) if past is None else supposed(operations, past, unified)
+        if rev:
+            async with reading:
+                past = await asyncio.to_thread(load_at, operations.loop.tree, rev)
+            found = supposed(operations, past, unified)
+        else:
+            found = differences(operations, unified)
         return Response(json.dumps(found), media_type="application/json")
 
 
@@ -68,6 +74,7 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
     about = about_tree(operations.loop.tree, operations.loop.leases.file)
     return {
         "root": about["tree"]["root"],
+        "robot": about["tree"]["robot"],
         "commit": "",
         "errors": about["tree"]["errors"],
         "requests_errors": about["requests_errors"],
@@ -80,6 +87,7 @@ def supposed(operations: Operations, past: Past, unified: bool) -> dict[str, Any
     decision, about = operations.suppose(past.desired), about_tree(operations.loop.tree, operations.loop.leases.file)
     return {
         "root": about["tree"]["root"],
+        "robot": about["tree"]["robot"],
         "commit": past.commit,
         "errors": [],
         "requests_errors": about["requests_errors"],

@@ -36,10 +36,10 @@ def check_name(kind: str, name: str, text: str) -> None:
         raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
 
 
-def check_tree(root: Path, path: Path, text: str | None, engine: str, what: str) -> None:
+def check_tree(root: Path, path: Path, text: str | None, engine: str, what: str, robot: str = "") -> None:
     """Raises Invalid for mistakes that a text in the place of a file (None: no file) would bring into a tree that runs
-    on an engine."""
-    before = {str(d) for d in load(root, engine=engine).errors}
-    errors = [d for d in load(root, {path: text}, engine=engine).errors if str(d) not in before]
+    on an engine, for a robot."""
+    before = {str(d) for d in load(root, engine=engine, robot=robot).errors}
+    errors = [d for d in load(root, {path: text}, engine=engine, robot=robot).errors if str(d) not in before]
     if errors:
         raise Invalid(what, "; ".join(str(d).replace(f"{root}/", "") for d in errors[:5]))

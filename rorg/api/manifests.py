@@ -58,6 +58,11 @@ class Manifests:
         return self.operations.loop.tree.engine
 
     @property
+    def _robot(self) -> str:
+        """Whose overlay is laid over what is changed."""
+        return self.operations.loop.tree.robot
+
+    @property
     def note(self) -> Path:
         """Where a change is noted while it is carried out."""
         return self.operations.loop.state.manifest_change
@@ -94,7 +99,7 @@ class Manifests:
                         "renaming that file after what it declares",
                     )
             check_name(kind, name, body.text)
-            check_tree(self.root, path, body.text, self._engine, f"change the {kind} '{name}'")
+            check_tree(self.root, path, body.text, self._engine, f"change the {kind} '{name}'", self._robot)
             if caller.kind == "service":
                 vet(caller, name, body.text, self.operations.catalog)
             message = body.message or f"{kind} {name}: changed through the API"
@@ -105,7 +110,7 @@ class Manifests:
         with self._lock:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
-            check_tree(self.root, path, None, self._engine, f"delete the {kind} '{name}'")
+            check_tree(self.root, path, None, self._engine, f"delete the {kind} '{name}'", self._robot)
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, path, content, None, message)
 

@@ -232,6 +232,7 @@ class Differences(BaseModel):
     """What is to be done, and why."""
 
     root: str = Field(description="The tree that rorg follows.")
+    robot: str = Field(description="Whose overlay is laid over it; empty for the base alone.")
     commit: str = Field(description="Whose manifests these are, where `rev` was asked for; else empty.")
     fingerprint: str = Field(description="Of the manifests that this was made from.")
     errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")

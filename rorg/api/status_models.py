@@ -24,6 +24,7 @@ class TreeView(BaseModel):
     root: str = Field(description="Its directory.")
     fingerprint: str = Field(description="Two equal ones declare the same.")
     revision: str = Field(description="The git commit; empty without one.")
+    robot: str = Field("", description="Whose overlay is laid over it; empty for the base alone.")
     errors: list[DiagnosticView] = Field(
         description="While there are any, the last good tree is in force and nothing is removed on its word."
     )

@@ -120,12 +120,14 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
 
     from rorg.errors import Refused
 
-    followed = None if shown.told else (context.live() or {}).get("tree", {}).get("root")
-    if owner.get("what") != "rorg run" or (followed and Path(followed) != context.root.resolve()):
+    tree = {} if shown.told else (context.live() or {}).get("tree", {})
+    followed, robot = tree.get("root"), tree.get("robot") or ""
+    other = followed and (Path(followed) != context.root.resolve() or robot != context.robot)
+    if owner.get("what") != "rorg run" or other:
         raise Refused(
             f"apply {context.root}",
             f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
-            + (f" and follows {followed}" if followed else ""),
+            + (f" and follows {followed}{f' for {robot}' if robot else ''}" if followed else ""),
             "changing that tree, or stopping it first",
         )
 

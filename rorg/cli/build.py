@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.options import Argument, EngineName, Option, Output, OwnStateDirectory
+from rorg.cli.options import (
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    Output,
+    OwnStateDirectory,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +33,7 @@ def command(
             help="Images, with what they stand on. Default: all of the tree.", show_default=False, completes="images"
         ),
     ] = [],  # noqa: B006
-    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
+    directory: ManifestsDirectory = None,
     pull: Annotated[bool, Option(names=("--pull",), help="Pull anew what is no Image of the tree.")] = False,
     no_cache: Annotated[bool, Option(names=("--no-cache",), help="Use nothing that the engine kept.")] = False,
     jobs: Annotated[

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
 
 
+ROBOT = "RORG_ROBOT"
+"""The variable that names a robot of a fleet; `--robot` puts it there."""
 ANSWER = 2.0
 """Seconds that the running rorg may hold an answer back until there is nothing to wait for."""
 
@@ -109,7 +111,27 @@ class Context:
             self.here("read its manifests")
         from rorg.manifest.load import load_or_raise
 
-        return load_or_raise(self.root, "" if self._local else self.engine_name)
+        return load_or_raise(self.root, "" if self._local else self.engine_name, self.robot)
+
+    @property
+    def named_robot(self) -> str:
+        """The robot whose overlay was asked for. Raises Invalid where the tree has none of that name."""
+        from rorg.manifest.overlay import unknown_robot
+
+        named = os.environ.get(ROBOT, "")
+        if problem := unknown_robot(self.root, named):
+            raise Invalid(f"use the robot '{named}'", f"{problem.where.file} has none of that name", problem.remedy)
+        return named
+
+    @property
+    def robot(self) -> str:
+        """The same, else the one that rorg was last run for, else the one called as this machine; empty for the base
+        alone."""
+        from rorg.manifest.overlay import robot_for, robots_of
+
+        last = self._last_text("tree", "robot")
+        named = self.named_robot or (last if last in robots_of(self.root) else "")
+        return robot_for(self.root, named, os.uname().nodename)
 
     def groups(self) -> list[Any]:
         """All groups, as the API shows them."""

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from rorg.cli.options import DIRECTORIES, SERVICES, Argument, EngineName, Option, Output, StateDirectory, Yes
+from rorg.cli.options import (
+    DIRECTORIES,
+    SERVICES,
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    Output,
+    StateDirectory,
+    Yes,
+)
 
 
 def command(
@@ -45,9 +55,7 @@ def command(
             names=("--devcontainer",), help="Only write .devcontainer/devcontainer.json in the workspace, for editors."
         ),
     ] = False,
-    directory: Annotated[
-        Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str, completes=DIRECTORIES)
-    ] = None,
+    directory: ManifestsDirectory = None,
     yes: Yes = False,
     output: Output = "table",
     state_dir: StateDirectory = None,

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 from rorg_client import Error as ClientError
 
-from rorg.cli.context import Context, bad_requests
+from rorg.cli.context import ROBOT, Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
@@ -111,7 +111,9 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
     if found and context.directory and Path(found["root"]) != context.directory.resolve():
         context.here("compare that directory")
         return None
-    return found if found and "services" in found and bool(found.get("commit")) == bool(rev) else None
+    # An older one may not know of what was asked.
+    same = found and bool(found.get("commit")) == bool(rev) and os.environ.get(ROBOT) in (None, "", found.get("robot"))
+    return found if found and same and "services" in found else None
 
 
 def line(error: dict[str, Any]) -> str:
@@ -128,7 +130,7 @@ def tree_of(context: Context) -> Tree:
     if context.directory and not os.path.isdir(context.directory):
         what = f"read manifests in {context.directory}"
         raise Invalid(what, "no such directory", "the directory that holds services/")
-    return make_tree(context.root, context.state, context.engine_name)
+    return make_tree(context.root, context.state, context.engine_name, context.robot)
 
 
 def _computed(context: Context, unified: bool, rev: str) -> Differences:

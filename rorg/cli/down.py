@@ -119,7 +119,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> 
     there = {c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in found}
     _consent(_rows(there), len(context.document().requests), keep_requests, yes)
     context.change(down(keep_requests, "").edit)
-    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)))
+    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)), context.robot)
     timer = threading.Timer(timeout, loop.stop)
     timer.daemon = True
     timer.start()

@@ -5,7 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
+from rorg.cli.options import (
+    SERVICES,
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    StateDirectory,
+)
 
 MARK = "# rorg: "
 """How lines begin that are for whoever edits, and not of the manifest."""
@@ -17,7 +23,7 @@ def command(
     manifest: Annotated[
         str, Argument(help="KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
     ],
-    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
+    directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:

@@ -73,7 +73,7 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
             raise  # it may well be a service; its manifests are broken
         raise _unknown(what, None) from None
     if name in catalog.services:
-        return effective(context.root, name)
+        return effective(context.root, name, context.robot)
     if name in catalog.groups:
         raise Invalid(f"explain '{name}'", "it is a group", f"one of {', '.join(catalog.groups[name].services)}")
     raise missing("service", name, catalog.services) if kind else _unknown(what, catalog.services)

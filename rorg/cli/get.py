@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import GROUPS, SERVICES, Argument, EngineName, Option, Output, StateDirectory
+from rorg.cli.options import (
+    GROUPS,
+    SERVICES,
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    Output,
+    StateDirectory,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +61,7 @@ def command(
             completes=("name", "state", "age", "restarts", "priority"),
         ),
     ] = "name",
-    directory: Annotated[Any, Option(names=("--manifests",), help="Directory of manifests.", parser=str)] = None,
+    directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",

@@ -5,7 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import Argument, EngineName, Option, Output, StateDirectory, Yes
+from rorg.cli.options import (
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    Output,
+    StateDirectory,
+    Yes,
+)
 from rorg.cli.output import check_form, consent, missing, note, print_rows
 
 if TYPE_CHECKING:
@@ -27,7 +35,7 @@ def command(
     ] = None,
     dry_run: Annotated[bool, Option(names=("--dry-run",), help="Of prune: only show what would go.")] = False,
     yes: Yes = False,
-    directory: Annotated[Path | None, Option(names=("--manifests",), help="Directory of manifests.")] = None,
+    directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
@@ -47,7 +55,7 @@ def command(
         raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
     if action in ("list", "prune", "load") and len(names) > (action == "load"):
         raise Invalid(f"{action} images", f"'{names[-1]}' is one word too many", f"`rorg image {action}`")
-    robot = _Robot(Context(state_dir, engine, directory, local=True))
+    robot = _Robot(Context(state_dir, engine, Path(directory) if directory else None, local=True))
     if action == "list":
         _print(robot.kept(None), output)
     elif action == "prune":

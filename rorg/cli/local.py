@@ -124,6 +124,12 @@ def view(place: Place) -> dict[str, Any]:
         {
             "pid": None,
             "engine_name": place.engine_name,
-            "tree": {"root": str(place.root), "fingerprint": catalog.fingerprint, "revision": "", "errors": []},
+            "tree": {
+                "root": str(place.root),
+                "fingerprint": catalog.fingerprint,
+                "revision": "",
+                "robot": "",
+                "errors": [],
+            },
         },
     )

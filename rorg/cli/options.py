@@ -78,14 +78,23 @@ def words(text: str) -> list[str]:
     return [word for part in text.split(",") if (word := part.strip())]
 
 
-Directory = Annotated[
-    Path | None,
-    Argument(
-        help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
-        show_default=False,
-        completes=DIRECTORIES,
-    ),
-]
+DIRECTORY = Argument(
+    help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
+    show_default=False,
+    completes=DIRECTORIES,
+)
+Directory = Annotated[Path | None, DIRECTORY]
+MANIFESTS = Option(names=("--manifests",), help="Directory of manifests.", parser=str, completes=DIRECTORIES)
+ManifestsDirectory = Annotated[Any, MANIFESTS]
+"""The same where a word without a name is something else."""
+ROBOT = Option(
+    names=("--robot",),
+    show_default=False,
+    metavar="NAME",
+    help="The robot of a fleet: robots/NAME/ is laid over the manifests. Default: RORG_ROBOT, else the name of this "
+    "machine where there is a robot of that name, else none.",
+)
+"""What every command has that takes a directory of manifests."""
 STATE_DIR = Option(
     names=("--state-dir",),
     show_default=False,

@@ -9,6 +9,7 @@ from rorg.cli.options import Directory, EngineName, Option, OwnStateDirectory
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
+    from rorg.cli.context import Context
     from rorg.daemon.loop import Loop
 
 GROUP = "rorg"
@@ -55,16 +56,17 @@ def command(
     from rorg.store.clearing import clear
 
     context = Context(state_dir, engine, directory, local=True, own=True)
-    _check(context.root, group)
+    robot = _check(context, group)
     tcp = _tcp(listen, tls_cert, tls_key, tls_ca) if listen else None
     context.state.acquire("rorg run")
     loop = make_loop(
-        context.root, context.state, context.engine(), lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line))
+        context.root,
+        context.state,
+        context.engine(),
+        lambda line: note(entry(f"{time.strftime('%H:%M:%S')} ", line)),
+        robot,
     )
-    note(
-        f"rorg runs {context.root.resolve()} on {context.engine_name}, state in {context.state.path}; "
-        "containers keep running when it stops"
-    )
+    note(_begins(context, loop))
     server = make_server(loop, context.state, group)
     server.tcp = tcp
     with context.state.usable():
@@ -86,15 +88,23 @@ def command(
         os._exit(0)  # the interpreter would wait for their threads
 
 
-def _check(root: Path, group: str) -> None:
-    """Raises Invalid where a directory, or a group that was named, is not there."""
+def _begins(context: Context, loop: Loop) -> str:
+    """What runs where."""
+    whose = f" for {loop.tree.robot}" if loop.tree.robot else ""
+    where = f"{context.root.resolve()}{whose} on {context.engine_name}, state in {context.state.path}"
+    return f"rorg runs {where}; containers keep running when it stops"
+
+
+def _check(context: Context, group: str) -> str:
+    """The robot that was named. Raises Invalid where the directory, that robot or that group is not there."""
     from rorg.api.permissions import group_id
     from rorg.errors import Invalid
 
-    if not root.is_dir():
-        raise Invalid(f"run {root}", "no such directory", "the directory that holds services/")
+    if not context.root.is_dir():
+        raise Invalid(f"run {context.root}", "no such directory", "the directory that holds services/")
     if group_id(group) is None and group != GROUP:
         raise Invalid(f"let the group '{group}' in", "no such group", f"`sudo groupadd --system {group}`")
+    return context.named_robot
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:

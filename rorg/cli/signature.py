@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from rorg.cli.options import SOCKET, STATE_DIR, Argument, Option
+from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Argument, Option
 
 
 class Parameter(NamedTuple):
@@ -44,12 +44,17 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
         _parameter(name, hints[name], i < first, None if i < first else defaults[i - first])
         for i, name in enumerate(names)
     )
-    return (*found, _SOCKET) if any(p.declared is STATE_DIR for p in found) else found
+    robot = (_ROBOT,) if any(p.declared in (DIRECTORY, MANIFESTS) for p in found) else ()
+    socket = (_SOCKET,) if any(p.declared is STATE_DIR for p in found) else ()
+    return (*found, *robot, *socket)
 
 
 def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
-    """Calls a command with what its line says. `--socket` is said to all that looks for rorg, and to what a command
-    starts in its turn. Raises Invalid where two places are named."""
+    """Calls a command with what its line says. `--socket` is said to all that looks for rorg, `--robot` to all that
+    reads manifests, and both to what a command starts in its turn. Raises Invalid where two places are named."""
+    robot = values.pop(_ROBOT.name, None)
+    if robot:
+        os.environ["RORG_ROBOT"] = robot
     socket = values.pop(_SOCKET.name, None)
     if socket:
         if values.get("state_dir"):
@@ -89,4 +94,5 @@ def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
 _SOCKET = Parameter(
     name="socket", declared=SOCKET, hint=Path | None, type=Path, many=False, required=False, default=None
 )
-"""The parameter that commands do not have to declare."""
+_ROBOT = Parameter(name="robot", declared=ROBOT, hint=str | None, type=str, many=False, required=False, default=None)
+"""The parameters that commands do not have to declare."""

@@ -12,8 +12,9 @@ from rorg.cli.options import Directory, EngineName, Output, StateDirectory
 def command(
     directory: Directory = None, engine: EngineName = None, output: Output = "table", state_dir: StateDirectory = None
 ) -> None:
-    """Check manifests: everything that is wrong, with file:line:column. With --engine also what that one cannot do: on
-    process, directories and programs that are missing. Where there are no manifests, the running rorg tells what is
+    """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
+    overlay, or for the one of --robot. With --engine also what that one cannot do: on process, directories and programs
+    that are missing. Where there are no manifests, the running rorg tells what is
     wrong with its own.
 
     Example: rorg validate manifests
@@ -29,25 +30,34 @@ def command(
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output)
+        _read(root, engine, output, Context(state_dir, engine, root).named_robot)
 
 
-def _read(root: Path, engine: str, output: str) -> None:
-    """By the files of a directory."""
+def _read(root: Path, engine: str, output: str, robot: str) -> None:
+    """By the files of a directory: for one robot, or for all and the base."""
     from rorg.cli.output import note
     from rorg.manifest.load import load
+    from rorg.manifest.overlay import robots_of
     from rorg.model.units import counted
 
-    loaded = load(root, engine=engine)
-    _tell([d.as_json() for d in loaded.diagnostics], output)
-    if loaded.catalog is None:
-        _refuse(len(loaded.errors))
-    found = loaded.catalog
+    loaded = load(root, engine=engine, robot=robot)
+    robots = [] if robot else robots_of(root)
+    told = list(loaded.diagnostics)
+    known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
+    for name in robots:
+        found = load(root, engine=engine, robot=name).diagnostics
+        told += [d.on(name) for d in found if (d.where, d.message) not in known]
+    _tell([d.as_json() for d in sorted(told)], output)
+    if errors := sum(d.severity == "error" for d in told):
+        _refuse(errors)
+    catalog = loaded.catalog
+    assert catalog is not None, "it has no errors"
     counts = {
-        "service": sum(not s.meta for s in found.services.values()),
-        "group": len(found.groups),
-        "image": len(found.images),
-        "standing request": len(found.requests),
+        "service": sum(not s.meta for s in catalog.services.values()),
+        "group": len(catalog.groups),
+        "image": len(catalog.images),
+        "standing request": len(catalog.requests),
+        "robot": len(robots),
     }
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
 

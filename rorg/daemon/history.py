@@ -120,7 +120,7 @@ class Historian:
             author=commit.author if commit else "",
             subject=commit.subject if commit else "",
             dirty=commit is not None and commit.dirty,
-            robot=getattr(tree, "robot", ""),
+            robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
             services = made(tree.desired, last.services if last else {})

@@ -11,15 +11,16 @@ from typing import Any
 
 from rorg.core.desired import Desired, desire
 from rorg.daemon.tree import Tree
-from rorg.errors import Invalid, RorgError
+from rorg.errors import Invalid, RorgError, Unreachable
 from rorg.host import contents
 from rorg.host.git_tree import Mirror, extracted, resolved
 from rorg.images import identity
 from rorg.images.context import context_files
 from rorg.images.references import Content
-from rorg.manifest.documents import manifest_files, stray_files
+from rorg.manifest.documents import manifest_files, overlay_files, stray_files
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import fingerprint, load
+from rorg.manifest.overlay import robot_for
 from rorg.model.catalog import Catalog, Image
 from rorg.model.units import counted
 
@@ -50,8 +51,10 @@ def load_at(tree: Tree, rev: str) -> Past:
         there = mirror.at(root)
         if not there.is_dir():
             raise Invalid(f"read the manifests of '{rev}'", f"{commit[:7]} has no {root.name}/ there", "a later commit")
-        mirror.bring([*manifest_files(root), *stray_files(root)], contents.MOST_FILES, contents.MOST_BYTES)
-        loaded = load(there, found=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine)
+        manifests = [*manifest_files(root), *overlay_files(root, tree.robot), *stray_files(root)]
+        mirror.bring(manifests, contents.MOST_FILES, contents.MOST_BYTES)
+        robot = robot_for(there, tree.named, tree.host)
+        loaded = load(there, found=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine, robot=robot)
         if loaded.catalog is None:
             lines = "\n".join(map(str, loaded.errors))
             why = f"{counted(len(loaded.errors), 'error')}\n{lines}\n"
@@ -71,6 +74,8 @@ def _named(mirror: Mirror) -> Iterator[None]:
         yield
     except RorgError as error:
         raise type(error)(*map(mirror.name, (error.what, error.why, error.remedy))) from error
+    except OSError as error:
+        raise Unreachable(f"read the manifests of {mirror.commit[:7]}", mirror.name(str(error))) from error
 
 
 def _bring_inputs(mirror: Mirror, inputs: Inputs) -> None:

@@ -26,6 +26,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "root": str(tree.root),
             "fingerprint": tree.desired.catalog.fingerprint,
             "revision": tree.revision,
+            "robot": tree.robot,
             "errors": [d.as_json() for d in tree.errors],
         },
         "requests_errors": [str(d) for d in requests.diagnostics],

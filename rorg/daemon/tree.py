@@ -15,9 +15,10 @@ from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp
 from rorg.images.references import Content, References
-from rorg.manifest.documents import manifest_files, stray_files, unexpected
+from rorg.manifest.documents import manifest_files, manifest_folders, overlay_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
+from rorg.manifest.overlay import FOLDER, robot_for
 from rorg.model.catalog import EMPTY, Catalog
 from rorg.model.diagnostics import Diagnostic, Where
 
@@ -46,7 +47,11 @@ class Tree:
         clock: Callable[[], float] = time.monotonic,
         engine: str = "",
         references: References | None = None,
+        named: str = "",
+        host: str = "",
     ) -> None:
+        """`named`: the robot whose overlay counts; without that the one called `host`, where there is one."""
+        self.named, self.host = named, host
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.references = references
         self.images = Content()
@@ -78,6 +83,11 @@ class Tree:
         return git_dir(self.root)
 
     @property
+    def robot(self) -> str:
+        """Whose overlay is laid over the base; empty for the base alone."""
+        return robot_for(self.root, self.named, self.host)
+
+    @property
     def removals(self) -> bool:
         """Whether the removal of undeclared services may be planned."""
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
@@ -107,7 +117,8 @@ class Tree:
         manifests: list[Path] = []
         strays: list[Path] = []
         with contextlib.suppress(OSError):  # load() says so
-            manifests, strays = manifest_files(self.root), stray_files(self.root)
+            manifests = [*manifest_files(self.root), *overlay_files(self.root, self.robot)]
+            strays = stray_files(self.root)
         return (
             _stats(manifests),
             _stats(sorted(self._inputs.files)),
@@ -120,6 +131,8 @@ class Tree:
         top, found = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
             found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
+        if self.robot:
+            found += manifest_folders(self.root / FOLDER / self.robot)
         found += sorted(path.parent for path in self._inputs.files)
         found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
@@ -193,7 +206,7 @@ class Tree:
             stamps.append((stamp[0], *self.stamp()[1:]))
 
         try:
-            loaded = load(self.root, found=found, engine=self.engine)
+            loaded = load(self.root, found=found, engine=self.engine, robot=self.robot)
         except RorgError as error:
             loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))
         return stamps[-1], loaded

@@ -40,15 +40,17 @@ JOBS = 2
 """Images that are built at once beside a robot that does other things."""
 
 
-def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
+def make_loop(root: Path, state: StateDir, engine: Engine, say: Callable[[str], None], robot: str = "") -> Loop:
     """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
-    for each thing that happens."""
-    return loop_over(make_tree(root, state, engine.name), state, engine, say)
+    for each thing that happens. `robot`: as of make_tree()."""
+    return loop_over(make_tree(root, state, engine.name, robot), state, engine, say)
 
 
-def make_tree(root: Path, state: StateDir, engine: str) -> Tree:
-    """A tree of this robot's, for the engine of this name, not read yet."""
-    return Tree(root.resolve(), str(state.run), engine=engine, references=references_for(engine, state.path))
+def make_tree(root: Path, state: StateDir, engine: str, robot: str = "") -> Tree:
+    """A tree of this robot's, for the engine of this name, not read yet. `robot`: whose overlay counts; without that
+    the one called as this machine."""
+    references, host = references_for(engine, state.path), os.uname().nodename
+    return Tree(root.resolve(), str(state.run), engine=engine, references=references, named=robot, host=host)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:

@@ -27,6 +27,8 @@ from rorg.host.git_process import begin_git, owner_of, repository
 
 PATIENCE = 60.0
 """Seconds for one question to git: it may be about all files."""
+LARGE = "/var/tmp"
+"""For files that are larger or stay longer than those of /tmp (Filesystem Hierarchy Standard 5.15)."""
 LINK, MODULE = "120000", "160000"
 """Modes of git: a symbolic link, and the place of another repository."""
 EXECUTABLE = "100755"
@@ -71,14 +73,15 @@ class Mirror:
     def bring(self, paths: Iterable[Path], most_files: int, most_bytes: int) -> None:
         """Puts files and directories of this machine in here that git does not know, as they are now: those of the
         repository are copied, others are linked. The one with which they are too many or too large comes without its
-        content, and is the last: whoever counts them finds them too large too. What cannot be read is left out."""
+        content, and is the last: whoever counts them finds them too large too. What cannot be read is left out, and so
+        is what is no file, link or directory. Raises OSError."""
         files, size = 0, 0
         for path in paths:
             target = self.at(path)
             around = target.parent
             if os.path.lexists(target) or not os.path.lexists(path) or os.path.realpath(around) != str(around):
                 continue
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(PermissionError, FileNotFoundError):
                 if not path.is_relative_to(self.top):
                     _parents(target)
                     target.symlink_to(path)
@@ -97,7 +100,7 @@ class Mirror:
         if path.is_dir() and not path.is_symlink():
             target.mkdir()
             shutil.copystat(path, target)
-        else:
+        elif path.is_symlink() or path.is_file():
             shutil.copy2(path, target, follow_symlinks=False)
 
     def fill(self) -> None:
@@ -147,7 +150,7 @@ def extracted(root: Path, commit: str) -> Iterator[Mirror]:
     """The files of the repository that a directory lies in, as of a commit (from resolved()), until the end of the
     block. Raises Invalid and Unreachable."""
     top = _said(root, "rev-parse", "--show-toplevel")
-    with tempfile.TemporaryDirectory(prefix="rorg-past-", ignore_cleanup_errors=True) as place:
+    with tempfile.TemporaryDirectory(prefix="rorg-past-", dir=_large(), ignore_cleanup_errors=True) as place:
         mirror = Mirror(Path(os.path.realpath(place)), Path(top), commit)
         try:
             _parents(mirror.at(mirror.top))
@@ -157,6 +160,11 @@ def extracted(root: Path, commit: str) -> Iterator[Mirror]:
         except (OSError, ValueError) as error:
             raise Unreachable(f"read {commit[:7]} of {top}", str(error)) from error
         yield mirror
+
+
+def _large() -> str | None:
+    """Where much may be written for a while: /tmp is often in memory."""
+    return LARGE if os.access(LARGE, os.W_OK) and "TMPDIR" not in os.environ else None
 
 
 def resolved(root: Path, text: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -16,6 +16,7 @@ from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.files import read_text
 from rorg.manifest.models import API_VERSION, ENVELOPES, FOLDERS, NOT_YET, SPECS, Manifest
 from rorg.manifest.option_forms import Strict
+from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
@@ -52,11 +53,21 @@ class Source:
 
 
 def manifest_files(root: Path) -> list[Path]:
-    """Manifests of a tree: root/*.yaml and root/KINDS/*.yaml. What lies deeper is configuration of the services."""
-    folders = [root] + [root / folder for folder in FOLDERS]
-    found = [p for f in folders if os.path.isdir(f) for p in f.iterdir()]
+    """Manifests of a tree's base, or of an overlay: root/*.yaml and root/KINDS/*.yaml. What lies deeper configures
+    services."""
+    found = [p for f in manifest_folders(root) if os.path.isdir(f) for p in f.iterdir()]
     # A link that leads nowhere counts: what cannot be read is a mistake, not a service that nobody declares any more.
     return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
+
+
+def manifest_folders(root: Path) -> list[Path]:
+    """Where they may be."""
+    return [root] + [root / folder for folder in FOLDERS]
+
+
+def overlay_files(root: Path, robot: str) -> list[Path]:
+    """Manifests of what a tree has for one robot; none for the base alone."""
+    return manifest_files(root / FOLDER / robot) if robot else []
 
 
 def stray_files(root: Path) -> list[Path]:
@@ -78,48 +89,71 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
 
 
 def read_tree(
-    root: Path, overlay: Mapping[Path, str | None] | None = None
+    root: Path, edits: Mapping[Path, str | None] | None = None, robot: str = ""
 ) -> tuple[list[Source], list[Diagnostic], set[str]]:
-    """All manifests below `root`, all that is wrong with each by itself, and the names of the broken ones, so that
-    nobody is told that a service is unknown whose manifest only has a typo. `overlay` holds files as they would be;
-    None for one that would be gone. Raises OSError for an unreadable tree."""
+    """All manifests below `root`, with those of a robot laid over them; all that is wrong with each by itself, and the
+    names of the broken ones, so that nobody is told that a service is unknown whose manifest only has a typo. `edits`
+    holds files as they would be; None for one that would be gone. Raises OSError for an unreadable tree."""
+    edits = edits or {}
+    files = dict.fromkeys([*manifest_files(root), *edits])
+    base, unread = _written([path for path in files if path not in edits or edits[path] is not None], root, edits)
+    over, more = _written(overlay_files(root, robot), root, edits)
+    diagnostics = [*stray_manifests(root), *unread, *more]
+    broken = {Path(d.where.file).stem for d in (*unread, *more)}
+    documents, found = laid_over(base, over)
+    diagnostics += [*found, *filter(None, [unknown_robot(root, robot)])]
     sources: list[Source] = []
-    broken: set[str] = set()
-    files = {path: None for path in manifest_files(root)} | dict(overlay or {})
-    diagnostics = stray_manifests(root)
-    texts: dict[Path, str] = {}
-    for path, text in files.items():
-        if path in (overlay or {}) and text is None:
-            continue
+    for written in documents:
         try:
-            texts[path] = read_text(path, root) if text is None else text
-        except OSError as error:
-            diagnostics.append(
-                Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
-            )
-            broken.add(path.stem)
-    for path, text in texts.items():
-        try:
-            source, found = read_source(text, path, str(path), root)
+            source, found = check_source(written, root)
         except Exception as bug:
-            source, found = None, [unexpected(Where(str(path)), bug)]
+            source, found = None, [unexpected(Where(str(written.path)), bug)]
         diagnostics += found
         if source:
-            folder_kind = FOLDERS.get(path.parent.name) if path.parent != root else None
-            if folder_kind not in (None, source.kind):
-                right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
-                diagnostics.append(
-                    Diagnostic(source.where("kind"), f"a {source.kind} in '{path.parent.name}/'", f"folder '{right}'")
-                )
+            diagnostics += _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
         else:
-            broken |= {path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", text, re.M)[:1]}
+            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", written.text, re.M)[:1]}
     return sources, diagnostics, broken
+
+
+def _written(
+    paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
+) -> tuple[list[Written], list[Diagnostic]]:
+    """The files as YAML, and which cannot be read at all."""
+    found, diagnostics = [], []
+    for path in paths:
+        try:
+            text = edits.get(path)
+            text = read_text(path, root) if text is None else text
+        except OSError as error:
+            what = f"cannot be read: {error.strerror}"
+            diagnostics.append(Diagnostic(Where(str(path)), what, "fixing or deleting it"))
+            continue
+        try:
+            found.append(Written(path, text, *read_yaml(text, str(path))))
+        except Exception as bug:
+            found.append(Written(path, text, None, [unexpected(Where(str(path)), bug)]))
+    return found, diagnostics
+
+
+def _misplaced(source: Source, tops: Collection[Path]) -> list[Diagnostic]:
+    """A manifest in a folder of another kind."""
+    folder = source.path.parent
+    if source.path.parent in tops or FOLDERS.get(folder.name, source.kind) == source.kind:
+        return []
+    right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
+    return [Diagnostic(source.where("kind"), f"a {source.kind} in '{folder.name}/'", f"folder '{right}'")]
 
 
 def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | None, list[Diagnostic]]:
     """One file's manifest, or None with the reasons."""
-    document, found = read_yaml(text, file)
+    return check_source(Written(path, text, *read_yaml(text, file)), root)
+
+
+def check_source(written: Written, root: Path) -> tuple[Source | None, list[Diagnostic]]:
+    """The same of what was read as YAML."""
+    document, found, path = written.document, list(written.found), written.path
     if document is None:
         return None, found
     if not isinstance(document.value, dict):

@@ -68,10 +68,10 @@ class Level:
         return Value(field, plain, text, self.kind, self.name, self.source.where(*path))
 
 
-def effective(root: Path, name: str) -> list[Value]:
-    """All that holds for a service of a tree; empty where the tree has none of that name. Raises Invalid."""
-    service = load_or_raise(root).services.get(name)
-    sources = read_tree(root)[0]
+def effective(root: Path, name: str, robot: str = "") -> list[Value]:
+    """All that holds for a service of a tree, on a robot; empty where there is none of that name. Raises Invalid."""
+    service = load_or_raise(root, robot=robot).services.get(name)
+    sources = read_tree(root, robot=robot)[0]
     own = next((s for s in sources if s.kind == "Service" and s.name == name), None)
     if service is None or own is None:
         return []

@@ -47,13 +47,15 @@ class Loaded:
 
 def load(
     root: Path,
-    overlay: Mapping[Path, str | None] | None = None,
+    edits: Mapping[Path, str | None] | None = None,
     found: Callable[[Inputs], None] = lambda _: None,
     engine: str = "",
+    robot: str = "",
 ) -> Loaded:
-    """Reads and checks a whole tree, with the files of `overlay` in place of those on the disk (None: gone). All errors
+    """Reads and checks a whole tree, with the files of `edits` in place of those on the disk (None: gone). All errors
     at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is. `engine`:
     the name of the one that the tree is for; empty where that is not known, and then nothing is checked for it.
+    `robot`: whose overlay is laid over it; empty for the base alone.
 
     Raises Invalid when `root` is no readable directory or holds no manifest at all, and nothing else: what nobody
     thought of is an error of the tree too, and the robot goes on with the last good one.
@@ -61,7 +63,7 @@ def load(
     if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
-        loaded = _load(root, overlay, found, engine)
+        loaded = _load(root, edits, found, engine, robot)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
     except Invalid:
@@ -72,9 +74,9 @@ def load(
 
 
 def _load(
-    root: Path, overlay: Mapping[Path, str | None] | None, found: Callable[[Inputs], None], engine: str
+    root: Path, edits: Mapping[Path, str | None] | None, found: Callable[[Inputs], None], engine: str, robot: str
 ) -> Loaded:
-    sources, diagnostics, broken = read_tree(root, overlay)
+    sources, diagnostics, broken = read_tree(root, edits, robot)
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
@@ -102,9 +104,9 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
     ]
 
 
-def load_or_raise(root: Path, engine: str = "") -> Catalog:
+def load_or_raise(root: Path, engine: str = "", robot: str = "") -> Catalog:
     """The Catalog of a tree, or Invalid with every diagnostic in its message."""
-    loaded = load(root, engine=engine)
+    loaded = load(root, engine=engine, robot=robot)
     if loaded.catalog is None:
         raise unusable(root, loaded.errors)
     return loaded.catalog

@@ -52,13 +52,15 @@ class Document:
     value: Any = None
     keys: dict[Path, tuple[int, int]] = field(default_factory=dict)
     values: dict[Path, tuple[int, int]] = field(default_factory=dict)
+    files: dict[Path, str] = field(default_factory=dict)
+    """The file of those that stand in another one, which was laid over this."""
 
     def where(self, path: Path, key: bool = False) -> Where:
         """The place of a value (or of its key); of its nearest ancestor where the path itself is not there."""
         while path:
             found = (self.keys if key else self.values).get(path) or self.values.get(path)
             if found:
-                return Where(self.file, *found)
+                return Where(self.files.get(path, self.file), *found)
             path, key = path[:-1], False
         return Where(self.file, *self.values.get((), (1, 1)))
 

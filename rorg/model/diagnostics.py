@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -27,6 +27,10 @@ class Diagnostic:
     message: str
     remedy: str = ""
     severity: str = "error"
+
+    def on(self, robot: str) -> Diagnostic:
+        """The same, found for one robot of a fleet."""
+        return replace(self, message=f"{self.message} (on {robot})")
 
     def __str__(self) -> str:
         """One line, whatever of a file is cited in it."""

@@ -1,0 +1,138 @@
+"""What one robot of a fleet has otherwise: documents of robots/NAME/ laid over those of the tree's base.
+
+A document of the same kind and name as one of the base is merged into it: mappings key by key, anything else, lists
+too, is replaced; null takes away what the base says. Others are added. `removed: true` beside the metadata takes a
+document of the base away. Relative paths are beside the manifest of the base, as Compose has it with several files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.yaml_source import Document
+from rorg.manifest.yaml_source import Path as Loc
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+FOLDER = "robots"
+REMOVED = "removed"
+
+
+@dataclass
+class Written:
+    """A file of the tree as it is written, before anything is known of its kind."""
+
+    path: Path
+    text: str
+    document: Document | None
+    """None where it is no YAML."""
+    found: list[Diagnostic] = field(default_factory=list)
+    """What is wrong with it as YAML."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """(kind, name); empty where it says none."""
+        value: Any = self.document.value if self.document else None
+        metadata = value.get("metadata") if isinstance(value, dict) else None
+        name = metadata.get("name") if isinstance(metadata, dict) else None
+        kind = value.get("kind") if isinstance(value, dict) else None
+        return (kind, name) if isinstance(kind, str) and isinstance(name, str) else ("", "")
+
+
+def robots_of(root: Path) -> list[str]:
+    """The robots of a tree that have an overlay."""
+    try:
+        return sorted(p.name for p in (root / FOLDER).iterdir() if p.is_dir() and p.name[0] != ".")
+    except OSError:
+        return []
+
+
+def robot_for(root: Path, named: str, host: str) -> str:
+    """The robot that a tree is read for: the one that is named, else the one called as this machine (`host`, with or
+    without its domain) where it has an overlay; empty for the base alone."""
+    if named or not host:
+        return named
+    known = robots_of(root)
+    return next((name for name in (host, host.partition(".")[0]) if name in known), "")
+
+
+def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
+    """That a robot has no overlay in a tree; None where it has one, or where it is none."""
+    known = robots_of(root)
+    if not robot or robot in known:
+        return None
+    remedy = nearest(robot, known) or f"creating {FOLDER}/{robot}/"
+    return Diagnostic(Where(str(root / FOLDER)), f"no robot '{robot}'", remedy)
+
+
+def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Written], list[Diagnostic]]:
+    """The documents of a robot, and what of its overlay cannot be."""
+    found = {written.path: written for written in base}
+    diagnostics: list[Diagnostic] = []
+    for upper in over:
+        lower = next((w for w in found.values() if w.key == upper.key != ("", "")), None)
+        if upper.document is not None and _removes(upper.document.value):
+            if lower is not None:
+                del found[lower.path]
+            else:
+                diagnostics.append(_nothing_to_remove(upper, found))
+            diagnostics += upper.found
+        elif upper.document is None or lower is None or lower.document is None:
+            found[upper.path] = upper
+        else:
+            merged = merge(lower.document, upper.document)
+            found[lower.path] = Written(lower.path, lower.text, merged, [*lower.found, *upper.found])
+    return list(found.values()), diagnostics
+
+
+def _removes(value: object) -> bool:
+    return isinstance(value, dict) and value.get(REMOVED) is True
+
+
+def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnostic:
+    kind, name = upper.key
+    assert upper.document is not None
+    known = [w.key[1] for w in found.values() if w.key[0] == kind and kind]
+    where = upper.document.where(("metadata", "name"))
+    return Diagnostic(where, f"there is no {kind or 'document'} '{name}' to be removed", nearest(name, known))
+
+
+def merge(base: Document, over: Document) -> Document:
+    """One document over another. Every value knows the file that says it."""
+    found = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files))
+    found.value = _merged(found, over, base.value, over.value, ())
+    return found
+
+
+def _merged(found: Document, over: Document, old: Any, new: Any, at: Loc) -> Any:
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        _forget(found, at)
+        _take(found, over, at)
+        return new
+    result = dict(old)
+    for key, value in new.items():
+        path = (*at, key)
+        if value is None:
+            result.pop(key, None)
+            _forget(found, path)
+        elif key in old:
+            result[key] = _merged(found, over, old[key], value, path)
+        else:
+            result[key] = value
+            _take(found, over, path)
+    return result
+
+
+def _forget(found: Document, at: Loc) -> None:
+    for places in (found.keys, found.values, found.files):
+        for path in [p for p in places if p[: len(at)] == at]:
+            del places[path]
+
+
+def _take(found: Document, over: Document, at: Loc) -> None:
+    for mine, theirs in ((found.keys, over.keys), (found.values, over.values)):
+        new = {p: place for p, place in theirs.items() if p[: len(at)] == at}
+        mine.update(new)
+        found.files.update(dict.fromkeys(new, over.file))
