@@ -198,6 +198,23 @@ def test_a_robot_without_a_history_goes_by_git(tmp_path):
     robot.close()
 
 
+def test_one_service_of_a_fleet_with_its_overlay(tmp_path):
+    robot = Robot(tmp_path, "process", None)
+    robot.tree.mkdir()
+    git(robot, "init", "--quiet")
+    write_tree(robot.tree / "robots/fetch", {"arm": {"priority": 7}})
+    write_tree(robot.tree / "robots/other", {"arm": {"priority": 8}})
+    commit(robot, "one", {"arm": says(1)})
+    git(robot, "add", "robots")
+    git(robot, "commit", "--quiet", "--message", "two")
+    asked = ("rollback", "HEAD~1", "--service", "arm", "--print", "--manifests", str(robot.tree), "--robot", "fetch")
+    assert all(
+        line.endswith("-- robots/fetch/services/arm.yaml services/arm.yaml")
+        for line in rorg(robot, *asked).split("\n")[:2]
+    )
+    robot.close()
+
+
 def test_restore_brings_requests_back_too(robot):
     """Of people; what has a lease is left alone."""
     served = robot.loop is not None

@@ -85,7 +85,7 @@ class Known:
             return True
         with contextlib.suppress(RorgError):
             engine = (self.context.live() or {}).get("engine_name") or self.context.engine_name
-            tree = Tree(root, engine=engine)
+            tree = Tree(root, engine=engine, host=revision.robot)
             return load_at(tree, revision.commit).catalog.fingerprint == revision.fingerprint
         return False
 
@@ -146,19 +146,22 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
     return then.settled_at or then.at, wanted
 
 
-def restoring(root: Path, goal: Goal, service: str) -> Restoring:
+def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     """The commit that would bring back the manifests directory, and what its images are built from; or the manifest of
-    one service. Raises Refused, and Invalid where the manifests of then have errors."""
+    one service, with what the overlay of this robot says of it. Raises Refused, and Invalid where the manifests of then
+    have errors."""
     from rorg.daemon.past import load_at
     from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
 
     top = top_of(root)
-    past = load_at(Tree(root, engine=""), goal.commit).catalog
+    past = load_at(Tree(root, host=robot), goal.commit).catalog
     if service:
-        places, of = _manifest(root, past, service, goal), f" {service}"
+        files = _manifest(root, past, service, goal)
+        overlay = [root / "robots" / robot / os.path.relpath(path, root) for path in files if robot]
+        places, of = [*files, *overlay], f" {service}"
     else:
-        now = load(root).catalog
+        now = load(root, robot=robot).catalog
         places, of = [root, *_contexts(past), *(_contexts(now) if now else [])], ""
     return Restoring(top, goal.commit, _below(top, places), f"Roll back{of} to {goal.title}")
 
@@ -187,13 +190,13 @@ def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
     return tuple(str(place.relative_to(top)) for place in found)
 
 
-def all_committed(root: Path) -> None:
+def all_committed(root: Path, robot: str) -> None:
     """Raises Refused where a file of the manifests directory is not as it was committed, or is a manifest that git does
     not know."""
-    from rorg.manifest.documents import manifest_files
+    from rorg.manifest.documents import manifest_files, overlay_files
 
     top = top_of(root)
-    manifests = [os.path.relpath(path, top) for path in manifest_files(root)]
+    manifests = [os.path.relpath(path, top) for path in (*manifest_files(root), *overlay_files(root, robot))]
     files = [*changed(top, root), *unknown(top, manifests)]
     if files:
         shown = ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")

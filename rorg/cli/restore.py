@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import DIRECTORIES, EngineName, Option, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.options import EngineName, ManifestsDirectory, Option, StateDirectory, Timeout, Wait, Yes
 
 if TYPE_CHECKING:
     from rorg.cli.differences import Differences
@@ -24,16 +24,7 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
-    directory: Annotated[
-        Path | None,
-        Option(
-            names=("--manifests",),
-            help="Directory of manifests.",
-            metavar="DIR",
-            completes=DIRECTORIES,
-            show_default=False,
-        ),
-    ] = None,
+    directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
@@ -52,11 +43,11 @@ def command(
 
     if not at:
         raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")
-    context = Context(state_dir, engine, directory, local=True)
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)
     moment, goal = moment_of(at, Known(context), root, time.time())
-    all_committed(root)
-    wanted, requests = restoring(root, goal, ""), EarlierRequests(context, root, moment)
+    all_committed(root, context.robot)
+    wanted, requests = restoring(root, context.robot, goal, ""), EarlierRequests(context, root, moment)
     note(f"as of {moment}, revision {goal.title}")
 
     def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import DIRECTORIES, SERVICES, Argument, EngineName, Option, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.options import (
+    SERVICES,
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    StateDirectory,
+    Timeout,
+    Wait,
+    Yes,
+)
 
 if TYPE_CHECKING:
     from rorg.cli.differences import Differences
@@ -35,16 +45,7 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
-    directory: Annotated[
-        Path | None,
-        Option(
-            names=("--manifests",),
-            help="Directory of manifests.",
-            metavar="DIR",
-            completes=DIRECTORIES,
-            show_default=False,
-        ),
-    ] = None,
+    directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
@@ -58,14 +59,14 @@ def command(
     from rorg.cli.going_back import Known, all_committed, go_back, goal_of, restoring, tree_of
     from rorg.cli.output import echo, note
 
-    context = Context(state_dir, engine, directory, local=True)
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)
     goal = goal_of(revision, Known(context), root)
     if printed:
-        echo("\n".join(restoring(root, goal, service).commands()))
+        echo("\n".join(restoring(root, context.robot, goal, service).commands()))
         return
-    all_committed(root)
-    wanted = restoring(root, goal, service)
+    all_committed(root, context.robot)
+    wanted = restoring(root, context.robot, goal, service)
     what = f"roll {service or 'the manifests'} back"
 
     def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
