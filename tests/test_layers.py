@@ -67,7 +67,10 @@ LOADED: dict[str, set[str]] = {
 """Those that are there once all files of a room are loaded, by way of others too."""
 HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"typer", "rorg_client"}
 """What no command may load before it needs it."""
-COMPUTING = {"rorg.cli.alone", "rorg.cli.carrying_out", "rorg.cli.developing", "rorg.cli.local", "rorg.cli.top_screen"}
+COMPUTING = {
+    *("rorg.cli.alone", "rorg.cli.carrying_out", "rorg.cli.developing", "rorg.cli.local", "rorg.cli.top_screen"),
+    *("rorg.cli.going_back", "rorg.cli.earlier_requests"),
+}
 """What commands load once they must compute something themselves, use the engine, or draw a screen."""
 HERE = {
     *("pyproject.toml", "Makefile", ".ci", ".gitignore", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),

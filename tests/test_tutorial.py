@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -11,41 +10,27 @@ import zipfile
 from pathlib import Path
 
 import docker
+import pages
 import pytest
 from conftest import ROOT
 
 PAGE = ROOT / "docs/tutorial.md"
-SAID = "-- said by: "
 PREPARE = f"""set -e
 cp /wheels/*.whl .
 git config --global user.name you
 git config --global user.email you@localhost
-trap 'echo "{SAID}failed"' ERR
+trap 'echo "{pages.SAID}failed"' ERR
 """
-BEGUN = "timeout 60 sh -c 'until [ -S /run/rorg/rorg.sock ]; do sleep 0.1; done'"
-"""A person takes longer than that to go on."""
 AT_THE_END = f"""
 wait
-echo '{SAID}processes'
+echo '{pages.SAID}processes'
 ps -e -o args= | grep '[s]leep' || true
-echo '{SAID}files'
+echo '{pages.SAID}files'
 find / -xdev -type f -newer /wheels/began -not -path "*/rorg-venv/*" -not -path "$HOME/robot/*" || true
-echo '{SAID}end'
+echo '{pages.SAID}end'
 """
 KNOWN = {"/root/.gitconfig", "/etc/hostname", "/etc/resolv.conf", "/etc/hosts", "/.dockerenv"}
 """Of the test and of the container."""
-
-
-def steps() -> list[tuple[str, list[str]]]:
-    """(command, lines that its output must hold) of all consoles of the page."""
-    found: list[tuple[str, list[str]]] = []
-    for block in re.findall(r"```console\n(.*?)```", PAGE.read_text(), re.DOTALL):
-        for line in block.splitlines():
-            if line.startswith("$ "):
-                found.append((line[2:], []))
-            else:
-                found[-1][1].append(line)
-    return found
 
 
 @pytest.fixture(scope="session")
@@ -78,28 +63,17 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robot(wheel):
 
 def test_the_tutorial_word_for_word(dockerd, rorg_image, wheel, tmp_path):
     """In a container with Python and git; at its end nothing is left but the robot's own tree."""
-    lines = [
-        f"{command}\n{BEGUN}" if command.endswith("&") else f"echo '{SAID}{number}'\n{command}"
-        for number, (command, _) in enumerate(steps())
-    ]
+    steps = pages.steps(PAGE)
     shutil.copy(wheel, tmp_path)
-    (tmp_path / "script").write_text(PREPARE + "\n".join(lines) + AT_THE_END)
+    (tmp_path / "script").write_text(PREPARE + pages.script(steps, "/run/rorg/rorg.sock") + AT_THE_END)
     (tmp_path / "began").touch()
     said = run(dockerd.host, rorg_image, tmp_path)
-    parts = dict(re.findall(rf"^{SAID}(\w+)\n(.*?)(?=^{SAID}|\Z)", said, re.DOTALL | re.MULTILINE))
-    for number, (command, expected) in enumerate(steps()):
-        told = parts.get(str(number), "")
-        for line in expected:
-            assert is_in(line, told), f"$ {command}\n{told}\nnot in it: {line}\n{said[-2000:]}"
+    parts = pages.parts(said)
+    pages.check(steps, parts, said)
     assert "end" in parts, said[-3000:]
     assert not parts["processes"]
     wheels = set(parts["files"].split())
     assert not {name for name in wheels if not name.startswith("/root/rorg-") and name not in KNOWN}, wheels
-
-
-def is_in(expected: str, told: str) -> bool:
-    """Whether these words stand there one after the other, however they are spaced and whatever stands beside them."""
-    return " ".join(expected.split()) in " ".join(told.split())
 
 
 def run(host: str, image: str, folder: Path) -> str:

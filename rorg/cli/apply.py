@@ -26,17 +26,41 @@ def command(
     Example: rorg apply --yes --wait --timeout 5m
     """
     from rorg.cli.context import Context
-    from rorg.cli.differences import differences, warn_of_other_tree
-    from rorg.errors import Refused
+    from rorg.cli.differences import differences
 
     check_form(output)
     context = Context(state_dir, engine, directory, local=True)
-    owner = {"what": "rorg run"} if context.remote else context.state.owner()
-    if owner is None:
-        context.state.acquire("rorg apply")
-    else:
+    owner = taken(context, "rorg apply")
+    if owner is not None:
         _fetch(context)
     shown = differences(context)
+    agree(context, owner, shown, "apply the plan", "Apply?", yes)
+    bring_about(context, owner, shown, wait, timeout)
+    print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
+
+
+def taken(context: Context, command: str) -> dict[str, Any] | None:
+    """Who owns the robot and carries out what is to be done; None where this command does, from now on."""
+    owner = {"what": "rorg run"} if context.remote else context.state.owner()
+    if owner is None:
+        context.state.acquire(command)
+    return owner
+
+
+def agree(
+    context: Context,
+    owner: dict[str, Any] | None,
+    shown: Differences,
+    what: str,
+    question: str,
+    yes: bool,
+    nothing: bool = True,
+) -> None:
+    """Shows what would be done, and asks, but where there is `nothing` else to agree to and nothing to do. Raises
+    Refused."""
+    from rorg.cli.differences import warn_of_other_tree
+    from rorg.errors import Refused
+
     if owner is not None:
         _follows(context, owner, shown)
     warn_of_other_tree(context, shown)
@@ -44,9 +68,13 @@ def command(
     if shown.withheld:
         note(f"To be removed once you confirm, though still named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
-        raise Refused("apply the plan", f"rorg is {shown.suspended}", "`rorg suspend --end`")
-    if not (shown.empty or yes):
-        consent("apply the plan", "Apply?")
+        raise Refused(what, f"rorg is {shown.suspended}", "`rorg suspend --end`")
+    if not ((shown.empty and nothing) or yes):
+        consent(what, question)
+
+
+def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: bool, timeout: float) -> None:
+    """Has it done, and returns when it is. Raises NotReady."""
     if owner is None:
         from rorg.cli.carrying_out import carry_out
 
@@ -54,7 +82,6 @@ def command(
         carry_out(context, shown.tree, shown.decision, wait, timeout)
     else:
         _through(context, owner, shown, wait, timeout)
-    print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
 
 
 def _fetch(context: Context) -> None:

@@ -26,6 +26,8 @@ COMMANDS = (
     "wait",
     "events",
     "history",
+    "rollback",
+    "restore",
     "timeline",
     "top",
     "logs",

@@ -26,7 +26,7 @@ KNOWN = {
     **dict.fromkeys(("ssh", "attach", "bash", "sh"), "`rorg shell NAME`"),
     **dict.fromkeys(("check", "lint", "config"), "`rorg validate`"),
     **dict.fromkeys(("plan",), "`rorg diff`"),
-    **dict.fromkeys(("rollback", "undo"), "`git revert` in the tree of manifests: rorg follows it"),
+    **dict.fromkeys(("undo", "revert"), "`rorg rollback`, which shows what it would do before it asks"),
     **dict.fromkeys(("version",), "`rorg --version`"),
     **dict.fromkeys(("help",), HELP),
 }

@@ -1,0 +1,67 @@
+"""What people had requested at a time, and what leads back to that. What has a lease is left to who renews it, and what
+a service asks for is its own."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+from rorg.cli.context import Context
+from rorg.cli.operating import operating
+from rorg.cli.terminal import printable
+from rorg.errors import Refused
+from rorg.history.asked import Asked
+from rorg.history.database import reading
+from rorg.manifest.load import load
+from rorg.model.catalog import DEVELOPER, Request
+
+Key = tuple[str, str]
+
+
+class EarlierRequests:
+    """Those of meta-services, at a time (ISO 8601 in UTC)."""
+
+    def __init__(self, context: Context, root: Path, at: str) -> None:
+        self.context, self.root = context, root
+        if not context.state.readable:
+            why = f"what was requested is on record in {context.state.path}, which this user may not read"
+            raise Refused("restore requests", why, "as root, or `rorg rollback` for the manifests alone")
+        with reading(context.state.journal) as database:
+            self.then = {r.key: r for r in Asked(database).at(at) if r.ttl is None}
+
+    @cached_property
+    def _now(self) -> dict[Key, Request]:
+        """Those of the same requesters, as they are now."""
+        catalog = load(self.root).catalog
+        metas = {name for name, service in catalog.services.items() if service.meta} if catalog else set()
+        known = {DEVELOPER, *metas, *(requester for requester, _ in self.then)}
+        return {r.key: r for r in self.context.document().requests if r.requester in known and r.ttl is None}
+
+    @property
+    def _released(self) -> list[Request]:
+        return [request for key, request in self._now.items() if key not in self.then]
+
+    @property
+    def _requested(self) -> list[Request]:
+        return [request for key, request in self.then.items() if _content(request) != _content(self._now.get(key))]
+
+    def lines(self) -> list[str]:
+        """What would be requested and released, for people."""
+        found = [("-", request) for request in self._released] + [("+", request) for request in self._requested]
+        return [printable(f"{sign} request '{r.id}' of {r.requester}: {', '.join(r.services)}") for sign, r in found]
+
+    def restore(self) -> None:
+        """Releases and requests, by whoever does so for this robot."""
+        if not self.lines():
+            return
+        robot = operating(self.context)
+        for r in self._requested:
+            body = {"services": list(r.services), "reason": r.reason, "priority": r.priority, "ttl": None}
+            robot.put_request(r.id, r.requester, body)
+        for r in self._released:
+            robot.release(r.id, r.requester)
+
+
+def _content(request: Request | None) -> tuple[object, ...] | None:
+    """What a request asks for."""
+    return (request.services, request.reason, request.priority) if request else None

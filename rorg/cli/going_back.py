@@ -1,0 +1,249 @@
+"""Which earlier state of the manifests is meant, and the commit that brings it back."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences
+from rorg.cli.output import note
+from rorg.cli.records import records_of
+from rorg.errors import Missing, Refused, RorgError
+from rorg.history.names import parse
+from rorg.history.revisions import Revision
+from rorg.host.git import commit_of
+from rorg.host.git_writing import SHORT, Restoring, changed, subject_of, top_of, unknown
+from rorg.model.catalog import Catalog
+
+SHORTEST = 7
+"""Digits of a commit that is called by them."""
+NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
+"""A number of `rorg history`, or a commit, though it may be read as a time."""
+Agreed = Callable[[dict[str, Any] | None, Differences], None]
+"""Shows what is to be done, by whom, and asks. Raises Refused."""
+TRIED = 20
+"""Good revisions that are looked at for one that can be had again."""
+NAMED = 10
+"""Files that an error names."""
+KNOWN = 1000
+"""Revisions among which the one that is meant is looked for: the newest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A state to go back to."""
+
+    commit: str
+    """In full."""
+    name: str
+    """What it was called: a number of `rorg history`, or what git understands."""
+    subject: str
+
+    @property
+    def title(self) -> str:
+        """12 (abc1234): subject"""
+        short = self.commit[:SHORT]
+        same = NO_TIME.fullmatch(self.name) and len(self.name) >= SHORTEST and self.commit.startswith(self.name)
+        return f"{short if same else f'{self.name} ({short})'}: {self.subject}"
+
+
+class Known:
+    """The revisions on record. They are read when one is asked for: what git names needs none."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+
+    @cached_property
+    def revisions(self) -> list[Revision]:
+        """The newest first. Raises Unreachable where the files may not be read and no rorg runs."""
+        with records_of(self.context) as records:
+            rows = records.listed(KNOWN)
+        return [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
+
+    def get(self, number: int) -> Revision | None:
+        return next((r for r in self.revisions if r.number == number), None)
+
+    def at(self, time: str) -> Revision | None:
+        """Which was in force at a time (ISO 8601 in UTC)."""
+        return next((r for r in self.revisions if r.at <= time and r.standing != "refused"), None)
+
+    def committed(self, revision: Revision, root: Path) -> bool:
+        """Whether its commit has all that counted of it. Where other files differed then, the manifests tell."""
+        from rorg.daemon.past import load_at
+        from rorg.daemon.tree import Tree
+
+        if not (revision.commit and commit_of(root, revision.commit)):
+            return False
+        if not revision.dirty:
+            return True
+        with contextlib.suppress(RorgError):
+            engine = (self.context.live() or {}).get("engine_name") or self.context.engine_name
+            tree = Tree(root, engine=engine, host=revision.robot)
+            return load_at(tree, revision.commit).catalog.fingerprint == revision.fingerprint
+        return False
+
+    def good_before(self, root: Path) -> Revision:
+        """The last good one, of which git has all, before the manifests of now were first in force: who goes back twice
+        gets further back. Raises Refused."""
+        now = next(iter(self.revisions), None)
+        same = [r for r in self.revisions if r == now or (now and r.fingerprint == now.fingerprint != "")]
+        since = now if now and now.standing == "refused" else next(iter(same[-1:]), None)
+        before = [r for r in self.revisions if since and r.number < since.number and r.standing == "good"]
+        good = next((r for r in before[:TRIED] if self.committed(r, root)), None)
+        if good is None:
+            why = "no good state of the manifests before this one is on record"
+            raise Refused("roll back", why, "`rorg rollback REV`, with what `rorg history` or `git log` has")
+        return good
+
+
+def goal_of(text: str, revisions: Known, root: Path) -> Goal:
+    """What a REV means, by default the last good one. Raises Missing and Refused."""
+    found = parse(text, revisions) if text else revisions.good_before(root)
+    if isinstance(found, Revision):
+        return goal(found, revisions, root)
+    commit = commit_of(root, found)
+    if not commit:
+        why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
+        raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
+    return Goal(commit, found, subject_of(root, commit))
+
+
+def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
+    """The commit of a revision. Raises Refused where git has not what it was."""
+    if not revisions.committed(revision, root):
+        commit = revision.commit[:SHORT]
+        why = f"the repository has no {commit} any more" if commit else "it was in no repository"
+        if revision.dirty:
+            why = f"it was {commit} with changes that were not committed"
+        raise Refused(f"go back to revision {revision.number}", why, "another one of `rorg history`")
+    return Goal(revision.commit, str(revision.number), revision.subject)
+
+
+def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
+    """(ISO 8601 in UTC, the state that was in force) of a time, or of a REV: when that had proven good, else when it
+    began. `now` in seconds since the epoch. Raises Missing and Refused."""
+    from rorg.model.units import parse_since, stamp
+
+    if not NO_TIME.fullmatch(text):
+        with contextlib.suppress(ValueError):
+            moment = stamp(parse_since(text, now))
+            found = revisions.at(moment)
+            if found is None:
+                raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
+            return moment, goal(found, revisions, root)
+    wanted, meant = goal_of(text, revisions, root), parse(text, revisions)
+    of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
+    then = meant if isinstance(meant, Revision) else next(of_it, None)
+    if then is None:
+        raise Refused(f"restore {text}", f"{wanted.title} was never in force here", "`rorg rollback` with it")
+    return then.settled_at or then.at, wanted
+
+
+def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
+    """The commit that would bring back the manifests directory, and what its images are built from; or the manifest of
+    one service, with what the overlay of this robot says of it. Raises Refused, and Invalid where the manifests of then
+    have errors."""
+    from rorg.daemon.past import load_at
+    from rorg.daemon.tree import Tree
+    from rorg.manifest.load import load
+
+    top = top_of(root)
+    past = load_at(Tree(root, host=robot), goal.commit).catalog
+    if service:
+        files = _manifest(root, past, service, goal)
+        overlay = [root / "robots" / robot / os.path.relpath(path, root) for path in files if robot]
+        places, of = [*files, *overlay], f" {service}"
+    else:
+        now = load(root, robot=robot).catalog
+        places, of = [root, *_contexts(past), *(_contexts(now) if now else [])], ""
+    return Restoring(top, goal.commit, _below(top, places), f"Roll back{of} to {goal.title}")
+
+
+def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]:
+    """Where it was declared then, and where it is now."""
+    from rorg.api.manifest_texts import manifests_of
+
+    if service not in past.services or not past.services[service].where.file:
+        why = f"it was not declared in {goal.title}"
+        raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
+    now = manifests_of(root).get(("Service", service))
+    return [root / past.services[service].where.file, *([now[0]] if now else [])]
+
+
+def _contexts(catalog: Catalog) -> list[Path]:
+    return [Path(image.context) for image in catalog.images.values() if image.context]
+
+
+def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
+    """Those that lie in the repository, without what lies in another one of them."""
+    found: list[Path] = []
+    for place in sorted({Path(os.path.realpath(p)) for p in places}):
+        if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in found):
+            found.append(place)
+    return tuple(str(place.relative_to(top)) for place in found)
+
+
+def all_committed(root: Path, robot: str) -> None:
+    """Raises Refused where a file of the manifests directory is not as it was committed, or is a manifest that git does
+    not know."""
+    from rorg.manifest.documents import manifest_files, overlay_files
+
+    top = top_of(root)
+    manifests = [os.path.relpath(path, top) for path in (*manifest_files(root), *overlay_files(root, robot))]
+    files = [*changed(top, root), *unknown(top, manifests)]
+    if files:
+        shown = ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")
+        raise Refused("go back", f"not committed: {shown}", f"`git -C {top} commit`, or `stash --include-untracked`")
+
+
+def go_back(
+    context: Context,
+    root: Path,
+    wanted: Restoring,
+    agreed: Agreed,
+    command: str,
+    waiting: tuple[bool, float],
+    then: Callable[[], None] = lambda: None,
+) -> bool:
+    """Shows the plan and asks (`agreed`), commits, does what is to be done besides (`then`), and has it carried out:
+    `waiting` says whether everything must get ready, and in how many seconds. False where there was nothing to commit.
+    Raises Refused and NotReady."""
+    from rorg.cli.apply import bring_about, taken
+    from rorg.cli.differences import differences
+    from rorg.host.person import caller
+
+    if root.is_relative_to(context.state.path / "git"):
+        note("\n".join(wanted.commands(clone=True)))
+        raise Refused("commit here", "rorg follows another repository", "these commands in a clone of that")
+    owner = taken(context, command)
+    made = wanted.commit(caller(os.environ, os.getuid(), os.getgid()), os.environ)
+    shown = differences(context, rev=made) if made else differences(context)
+    agreed(owner, shown)
+    if made:
+        wanted.take(made)
+        note(f"committed {made[:SHORT]}: {wanted.message}")
+    differences(context)  # until it is read
+    then()
+    found = differences(context)
+    # What nobody was shown stays, though it is withheld.
+    withheld = [n for n in found.withheld if n in shown.withheld]
+    bring_about(context, owner, found._replace(withheld=withheld), *waiting)
+    return bool(made)
+
+
+def tree_of(context: Context) -> Path:
+    """The directory of manifests: of the running rorg, also of one that is only known by its socket. Raises Refused
+    outside of a repository."""
+    if context.place.elsewhere:
+        context.here("commit in its tree")
+    view = context.live() if context.remote and not context.directory else None
+    root = (Path(view["tree"]["root"]) if view else context.root).resolve()
+    top_of(root)
+    return root

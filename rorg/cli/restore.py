@@ -1,0 +1,58 @@
+"""rorg restore"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import EngineName, ManifestsDirectory, Option, StateDirectory, Timeout, Wait, Yes
+
+if TYPE_CHECKING:
+    from rorg.cli.differences import Differences
+
+
+def command(
+    at: Annotated[
+        str,
+        Option(
+            names=("--at",),
+            show_default=False,
+            metavar="TIME|REV",
+            help="A time, such as 10m (so long ago) or 2026-01-31T12:00:00Z; or a REV, as of `rorg rollback`.",
+        ),
+    ] = "",
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 300.0,
+    directory: ManifestsDirectory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Bring the robot back to how it was then: the manifests, as `rorg rollback` does, and what people had requested.
+
+    Example: rorg restore --at 2h --wait
+    """
+    import time
+
+    from rorg.cli.apply import agree
+    from rorg.cli.context import Context
+    from rorg.cli.earlier_requests import EarlierRequests
+    from rorg.cli.going_back import Known, all_committed, go_back, moment_of, restoring, tree_of
+    from rorg.cli.output import note
+    from rorg.errors import Invalid
+
+    if not at:
+        raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
+    root = tree_of(context)
+    moment, goal = moment_of(at, Known(context), root, time.time())
+    all_committed(root, context.robot)
+    wanted, requests = restoring(root, context.robot, goal, ""), EarlierRequests(context, root, moment)
+    note(f"as of {moment}, revision {goal.title}")
+
+    def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
+        for line in requests.lines():
+            note(line)
+        agree(context, owner, shown, "restore", "Restore that?", yes, nothing=not requests.lines())
+
+    go_back(context, root, wanted, agreed, "rorg restore", (wait, timeout), requests.restore)

@@ -1,0 +1,76 @@
+"""rorg rollback"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import (
+    SERVICES,
+    Argument,
+    EngineName,
+    ManifestsDirectory,
+    Option,
+    StateDirectory,
+    Timeout,
+    Wait,
+    Yes,
+)
+
+if TYPE_CHECKING:
+    from rorg.cli.differences import Differences
+
+
+def command(
+    revision: Annotated[
+        str,
+        Argument(
+            help="REV: a number of `rorg history`, or what git understands. Default: the last good one.",
+            show_default=False,
+        ),
+    ] = "",
+    service: Annotated[
+        str,
+        Option(
+            names=("--service",),
+            show_default=False,
+            help="Only the manifest of this service.",
+            metavar="SERVICE",
+            completes=SERVICES,
+        ),
+    ] = "",
+    printed: Annotated[
+        bool, Option(names=("--print",), help="Only print the commands of git that make the commit.")
+    ] = False,
+    yes: Yes = False,
+    wait: Wait = False,
+    timeout: Timeout = 300.0,
+    directory: ManifestsDirectory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Show the plan, ask, commit the manifests as they were at REV, with what their images are built from, and carry it
+    out.
+
+    Example: rorg rollback HEAD~1 --yes --wait
+    """
+    from rorg.cli.apply import agree
+    from rorg.cli.context import Context
+    from rorg.cli.going_back import Known, all_committed, go_back, goal_of, restoring, tree_of
+    from rorg.cli.output import echo, note
+
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
+    root = tree_of(context)
+    goal = goal_of(revision, Known(context), root)
+    if printed:
+        echo("\n".join(restoring(root, context.robot, goal, service).commands()))
+        return
+    all_committed(root, context.robot)
+    wanted = restoring(root, context.robot, goal, service)
+    what = f"roll {service or 'the manifests'} back"
+
+    def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
+        agree(context, owner, shown, what, f"{wanted.message}?", yes)
+
+    if not go_back(context, root, wanted, agreed, "rorg rollback", (wait, timeout)):
+        note(f"{wanted.message}: the same already")

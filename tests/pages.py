@@ -1,0 +1,71 @@
+"""Pages whose commands are run as they stand there: what a reader types, what that has to say, the files it writes.
+
+A block `console` has commands after `$ `, and below each the lines that its output must hold. Of another language, one
+in whose first two lines a comment is nothing but a path, such as `# services/arm.yaml`, is that file.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import NamedTuple
+
+SAID = "-- said by: "
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PATH = re.compile(r"(?:#!.*\n)?# ([\w./-]+/[\w.-]+)\n")
+BEGUN = "timeout 60 sh -c 'until [ -S {socket} ]; do sleep 0.1; done'"
+"""A person takes longer than that to go on after `rorg run &`."""
+
+
+class Step(NamedTuple):
+    """One command, or one file."""
+
+    command: str
+    expected: list[str]
+
+
+def steps(page: Path) -> list[Step]:
+    """All that a page does, in its order."""
+    found: list[Step] = []
+    for language, text in BLOCK.findall(page.read_text()):
+        path = PATH.match(text)
+        if path and language != "console":
+            found.append(Step(_written(path[1], text), []))
+        for line in text.splitlines() if language == "console" else ():
+            if line.startswith("$ "):
+                found.append(Step(line[2:], []))
+            else:
+                found[-1].expected.append(line)
+    return found
+
+
+def _written(path: str, text: str) -> str:
+    return f"mkdir -p {Path(path).parent} && printf %s {shlex.quote(text)} >{path}"
+
+
+def script(steps: list[Step], socket: str) -> str:
+    """What a shell does of it, each step after a line that says its number. `socket`: of the rorg that is begun."""
+    begun = BEGUN.format(socket=socket)
+    return "\n".join(
+        f"{step.command}\n{begun}" if step.command.endswith("&") else f"echo '{SAID}{number}'\n{step.command}"
+        for number, step in enumerate(steps)
+    )
+
+
+def parts(said: str) -> dict[str, str]:
+    """What was said after each such line, by its number or name."""
+    return dict(re.findall(rf"^{SAID}(\w+)\n(.*?)(?=^{SAID}|\Z)", said, re.DOTALL | re.MULTILINE))
+
+
+def is_in(expected: str, told: str) -> bool:
+    """Whether these words stand there one after the other, however they are spaced and whatever stands beside them."""
+    return " ".join(expected.split()) in " ".join(told.split())
+
+
+def check(steps: list[Step], told: dict[str, str], said: str) -> None:
+    """Each step said what the page has below it; `said` is everything."""
+    for number, (command, expected) in enumerate(steps):
+        answer = told.get(str(number), "")
+        for line in expected:
+            assert is_in(line, answer), f"$ {command}\n{answer}\nnot in it: {line}\n{said[-3000:]}"
