@@ -74,6 +74,8 @@ class Container:
     """What the engine's own health check says: starting, healthy, unhealthy; empty without one."""
     stop_signal: str = ""
     """What it is to be stopped with, by the engine: declared when made, or its image's; empty where not known."""
+    image: str = ""
+    """What the engine calls the image that it was made from (its id); empty where there are none, or not known."""
 
     @property
     def incarnation(self) -> str:

@@ -31,6 +31,8 @@ class Historian:
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
         self._revision: Revision | None = None
         """The one in force."""
+        self._imageless: set[str] = set()
+        """Of its services, those of which it is not known what the engine calls their image."""
         self._looked = False
         """Whether it is known what was in force before this rorg began."""
         self._refused: Revision | None = None
@@ -102,10 +104,24 @@ class Historian:
         revision = self._revision
         if revision is None:
             return
+        self._note_images(decision, revision.number)
         found = standing(decision.situation, decision.plan, revision.standing == GOOD)
         if found.code != revision.standing:
             self._revision = replace(revision, standing=found.code, reason=found.reason)
             self.revisions.settle(revision.number, found.code, found.reason, self.wall())
+
+    def _note_images(self, decision: Decision, number: int) -> None:
+        """What containers that are as declared were made from, as they come."""
+        there, digests = decision.situation.observed.by_service(), decision.situation.desired.digests
+        found = {
+            name: container.image
+            for name in self._imageless
+            for container in there.get(name, ())
+            if container.image and container.digest == digests.get(name)
+        }
+        if found:
+            self.revisions.note_images(number, found)
+            self._imageless -= found.keys()
 
     def _begin(self, plan: Plan, tree: Tree) -> None:
         """Writes a state of the manifests down, unless it is the one in force."""
@@ -125,6 +141,8 @@ class Historian:
         if last is None or _identity(last) != _identity(found):
             services = made(tree.desired, last.services if last else {})
             self._revision = self.revisions.begin(replace(found, plan=plan.text(), services=services))
+        known = self._revision.services if self._revision else {}
+        self._imageless = {name for name, made in known.items() if not made.image_id}
 
 
 def _identity(revision: Revision) -> tuple[object, ...]:

@@ -72,9 +72,8 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
+    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine)
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    wakes = Wakes()
-    recorder = Recorder(state, say, wall_clock, clock, engine)
     publisher = Publisher(state, clock, about, recorder.tell)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     stopping = threading.Event()
@@ -89,9 +88,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    bringers = _bringers(tree.source, images, recorder, wakes)
-    beside = (prober, sampler, ros, watcher, notified, observer)
-    threads: tuple[Thread, ...] = (_maintenance(recorder, tree), *bringers, *beside)
+    bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
+    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,

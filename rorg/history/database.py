@@ -276,7 +276,11 @@ class Database:
         # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
         alone = not os.path.exists(f"{self.path}-wal")
         place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
-        return sqlite3.connect(place, READING, isolation_level=None, check_same_thread=False, uri=True)
+        connection = sqlite3.connect(place, READING, isolation_level=None, check_same_thread=False, uri=True)
+        if not connection.execute("PRAGMA user_version").fetchone()[0]:
+            connection.close()
+            raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))
+        return connection
 
     # -- the end -----------------------------------------------------------------------------------------------
 

@@ -86,7 +86,6 @@ class Revisions:
             new = replace(revision, number=number, plan=revision.plan[:LONGEST_PLAN])
             before = self._last_services()
             if new.standing != "refused":
-                new = replace(new, services=_with_images(new.services, before))
                 self._services = new.services
             self._number = number
         self.database.write(lambda connection: _begin(connection, new, before))
@@ -164,12 +163,6 @@ class Revisions:
             f" USING (digest) WHERE {condition} ORDER BY service"
         )
         return {name: Made(*of) for name, *of in self.database.rows(sql, args)}
-
-
-def _with_images(services: Mapping[str, Made], before: Mapping[str, Made]) -> dict[str, Made]:
-    """The same image, by its reference, is taken for what it was found to be before, unless it was looked at."""
-    known = {made.image: made.image_id for made in before.values() if made.image_id}
-    return {n: replace(m, image_id=m.image_id or known.get(m.image, "")) for n, m in services.items()}
 
 
 def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:

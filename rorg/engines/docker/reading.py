@@ -47,5 +47,6 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
         pid=(state.get("Pid") or 0) if local else 0,
         health=(state.get("Health") or {}).get("Status", ""),
         stop_signal=data["Config"].get("StopSignal") or "",
+        image=data.get("Image") or "",
         **from_labels(labels),
     )
