@@ -374,7 +374,9 @@ def test_the_journal_replayed_is_what_the_engine_shows(robot):
 def test_a_pass_that_changes_nothing_writes_nothing(robot):
     robot.declare({"arm": {"always_on": True}, "camera": {}})
     robot.settle()
-    database = robot.loop.recorder.history
+    database, passes = robot.loop.recorder.history, robot.loop.passes
+    robot.loop.wake()
+    wait_for(lambda: robot.loop.passes > passes)  # what the last pass has found is written
     before, passes = database.changes, robot.loop.passes
     for _ in range(20):
         at = robot.loop.passes
@@ -399,7 +401,7 @@ def test_crashes_are_counted_and_back_off_goes_on_over_a_restart_of_rorg(robot):
     robot.kill("arm")
     robot.wait(lambda: robot.loop.memory.of("arm").crashes == 3)
     assert robot.loop.memory.of("arm").exits == 3
-    assert len([e for e in entries(robot.state.journal) if e["kind"] == "crashed"]) == said + 1 == 3
+    robot.wait(lambda: len([e for e in entries(robot.state.journal) if e["kind"] == "crashed"]) == said + 1 == 3)
 
 
 def test_lingering_goes_on_over_a_restart_of_rorg(robot):
