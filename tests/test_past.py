@@ -16,6 +16,7 @@ from test_thin_commands import rorg
 from rorg.daemon.past import load_at
 from rorg.daemon.tree import Tree
 from rorg.errors import Invalid, Unreachable
+from rorg.history.revisions import Revisions
 from rorg.host import contents
 from rorg.images.records import Records
 from rorg.images.references import References
@@ -301,3 +302,27 @@ def test_two_states_are_compared_service_by_service_without_an_engine(robot):
     assert rorg(robot, "diff", "HEAD..HEAD").stdout == "No differences.\n"
     assert rorg(robot, "diff", "first..", "--service", "spare").stdout == "No differences.\n"
     assert "git diff" in rorg(robot, "diff", "first..", "-u", code=2).stderr
+
+
+def test_a_revision_is_named_by_its_number_as_well(robot):
+    """The one of manifests that were never committed is not there for git."""
+    Path("allowed").touch()
+    robot.history.git("checkout", "--quiet", "--force", "second")
+    number = newest(robot, lambda revision: not revision.dirty)
+    write_tree(robot.tree, services("63"))
+    dirty = newest(robot, lambda revision: revision.dirty)
+    robot.settle()
+    for running in (True, False):
+        if not running:
+            robot.stop()
+        assert rorg(robot, "diff", number, code=1).stdout == rorg(robot, "diff", "second", code=1).stdout
+        assert "not all committed" in rorg(robot, "diff", dirty, code=2).stderr
+    lines = (f"first..{number}", "first..second")
+    assert len({rorg(robot, "diff", line, code=1).stdout for line in lines}) == 1
+
+
+def newest(robot, condition) -> str:
+    """The number of the newest revision, once it is one of this kind."""
+    revisions = Revisions(robot.loop.recorder.history)
+    robot.wait(lambda: condition(revisions.last()))
+    return str(revisions.last().number)
