@@ -54,7 +54,6 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
     from rorg.store.journal import Journal
 
     local = Local(context)
-    found: list[dict[str, Any]] = json.loads(
-        json.dumps(describe(local.looked, service, Journal(context.state.journal), context.engine))
-    )
+    text = json.dumps(describe(local.looked, service, Journal(context.state.journal), context.engine))
+    found: list[dict[str, Any]] = json.loads(context.masker.json(text))
     return found

@@ -10,7 +10,7 @@ from rorg_client import Error as ClientError
 
 from rorg.cli.context import Context, bad_requests
 from rorg.cli.output import note
-from rorg.cli.terminal import printable
+from rorg.cli.terminal import hide, printable
 from rorg.errors import Invalid
 
 
@@ -122,6 +122,7 @@ def _computed(context: Context, unified: bool) -> Differences:
         what = f"read manifests in {context.directory}"
         raise Invalid(what, "no such directory", "the directory that holds services/")
     tree = make_tree(context.root, context.state, context.engine_name)
+    hide(tree.masker)
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)

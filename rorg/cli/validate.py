@@ -35,10 +35,15 @@ def command(
 def _read(root: Path, engine: str, output: str) -> None:
     """By the files of a directory."""
     from rorg.cli.output import note
+    from rorg.cli.terminal import hide
+    from rorg.core.masking import Masker
     from rorg.manifest.load import load
     from rorg.model.units import counted
 
     loaded = load(root, engine=engine)
+    masker = Masker()
+    masker.learn(loaded.read)
+    hide(masker)
     _tell([d.as_json() for d in loaded.diagnostics], output)
     if loaded.catalog is None:
         _refuse(len(loaded.errors))

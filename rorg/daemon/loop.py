@@ -50,6 +50,7 @@ class Loop:
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
         self.memory = replace(restore(read_json(self.state.status)), kept=read_kept(self.state.path))
+        self.tree.masker.learn(self.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Where the Policy says nothing."""
         self.passes = 0

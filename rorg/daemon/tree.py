@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.core.desired import Desired, desire
+from rorg.core.masking import Masker
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
 from rorg.host.git import checkout_under_way, git_dir, revision
@@ -49,6 +50,8 @@ class Tree:
     ) -> None:
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.references = references
+        self.masker = Masker()
+        """Knows the secrets of all that was read, refused trees included."""
         self.images = Content()
         """Of the last good tree."""
         self._catalog: Catalog | None = None
@@ -191,6 +194,7 @@ class Tree:
         return stamps[-1], loaded
 
     def _take(self, loaded: Loaded) -> None:
+        self.masker.learn(loaded.read)
         loaded, desired, images = self._desired(loaded)
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")

@@ -54,8 +54,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
     wakes = Wakes()
-    recorder = Recorder(state, say, wall_clock, clock, engine)
-    publisher = Publisher(state, clock, about, recorder.tell)
+    recorder = Recorder(state, say, wall_clock, clock, engine, tree.masker)
+    publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     stopping = threading.Event()
     prober = Prober(
