@@ -50,7 +50,7 @@ def tree(root, word: str = WORD, **more: dict):
             "ready": {"exec": ["sh", "-c", 'echo "no map for $KEY, $MAP_KEY"; exit 1'], "timeout": "1s"},
         },
         "web": {**key, "always_on": True, "ready": {"http": f"http://127.0.0.1:9/{word}", "timeout": "1s"}},
-        "none": {**key, "always_on": True, "command": [f"/nowhere/{word}"]},
+        "none": {**key, "always_on": True, "container": {**key["container"], "runtime": word}},
         **more,
     }
     return write_tree(root, services)
@@ -154,7 +154,7 @@ def test_no_secret_is_in_any_output_answer_or_file(shell):
     tree(shell.tree)
     shell.run()
     wait_for(lambda: "no map for" in shell("describe", "map"))
-    wait_for(lambda: f'exec: "/nowhere/{MASK}"' in shell("events", "--tail", "999") or shell.engine == "process")
+    wait_for(lambda: f"runtime specified {MASK}" in shell("events", "--tail", "999") or shell.engine == "process")
     shell("suspend", "--for", "10m")
     tree(shell.tree, NEXT)
     wait_for(lambda: "environment.KEY changed" in shell("diff"))

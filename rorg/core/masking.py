@@ -25,8 +25,8 @@ _WORD = re.compile(
 """Words that programs read in what rorg answers: no secret, whoever has one of them for a value."""
 _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
 """A secret as it stands in the record of a container: two that are equal look equal, and none can be read."""
-MARKED = ("command", "entrypoint", "healthcheck", "labels")
-"""Options whose texts may quote a variable; nothing looks into those of a record."""
+READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
+"""Options of a container's record that rorg itself goes by: they stay as they are."""
 _NAME = r"[\w.-]*(?:passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key)[\w.-]*"
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SECRET_NAME = re.compile(_NAME, re.IGNORECASE)
@@ -180,7 +180,7 @@ def _said(catalog: Catalog) -> Iterable[str]:
 def marked(option: str, value: Any, values: Iterable[str]) -> Any:
     """An option as the record of a container has it: secrets in its texts are told apart, and cannot be read."""
     found = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
-    return _marked(value, found) if found and option in MARKED else value
+    return _marked(value, found) if found and option not in READ_BACK else value
 
 
 def _marked(value: Any, found: list[tuple[str, str]]) -> Any:
