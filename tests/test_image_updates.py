@@ -3,7 +3,6 @@ the services replaced whose images are other ones, and the images of before used
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import time
@@ -14,6 +13,7 @@ import pytest
 import yaml
 from commands import rorg
 from conftest import BASE_IMAGE
+from histories import entries
 from image_trees import Heard
 from robots import RealRobot, write_tree
 
@@ -109,8 +109,11 @@ def ids(robot: RealRobot) -> dict[str, str]:
 
 def of_images(robot: RealRobot, outcome: str) -> list[str]:
     """Names of the images of which the journal tells this, in their order."""
-    events = [json.loads(line) for line in robot.state.journal.read_text().splitlines()]
-    return [e["image"].partition(":")[0] for e in events if e.get("image") and e.get("outcome") == outcome]
+    return [
+        e["image"].partition(":")[0]
+        for e in entries(robot.state.journal)
+        if e.get("image") and e.get("outcome") == outcome
+    ]
 
 
 def test_a_commit_brings_version_2_and_a_revert_version_1(robot):

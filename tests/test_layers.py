@@ -18,7 +18,21 @@ from rorg.model.live import LIVE
 sys.path.insert(0, str(TOP / "docs/explanation"))
 from import_graph import Import, files, module_of, read_imports, room_of
 
-ROOMS = ["cli", "api", "sim", "daemon", "images", "probes", "engines", "host", "store", "manifest", "core", "model"]
+ROOMS = [
+    "cli",
+    "api",
+    "sim",
+    "daemon",
+    "images",
+    "probes",
+    "engines",
+    "history",
+    "host",
+    "store",
+    "manifest",
+    "core",
+    "model",
+]
 """A room imports only itself and rooms after it."""
 SIBLINGS = {"manifest": "core", "core": "manifest"}
 """Neither imports the other."""
@@ -34,6 +48,7 @@ DIRECT: dict[str, set[str]] = {
     "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),
     "engines": {"docker"},
+    "history": set(),
     "host": {"psutil", "watchfiles"},
     "store": {"yaml"},
     "manifest": {"pydantic", "re2", "yaml"},

@@ -19,7 +19,6 @@ import rorg.api.limits
 import rorg.host.git
 from rorg.client import AsyncClient, Client, Error, Invalid, Refused, Unreachable
 from rorg.errors import Busy
-from rorg.store.journal import Journal
 
 TREE = {"alpha": {"may_request": ["camera"]}, "beta": {"may_request": ["camera"]}, "camera": {}, "lidar": {}}
 
@@ -345,16 +344,6 @@ def test_a_follower_misses_nothing_over_a_restart_though_it_has_seen_nothing_yet
     with robot.client(patience=10).request("camera", wait=20):
         last = robot.loop.recorder.journal.last
         wait_for(lambda: [e["seq"] for e in seen][: last - at] == list(range(at + 1, last + 1)))
-
-
-def test_half_a_line_in_the_journal_costs_no_other(tmp_path):
-    path = tmp_path / "journal.jsonl"
-    Journal(path).append("now", "one", "first")
-    path.write_text(path.read_text() + '{"seq": 2, "at"')
-    again = Journal(path)
-    again.append("now", "two", "second")
-    again.append("now", "three", "third")
-    assert [e["kind"] for e in Journal(path).since(0)] == ["one", "two", "three"]
 
 
 def test_a_child_does_not_read_its_parents_answers(robot):

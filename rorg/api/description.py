@@ -16,7 +16,7 @@ from rorg.api.operations import Operations
 from rorg.core.observed import Container
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
-from rorg.store.journal import Journal
+from rorg.history.journal import Filter, Journal
 
 MOST = 10
 """Events, and lines of a log."""
@@ -27,15 +27,18 @@ LONGEST = 1000
 def describe(current: Current, name: str, journal: Journal, engine: Callable[[], Engine]) -> list[dict[str, Any]]:
     """A service, or each of a group. Asks the engine for the last lines of logs. Raises Missing."""
     names = (name,) if name in current.statuses else current.members(name)
-    entries = journal.since(0)
     return [
         {
             **declared(current, n),
-            "events": [f"{e['at']} {e['message']}" for e in entries if e.get("service") == n][-MOST:],
+            "events": [f"{e['at']} {e['message']}" for e in _events(journal, n)],
             "log": _log(current.decision.situation.observed.by_service().get(n, []), engine),
         }
         for n in names
     ]
+
+
+def _events(journal: Journal, service: str) -> list[dict[str, Any]]:
+    return journal.select(Filter(services=frozenset({service})), MOST, newest=True)
 
 
 def declared(current: Current, name: str) -> dict[str, Any]:

@@ -3,8 +3,10 @@ the middle of it leaves nothing half: the next rorg finishes the change, or undo
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 import stat
 import time
 from dataclasses import asdict, dataclass
@@ -77,14 +79,22 @@ def _noted(note: Path) -> tuple[ManifestChange | None, float]:
 
 
 def _write(path: Path, text: str) -> None:
-    """What was there keeps its owner and its mode; what is new, everybody may read."""
-    make_directory(path.parent, 0o755)
+    """What was there keeps its owner and its mode; what is new is of whose folder it goes into, and everybody may read
+    it."""
+    if not path.parent.is_dir():
+        make_directory(path.parent, 0o755)
+        with contextlib.suppress(PermissionError):
+            os.chown(path.parent, *_owner(path.parent.parent.stat()))
     try:
         before = path.stat()
     except OSError:
-        write_atomic(path, text, mode=0o644)
+        write_atomic(path, text, mode=0o644, owner=_owner(path.parent.stat()))
     else:
-        write_atomic(path, text, mode=stat.S_IMODE(before.st_mode), owner=(before.st_uid, before.st_gid))
+        write_atomic(path, text, mode=stat.S_IMODE(before.st_mode), owner=_owner(before))
+
+
+def _owner(found: os.stat_result) -> tuple[int, int]:
+    return found.st_uid, found.st_gid
 
 
 def digest(content: bytes) -> str:

@@ -51,9 +51,11 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
 
     from rorg.api.description import describe
     from rorg.cli.alone import Local
-    from rorg.store.journal import Journal
+    from rorg.history.database import reading
+    from rorg.history.journal import Journal
 
     local = Local(context)
-    text = json.dumps(describe(local.looked, service, Journal(context.state.journal), context.engine))
-    found: list[dict[str, Any]] = json.loads(context.masker.json(text))
+    with reading(context.state.journal) as database:
+        described = describe(local.looked, service, Journal(database), context.engine)
+    found: list[dict[str, Any]] = json.loads(context.masker.json(json.dumps(described)))
     return found

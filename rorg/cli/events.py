@@ -8,7 +8,7 @@ from rorg.cli.options import Option, Output, StateDirectory
 from rorg.cli.output import echo
 
 if TYPE_CHECKING:
-    from rorg.store.journal import Journal
+    from rorg.cli.context import Context
 
 
 def command(
@@ -24,13 +24,12 @@ def command(
     """
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, end_with_reader
-    from rorg.store.journal import Journal
 
     check_form(output)
     context = Context(state_dir, None)
     needed = follow or not context.state.readable
     client = context.serving("follow events" if follow else "read events") if needed else context.client()
-    found = client.events(follow=follow, tail=tail) if client else iter(_last(Journal(context.state.journal), tail))
+    found = client.events(follow=follow, tail=tail) if client else iter(_last(context, tail))
     if follow:
         end_with_reader()
     for event in found:
@@ -55,5 +54,9 @@ def _text(event: Any, output: str) -> str:
     return entry(f"{at}{more}  ", event["message"])
 
 
-def _last(journal: Journal, tail: int) -> list[dict[str, Any]]:
-    return journal.since(max(0, journal.last - tail))
+def _last(context: Context, tail: int) -> list[dict[str, Any]]:
+    from rorg.history.database import reading
+    from rorg.history.journal import Filter, Journal
+
+    with reading(context.state.journal) as database:
+        return Journal(database).select(Filter(), tail, newest=True)

@@ -58,8 +58,8 @@ def command(
     output: Output = "table",
     watch: Annotated[bool, Option(names=("-w", "--watch"), help="Keep showing changes.")] = False,
 ) -> None:
-    """List services with their state, or groups, images, profiles, policies, requests. RESTARTS counts unexpected exits
-    since rorg started; AGE counts from the last start.
+    """List services with their state, or groups, images, profiles, policies, requests. RESTARTS counts unexpected
+    exits; AGE counts from the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """

@@ -13,12 +13,17 @@ from rorg.core.desired import Desired, desire
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
+from rorg.daemon.outliving import remembered
 from rorg.daemon.snapshot import restore, snapshot
 from rorg.engines.protocol import Engine
 from rorg.errors import Unreachable
+from rorg.history.database import reading
+from rorg.history.runs import Runs
+from rorg.host.clock import booted_at
 from rorg.host.contents import Contents
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog
+from rorg.model.units import parse_time
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
 from rorg.store.requests_document import RequestsDocument
@@ -37,7 +42,6 @@ class Place(Protocol):
     def catalog(self) -> Catalog: ...
     def document(self) -> RequestsDocument: ...
     def engine(self) -> Engine: ...
-    def last(self) -> dict[str, Any] | None: ...
     def published(self) -> dict[str, Any] | None: ...
 
 
@@ -66,11 +70,11 @@ def glance(place: Place, catalog: Catalog) -> Decision:
 
 def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
     """What a pass decides, with the memory of the last rorg unless another one is given."""
-    document, last = place.document(), place.last() or {}
+    document = place.document()
     if memory is None:
         # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
         running = place.published()
-        memory = restore(running, time.monotonic()) if running else restore(last)
+        memory = restore(running, time.monotonic()) if running else _remembered(place)
         memory = replace(memory, kept=read_kept(place.state.path))
     # An interlock is asked when something is done; a plan that is only shown does not wait for it.
     locked = [n for n, s in desired.catalog.services.items() if s.interlock]
@@ -90,6 +94,12 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             confirmed=document.removals,
         )
     )
+
+
+def _remembered(place: Place) -> Memory:
+    """What the last rorg would pass on to the next one."""
+    with reading(place.state.journal) as database:
+        return remembered(Runs(database).read(), 0.0, time.time(), parse_time(booted_at()))
 
 
 def _ready(place: Place, first: Decision, desired: Desired) -> Memory:

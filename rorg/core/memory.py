@@ -40,7 +40,7 @@ ProbeResults = Mapping[tuple[str, str], ProbeResult]
 class Attempt:
     """Of one verb of one service."""
 
-    signature: tuple[object, ...] = ()
+    signature: tuple[str, ...] = ()
     """The action, and what was observed when it was begun."""
     count: int = 0
     """How often that same action was begun with nothing observed to change."""
@@ -82,7 +82,7 @@ class Progress:
     hung: str = ""
     """The incarnation that did not answer its `live` probe any more."""
     crashes: int = 0
-    """Unexpected ends since rorg runs, hung incarnations included."""
+    """Unexpected ends since it is declared, hung incarnations included."""
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""

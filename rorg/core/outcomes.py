@@ -47,7 +47,7 @@ def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: fl
 
 
 def _begun(step: Progress, action: Action, containers: Sequence[Container]) -> Progress:
-    state = tuple((c.id, c.state, c.name, c.incarnation, canonical(c.live)) for c in containers)
+    state = canonical([(c.id, c.state, c.name, c.incarnation, c.live) for c in containers])
     signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
     before = step.attempts.get(action.verb, Attempt())
     count = before.count + 1 if signature == before.signature else 1

@@ -17,11 +17,10 @@ from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
-from rorg.daemon.snapshot import restore
 from rorg.model.catalog import Thresholds
+from rorg.model.units import parse_time
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
-from rorg.store.state_dir import read_json
 
 SOON = 0.05
 """Seconds until a tree that was being written is looked at again."""
@@ -49,7 +48,9 @@ class Loop:
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
-        self.memory = replace(restore(read_json(self.state.status)), kept=read_kept(self.state.path))
+        found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
+        self.recorder.begin(found)
+        self.memory = replace(found, kept=read_kept(self.state.path))
         self.tree.masker.learn(self.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Where the Policy says nothing."""
@@ -61,6 +62,11 @@ class Loop:
         self._down: tuple[Desired, Desired] | None = None
         """What is desired of a robot that is taken down, beside what its tree asks for."""
         self._stopping = False
+
+    @property
+    def epoch(self) -> float:
+        """The time of day at which the loop's clock was at 0."""
+        return self.wall() - self.clock()
 
     def wake(self) -> None:
         self.wakes.wake()
@@ -126,6 +132,7 @@ class Loop:
         self.prober.join(until - self.clock())
         self.observer.stop()
         self.publisher.flush()
+        self.recorder.history.close()
 
     @property
     def hung(self) -> int:
@@ -155,6 +162,7 @@ class Loop:
         self.prober.watch(decision.to_probe)
         if self.engine.local:  # who refuses connections on this machine is no node of another one
             self.ros.look(decision.situation)
+        self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()

@@ -12,16 +12,18 @@ from rorg.core.decide import Decision
 from rorg.core.digest import unreadable
 from rorg.core.losses import losses, ready_runs
 from rorg.core.masking import Masker
-from rorg.core.memory import Progress
+from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
+from rorg.daemon.history import Historian
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
+from rorg.history.database import Database
+from rorg.history.journal import Journal
 from rorg.model.diagnostics import nearest
 from rorg.model.units import counted, format_seconds
-from rorg.store.journal import Journal
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -44,7 +46,9 @@ class Recorder:
     ) -> None:
         self.masker = masker
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
-        self.journal = Journal(state.journal)
+        self.history = Database(state.journal, wall)
+        self.journal = Journal(self.history)
+        self.historian = Historian(self.history, wall, masker)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
@@ -53,6 +57,13 @@ class Recorder:
         self._observed: Observed | None = None
         """By the last pass."""
         self._lock = threading.Lock()
+
+    def begin(self, memory: Memory) -> None:
+        """What the last rorg has told of is not told again."""
+        self._progress = memory.progress
+        for name, step in memory.progress.items():
+            known = {"crashes": step.crashes, "stalled": step.stalled, "update": step.update.failed}
+            self._said.update({f"{word} {name}": value for word, value in known.items()})
 
     def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
         """`person`: a person did it."""
@@ -193,7 +204,7 @@ class Recorder:
         kind = "driver " if service and service.driver else ""
         self.event(
             "crashed",
-            f"{kind}{name} {step.error} (unexpected exit {step.crashes} since rorg started)",
+            f"{kind}{name} {step.error} (unexpected exit {step.crashes})",
             service=name,
             crashes=step.crashes,
         )

@@ -38,7 +38,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
     return {
         **_of_all(decision, about),
         "plan": decision.plan.as_json(),
-        "runs": {n: _run_json(p, situation.now) for n, p in decision.memory.progress.items()},
+        "runs": {n: run_json(p, situation.now) for n, p in decision.memory.progress.items()},
         "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
     }
 
@@ -93,7 +93,7 @@ class Snapshots:
             self._runs.pop(name)
         for name in changed_keys(self._progress, progress) | (self._timed & progress.keys()):
             step = progress[name]
-            self._runs[name] = f"{json.dumps(name)}: {json.dumps(_run_json(step, now))}"
+            self._runs[name] = f"{json.dumps(name)}: {json.dumps(run_json(step, now))}"
             (self._timed.add if any(t.at for t in step.attempts.values()) else self._timed.discard)(name)
         self._progress = progress
         return self._runs.values()
@@ -132,8 +132,8 @@ def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _run_json(step: Progress, now: float) -> dict[str, Any]:
-    """`attempts` are times of the machine's monotonic clock."""
+def run_json(step: Progress, now: float) -> dict[str, Any]:
+    """`attempts` are times of the machine's monotonic clock: those to come after `now`."""
     update = step.update
     more = {
         "edition": update.edition,

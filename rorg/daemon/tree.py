@@ -14,7 +14,7 @@ from rorg.core.desired import Desired, desire
 from rorg.core.masking import Masker
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
-from rorg.host.git import checkout_under_way, git_dir, revision
+from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp
 from rorg.images.references import Content, References
 from rorg.manifest.documents import manifest_files, stray_files, unexpected
 from rorg.manifest.inputs import Inputs
@@ -61,7 +61,8 @@ class Tree:
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
-        self._revision: str | None = None
+        self._commit: tuple[object, Commit | None] | None = None
+        """How the repository's head was when git was asked, and what it said."""
         self.loaded = False
         """Whether any tree has been good yet."""
         self._inputs = Inputs()
@@ -85,11 +86,18 @@ class Tree:
         return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
 
     @property
+    def commit(self) -> Commit | None:
+        """What git says of it; asked again when it was read anew, or the repository's head is another one."""
+        stamp = (self._stamp, head_stamp(self._git))
+        if self._commit is None or self._commit[0] != stamp:
+            self._commit = stamp, head(self.root) if self._git else None
+        return self._commit[1]
+
+    @property
     def revision(self) -> str:
-        """What git calls it."""
-        if self._revision is None:
-            self._revision = revision(self.root) if self.loaded else ""
-        return self._revision
+        """What git calls it: the short commit, with `+` where files differ from it."""
+        commit = self.commit if self.loaded else None
+        return commit.commit[:7] + "+" * commit.dirty if commit else ""
 
     @property
     def busy(self) -> bool:
@@ -201,7 +209,6 @@ class Tree:
         if desired is not None:
             self._catalog = loaded.catalog
             self.desired, self.images, self.loaded = desired, images, True
-            self._revision = None
 
     def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None, Content]:
         """What a tree asks for, and from which images; None, with the reason, where it has errors, or where nobody

@@ -23,6 +23,8 @@ from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Images
+from rorg.history.maintenance import Maintenance
+from rorg.history.retention import Retention
 from rorg.host.clock import booted_at, wall_clock
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
@@ -69,7 +71,17 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    threads: tuple[Thread, ...] = (*([images] if images else []), prober, sampler, ros, watcher, notified, observer)
+    maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
+    threads: tuple[Thread, ...] = (
+        maintenance,
+        *([images] if images else []),
+        prober,
+        sampler,
+        ros,
+        watcher,
+        notified,
+        observer,
+    )
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -90,6 +102,11 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     )
     loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _retention(tree: Tree) -> Retention:
+    history = tree.desired.catalog.policy.history
+    return Retention(days=history.days, events=history.events, revisions=history.revisions)
 
 
 def _image_manager(

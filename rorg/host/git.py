@@ -3,50 +3,48 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
-from rorg.host.commands import Exceeded, Output, end, listen
+from rorg.host.git_process import PATIENCE, owner_of, repository, run_git
+from rorg.model.units import stamp
 
-PATIENCE = 5.0
-"""Seconds for a question to git."""
 COMMIT_PATIENCE = 60.0
 """Seconds for a commit: a hook may run."""
 STALE = 600.0
 """Seconds after which index.lock is one that a killed git left behind."""
 AGAIN = 0.1
 """Seconds between two looks at a lock."""
-SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
-"""Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
+LONGEST = 200
+"""Characters of what is told of a commit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Commit:
+    """What git says of the state of a tree."""
+
+    commit: str
+    """Its whole hash."""
+    author: str
+    """Who wrote it, by name."""
+    subject: str
+    """The first line of its message."""
+    at: str
+    """When it was committed: ISO 8601, UTC."""
+    dirty: bool
+    """Whether files of the tree differ from it."""
 
 
 def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:
-    """What it says; None when it says no, too much, or nothing in time. It is ended by SIGTERM, upon which it takes its
-    locks away, and with it what it runs. `home`: of the person whose configuration counts; nobody's without."""
-    try:
-        process = subprocess.Popen(
-            ["git", *SAFE, "-C", str(directory), *args],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            umask=0o022,  # what it writes is for whoever could read the tree before
-            env={"PATH": "/usr/local/bin:/usr/bin:/bin", "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"}
-            | ({"HOME": home} if home else {}),
-            start_new_session=True,
-        )
-    except OSError:
-        return None
-    output = Output(patience)
-    try:
-        code = listen(process, output)
-        return output.text().decode(errors="replace").strip() if code == 0 else None
-    except Exceeded:
-        end(process, signal.SIGTERM)
-        return None
+    """What it says; None when it says no, too much, or nothing in time. It runs as whose repository it is. `home`: of
+    the person whose configuration counts."""
+    found = repository(directory)
+    owner = owner_of(found) if found and not home else None
+    said = run_git(["-C", str(directory), *args], owner, patience, {"HOME": home} if home else None)
+    return said.text if said.yes else None
 
 
 def identity(home: str) -> dict[str, str]:
@@ -71,6 +69,31 @@ def revision(directory: Path) -> str:
     if not commit:
         return ""
     return commit + ("+" if _git(directory, "status", "--porcelain", "--", str(directory)) else "")
+
+
+def head(directory: Path) -> Commit | None:
+    """The commit that a tree is at; None outside of a repository, before its first commit, and where git refuses."""
+    words = ("log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%H%n%ct%n%an%n%s%n.")
+    lines = (_git(directory, *words) or "").split("\n")
+    if len(lines) != 5:
+        return None
+    commit, seconds, author, subject, _ = lines
+    try:
+        at = stamp(int(seconds))
+    except (OverflowError, ValueError, OSError):  # git takes any number
+        at = ""
+    dirty = bool(_git(directory, "status", "--porcelain", "--", str(directory)))
+    return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
+
+
+def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
+    """Changes when another commit is checked out, or made, in the repository's folder `git`."""
+    found = []
+    for name in ("HEAD", "logs/HEAD"):
+        with contextlib.suppress(OSError):
+            stat = (git / name).stat() if git else None
+            found += [(stat.st_mtime_ns, stat.st_size)] if stat else []
+    return tuple(found)
 
 
 def checkout_under_way(git: Path | None) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Budget, ImagePolicy, Policy, Request, Thresholds
+from rorg.model.catalog import Budget, HistoryPolicy, ImagePolicy, Policy, Request, Thresholds
 from rorg.model.diagnostics import Diagnostic, nearest
 
 
@@ -22,6 +22,7 @@ def policy_of(spec: Any) -> Policy:
         spec.purge_ros,
         spec.removals,
         ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
+        HistoryPolicy(**spec.history.model_dump()) if spec.history else HistoryPolicy(),
     )
 
 

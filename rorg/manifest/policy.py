@@ -112,6 +112,16 @@ class Images(Strict):
     )
 
 
+class History(Strict):
+    """How much of what happened is kept."""
+
+    days: Annotated[float, Field(strict=False, ge=1, le=36_500)] = field("For how many days.", 90, 400.0)
+    events: Annotated[int, Field(ge=1000, le=1_000_000)] = field(
+        "How many entries of the journal, beside those of what people did, of which 20000 are kept.", 20_000, 100_000
+    )
+    revisions: Annotated[int, Field(ge=10, le=100_000)] = field("How many states of the manifests.", 200, 1000)
+
+
 class PolicySpec(Strict):
     """Settings of the loop, for the whole machine."""
 
@@ -138,6 +148,7 @@ class PolicySpec(Strict):
         "When images are had, when a new one comes into use, and how many are kept.",
         {"pull": "never", "update": "when_ceased"},
     )
+    history: History | None = field("How much of what happened is kept.", {"days": 90})
     removals: Literal["ask", "auto"] = field(
         "What happens to a service that is no longer declared though a request, a need or a group names it: it "
         "stays until a person has confirmed its removal, or it is removed.",

@@ -242,6 +242,16 @@ class ImagePolicy:
 
 
 @dataclass(frozen=True, slots=True)
+class HistoryPolicy:
+    """How much of what happened is kept."""
+
+    days: float = 400.0
+    events: int = 100_000
+    """Entries of the journal that are not about what people did."""
+    revisions: int = 1000
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     """What is said of the whole machine."""
 
@@ -257,6 +267,7 @@ class Policy:
     removals: str = "ask"
     """ask or auto."""
     images: ImagePolicy = ImagePolicy()
+    history: HistoryPolicy = HistoryPolicy()
 
 
 @dataclass(frozen=True, slots=True)

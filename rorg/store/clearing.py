@@ -42,7 +42,7 @@ def clear(state: StateDir) -> None:
             state.requests.unlink(missing_ok=True)
         known = {"instance"} if state.homes.exists() else set()  # containers to develop in carry it, and may be there
         gone = (*FILES, *(name for name in LAST if name not in known))
-        for path in (*state.path.glob("journal.*jsonl"), *(state.path / name for name in gone)):
+        for path in (*state.path.glob("journal.*"), *(state.path / name for name in gone)):
             path.unlink(missing_ok=True)
     for directory in (state.run, state.path):
         with contextlib.suppress(OSError):  # of the machine's, or somebody else's

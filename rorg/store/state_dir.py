@@ -58,7 +58,7 @@ class StateDir:
 
     @property
     def journal(self) -> Path:
-        return self.path / "journal.jsonl"
+        return self.path / "journal.db"
 
     @property
     def manifest_change(self) -> Path:

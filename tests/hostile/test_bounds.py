@@ -11,7 +11,7 @@ from conftest import wait_for
 from robots import RealRobot
 
 from rorg.client import Error, Forbidden
-from rorg.store.journal import Journal
+from rorg.history.retention import Retention
 
 ALPHA = {"always_on": True, "priority": 40, "may_request": ["camera", "lidar"]}
 BRIDGE = {"always_on": True, "may_act_for": ["alpha"]}
@@ -145,8 +145,9 @@ def test_a_typing_error_in_its_name_takes_no_service_its_socket(robot):
 
 
 def test_a_service_that_floods_the_journal_pushes_out_no_line_of_people(robot, monkeypatch):
-    monkeypatch.setattr("rorg.store.journal.MOST", 4000)
-    monkeypatch.setattr("rorg.store.journal.RECENT", 20)
+    monkeypatch.setattr("rorg.history.journal.RECENT", 20)
+    monkeypatch.setattr("rorg.history.maintenance.TRIM", 1)
+    monkeypatch.setattr("rorg.daemon.wiring._retention", lambda _: Retention(events=60))
     robot.stop()
     robot.start()
     person, own = robot.client(patience=10), robot.client("alpha", patience=10)
@@ -155,6 +156,7 @@ def test_a_service_that_floods_the_journal_pushes_out_no_line_of_people(robot, m
     for number in range(60):
         own.call("PUT", "/v1/requests/x", {"services": ["camera"], "reason": f"{number}" + "x" * 400, "ttl": "10s"})
         own.call("DELETE", "/v1/requests/x")
+    wait_for(lambda: len(list(person.events(cursor=0))) < 70)
     found = list(person.events(cursor=0))
     assert [e["kind"] for e in found if e.get("author") == "root"] == ["request", "hold"]
     assert [e["seq"] for e in found] == sorted(e["seq"] for e in found)
@@ -163,12 +165,3 @@ def test_a_service_that_floods_the_journal_pushes_out_no_line_of_people(robot, m
     robot.stop()
     robot.start()
     assert [e for e in robot.client(patience=10).events(cursor=0) if e["seq"] <= found[-1]["seq"]] == found
-
-
-def test_half_a_line_in_either_file_of_the_journal_costs_no_other(tmp_path):
-    path = tmp_path / "journal.jsonl"
-    for number in range(6):
-        Journal(path).append("now", "told", f"{number}", person=number % 2 == 1)
-        for file in tmp_path.iterdir():
-            file.write_text(file.read_text() + '{"seq": 9, "at"')
-    assert [(e["seq"], e["message"]) for e in Journal(path).since(0)] == [(n + 1, f"{n}") for n in range(6)]

@@ -18,6 +18,7 @@ import psutil
 import pytest
 from conftest import free_port, wait_for
 from floods import FLOODS, answer, asking, connect, flood, flooding
+from histories import owned, write_many
 from robots import RealRobot
 from rorg_process import RorgProcess
 from test_deployment import certificate
@@ -31,7 +32,6 @@ from rorg.errors import TooMany
 from rorg.model.catalog import Catalog, Request, Service
 from rorg.store import requests_limits
 from rorg.store.committer import MOST_OF_ONE, Turns
-from rorg.store.journal import Journal
 
 FILES = 700
 """Descriptors of the rorg of these tests."""
@@ -53,10 +53,7 @@ class Robot(RorgProcess):
     def begin(self) -> Robot:
         (self.state).mkdir()
         message = "x" * 500
-        with (self.state / "journal.jsonl").open("w") as journal:
-            for seq in range(1, 12000):
-                entry = {"seq": seq, "at": "2026-01-01T00:00:00Z", "kind": "told", "message": message}
-                journal.write(json.dumps({**entry, "service": "alpha"}) + "\n")
+        write_many(self.state / "journal.db", 12_000, message=message, service="alpha")
         self.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES)))
         self.client(patience=60).wait("alpha", "beta", "gamma", timeout=60)
         return self
@@ -463,14 +460,12 @@ def test_many_unknown_names_cost_little():
 
 
 def test_a_line_of_a_long_journal_is_found_at_once(tmp_path):
-    path = tmp_path / "journal.jsonl"
-    lines = [json.dumps({"seq": n, "at": "now", "kind": "told", "message": "x" * 100}) for n in range(1, 20_001)]
-    lines[10_000] = '{"seq": 10001, "at"'
-    path.write_text("\n".join(lines) + "\n")
-    journal = Journal(path)
+    path = tmp_path / "journal.db"
+    write_many(path, 20_000, message="x" * 100)
+    journal = owned(path)
     began = time.thread_time()
     for after in range(0, 18_000, 1000):
-        assert [e["seq"] for e in journal.after(after, 3)][-1] == after + (4 if after == 10_000 else 3)
+        assert [e["seq"] for e in journal.after(after, 3)][-1] == after + 3
     assert time.thread_time() - began < 1.0
     assert journal.after(20_000, 3) == []
     assert [e["seq"] for e in journal.after(19_999, 3)] == [20_000]

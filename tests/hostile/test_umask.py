@@ -150,7 +150,7 @@ def use(robot: Robot) -> None:
 def files_are_private(robot: Robot) -> None:
     below = [robot.state, *robot.state.rglob("*")]
     assert {p.name for p in below} >= {
-        "journal.jsonl",
+        "journal.db",
         "requests.yaml",
         "status.json",
         "instance",

@@ -1,0 +1,160 @@
+"""What of every pass goes into the history: revisions with their standing, what outlives the loop, and what
+meta-services ask for. A pass that changes none of it writes nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from rorg.core.changes import changed_keys
+from rorg.core.decide import Decision
+from rorg.core.desired import Desired
+from rorg.core.digest import canonical, declared_fields
+from rorg.core.masking import Masker
+from rorg.core.memory import Memory, Progress
+from rorg.core.plan import Plan
+from rorg.core.situation import Situation
+from rorg.daemon.outliving import outliving, remembered
+from rorg.daemon.tree import Tree
+from rorg.history.asked import Asked
+from rorg.history.database import Database
+from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.runs import Runs
+from rorg.model.catalog import Catalog, Request
+
+
+class Historian:
+    """`wall` gives ISO 8601 in UTC. Nothing is written of what `masker` hides."""
+
+    def __init__(self, database: Database, wall: Callable[[], str], masker: Masker) -> None:
+        self.wall, self.masker = wall, masker
+        self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
+        self._revision: Revision | None = None
+        """The one in force."""
+        self._looked = False
+        """Whether it is known what was in force before this rorg began."""
+        self._refused: Revision | None = None
+        """The last state of the manifests that was refused, while they are."""
+        self._seen: tuple[object, ...] = ()
+        """Which tree the last pass was about."""
+        self._images: Mapping[str, str] = {}
+        self._progress: Mapping[str, Progress] = {}
+        self._stale: set[str] = set()
+        """Services of which the disk has not taken the newest."""
+        self._requests: tuple[Request, ...] | None = None
+
+    def remembered(self, now: float, epoch: float, booted_at: float) -> Memory:
+        """What the last rorg passed on to this one: see outliving.py."""
+        found = remembered(self.runs.read(), now, epoch, booted_at)
+        self._progress = found.progress
+        return found
+
+    def note(self, decision: Decision, memory: Memory, tree: Tree, epoch: float) -> None:
+        """After a pass. `memory` is what it passes on; `epoch`: the time of day at which the loop's clock was at 0."""
+        self._note_runs(memory.progress, epoch)
+        settled = decision.settled.requests
+        if settled is not self._requests:
+            self._requests = settled
+            self.asked.note(self.wall(), _of_meta(settled, decision.situation.desired.catalog))
+        if tree.errors:
+            self._refuse(tree)
+        elif tree.loaded and decision.situation.observed.complete:
+            self._refused = None
+            self._note_revision(decision, tree)
+
+    # -- what outlives the loop --------------------------------------------------------------------------------
+
+    def _note_runs(self, progress: Mapping[str, Progress], epoch: float) -> None:
+        gone = self._progress.keys() - progress.keys() if progress is not self._progress else set()
+        changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
+        self._progress = progress
+        if changed or gone:
+            texts = {name: self.masker.json(json.dumps(outliving(progress[name], epoch))) for name in changed}
+            self._stale = set() if self.runs.write(texts, gone) else changed
+
+    # -- revisions ---------------------------------------------------------------------------------------------
+
+    def _refuse(self, tree: Tree) -> None:
+        """Writes a refused tree down, once for each set of errors."""
+        errors, commit = tuple(self.masker.text(str(e)) for e in tree.errors), tree.commit
+        found = Revision(
+            number=0,
+            at=self.wall(),
+            fingerprint="",
+            commit=commit.commit if commit else "",
+            author=commit.author if commit else "",
+            subject=commit.subject if commit else "",
+            dirty=commit is not None and commit.dirty,
+            standing="refused",
+            reason=errors[0],
+            errors=errors,
+        )
+        last = self._refused or self.revisions.last()
+        if not (last and last.standing == "refused" and (last.errors, last.commit) == (errors, found.commit)):
+            last = self.revisions.begin(replace(found, settled_at=found.at))
+        self._refused = last
+
+    def _note_revision(self, decision: Decision, tree: Tree) -> None:
+        seen = (tree.desired, tree.commit)
+        if len(self._seen) != len(seen) or any(a is not b for a, b in zip(self._seen, seen, strict=True)):
+            self._seen = seen
+            self._begin(decision.plan, tree)
+        revision = self._revision
+        if revision is None or revision.standing == "failed":
+            return
+        code, reason = standing(decision.situation, decision.plan, revision.standing == "good")
+        if code != revision.standing:
+            self._revision = replace(revision, standing=code, reason=reason)
+            self.revisions.settle(revision.number, code, self.masker.text(reason), self.wall())
+
+    def _begin(self, plan: Plan, tree: Tree) -> None:
+        """Writes a state of the manifests down, unless it is the one in force."""
+        if not self._looked:
+            self._revision, self._looked = self.revisions.in_force(), True
+        last, commit = self._revision, tree.commit
+        found = Revision(
+            number=0,
+            at=self.wall(),
+            fingerprint=tree.desired.catalog.fingerprint,
+            commit=commit.commit if commit else "",
+            author=commit.author if commit else "",
+            subject=commit.subject if commit else "",
+            dirty=commit is not None and commit.dirty,
+            robot=getattr(tree, "robot", ""),
+        )
+        if last is None or _identity(last) != _identity(found):
+            services = made(tree.desired, last.services if last else {}, self.masker)
+            self._revision = self.revisions.begin(replace(found, plan=self.masker.text(plan.text()), services=services))
+
+
+def _identity(revision: Revision) -> tuple[object, ...]:
+    return revision.fingerprint, revision.commit, revision.dirty, revision.robot
+
+
+def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[str, Made]:
+    """What each service with a container is made from. `before`: as it was found for the revision before."""
+    found = {}
+    for name, service in desired.catalog.services.items():
+        if service.spec is None:
+            continue
+        digest, known = desired.digests[name], before.get(name)
+        if known is not None and (known.digest, known.edition) == (digest, desired.editions[name]):
+            found[name] = known
+            continue
+        declared = masker.json(canonical(declared_fields(service.spec, service.secrets)))
+        found[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
+    return found
+
+
+def standing(situation: Situation, plan: Plan, good: bool) -> tuple[str, str]:
+    """How a state of the manifests has done so far: its standing, and the reason."""
+    if good:
+        return "good", ""
+    doing = bool(situation.memory.in_flight or plan.actions or any(w.goes_on for w in plan.waitings))
+    return ("applying", "something is to be done") if doing else ("good", "")
+
+
+def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:
+    services = catalog.services
+    return [r for r in requests if r.requester in services and services[r.requester].meta and not r.standing]

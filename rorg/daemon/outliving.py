@@ -1,0 +1,82 @@
+"""What of the loop's memory outlives it, as JSON of one service. Times are those of the day, seconds since the epoch:
+the clock that the loop goes by begins anew with every boot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from rorg.core.backoff import CAP
+from rorg.core.memory import Attempt, Memory, Progress
+from rorg.daemon.snapshot import restore, run_json
+
+TIMES = ("unwanted_since", "ceased_since")
+NEVER = float("inf")
+
+
+def outliving(step: Progress, epoch: float) -> dict[str, Any]:
+    """What is to be kept of a service; `epoch` is the time of day at which the loop's clock was at 0. What is missing
+    on this machine may be there when the next rorg looks: that is not kept."""
+    times = {name: round(at + epoch, 3) for name in TIMES if (at := getattr(step, name)) is not None}
+    attempts = {
+        verb: [list(map(str, t.signature)), t.count, round(t.at + epoch, 3) if t.at else 0.0, t.error]
+        for verb, t in step.attempts.items()
+        if not t.missing
+    }
+    more = {
+        "crashes": step.crashes,
+        "exits": step.exits,
+        "exited": step.exited,
+        "hung": step.hung,
+        "said": step.error,
+        "tries": attempts,
+    }
+    return {**run_json(step, NEVER), **times, **{key: value for key, value in more.items() if value}}
+
+
+def remembered(runs: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Memory:
+    """The memory that a loop begins with. `now` is its clock, `epoch` as above, `booted_at` the time of day at which
+    the machine was booted. A time that is still to come is taken for now, since the clock was set meanwhile; a boot
+    begins every back-off anew. What is not as it should be is passed over."""
+    progress = restore({"runs": runs}).progress
+    return Memory({n: _with_times(step, runs[n], now, epoch, booted_at) for n, step in progress.items()})
+
+
+def _with_times(step: Progress, known: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Progress:
+    step = replace(
+        step,
+        crashes=_count(known.get("crashes")),
+        exited=_text(known.get("exited")),
+        hung=_text(known.get("hung")),
+        unwanted_since=_past(known.get("unwanted_since"), now, epoch),
+        ceased_since=_past(known.get("ceased_since"), now, epoch),
+    )
+    tries = _tries(known.get("tries"), now, epoch)
+    if any(t.at + epoch < booted_at for t in tries.values() if t.at) or not (tries or known.get("exits")):
+        return step
+    return replace(step, exits=_count(known.get("exits")), error=_text(known.get("said")), attempts=tries)
+
+
+def _past(at: Any, now: float, epoch: float) -> float | None:
+    return min(now, float(at) - epoch) if isinstance(at, int | float) else None
+
+
+def _tries(known: Any, now: float, epoch: float) -> dict[str, Attempt]:
+    found = {}
+    for verb, said in known.items() if isinstance(known, Mapping) else ():
+        if not (isinstance(said, list) and len(said) == 4 and isinstance(said[2], int | float)):
+            continue
+        signature, count, at, error = said
+        if isinstance(signature, list):
+            due = min(now + CAP, float(at) - epoch) if at else 0.0
+            found[str(verb)] = Attempt(tuple(map(_text, signature)), _count(count), due, _text(error))
+    return found
+
+
+def _count(value: Any) -> int:
+    return value if type(value) is int and value >= 0 else 0
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""

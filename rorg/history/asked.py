@@ -1,0 +1,66 @@
+"""What meta-services asked for, as it was from one time to the next. Requests of other services are theirs to make."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable
+from typing import Any
+
+from rorg.history.database import Database
+from rorg.model.catalog import Request
+
+NEWEST = "SELECT content, text FROM asked JOIN asked_text USING (content) WHERE at <= ? ORDER BY number DESC LIMIT 1"
+ANY = "~"
+"""Later than any time, as text."""
+
+
+class Asked:
+    """The table of requests, written by the owner of the file, from one thread."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._last: str | None = None
+        """The text that was written last."""
+
+    def note(self, at: str, requests: Iterable[Request]) -> None:
+        """These are what meta-services ask for from now on (ISO 8601 in UTC)."""
+        text = json.dumps([_said(request) for request in requests])
+        if self._last is None:
+            self._last = next((found for _, found in self.database.rows(NEWEST, (ANY,))), "[]")
+        if text == self._last:
+            return
+        self._last, content = text, hashlib.sha256(text.encode()).hexdigest()[:32]
+
+        def change(connection: sqlite3.Connection) -> None:
+            connection.execute("INSERT OR IGNORE INTO asked_text (content, text) VALUES (?, ?)", (content, text))
+            connection.execute("INSERT INTO asked (at, content) VALUES (?, ?)", (at, content))
+
+        self.database.write(change)
+
+    def at(self, time: str) -> tuple[Request, ...]:
+        """What they asked for at a time."""
+        for _, text in self.database.rows(NEWEST, (time,)):
+            try:
+                return tuple(_request(said) for said in json.loads(text))
+            except (ValueError, TypeError, LookupError, RecursionError):
+                break
+        return ()
+
+
+def _said(request: Request) -> list[Any]:
+    """But when it was renewed last: that is no other request."""
+    return [request.requester, request.id, request.services, request.reason, request.priority, request.ttl]
+
+
+def _request(said: list[Any]) -> Request:
+    requester, id, services, reason, priority, ttl = said
+    return Request(
+        id=str(id),
+        requester=str(requester),
+        services=tuple(map(str, services)),
+        reason=str(reason),
+        priority=None if priority is None else int(priority),
+        ttl=None if ttl is None else float(ttl),
+    )

@@ -1,0 +1,175 @@
+"""The journal: an entry for everything that happened, numbered."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rorg.history.asked import Asked
+from rorg.history.database import Database
+from rorg.model.catalog import Request
+
+RECENT = 2000
+"""Entries kept in memory, for those who follow, and while the disk refuses them."""
+ALL = 1 << 62
+COLUMNS = "seq, at, kind, message, more"
+NAMING = ("services", "shed")
+"""What of an entry names services, beside `service`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Which entries are meant: those that are like each of these that is not empty. Times are ISO 8601 in UTC."""
+
+    kinds: frozenset[str] = frozenset()
+    services: frozenset[str] = frozenset()
+    """An entry about any of these."""
+    since: str = ""
+    until: str = ""
+    text: str = ""
+    """Part of its message; letters of either case."""
+    after: int = 0
+    """Its number is greater."""
+
+    def matches(self, entry: dict[str, Any]) -> bool:
+        """The same of an entry that is at hand."""
+        return (
+            entry["seq"] > self.after
+            and (not self.kinds or entry["kind"] in self.kinds)
+            and (not self.services or bool(self.services & set(named(entry))))
+            and (not self.since or entry["at"] >= self.since)
+            and (not self.until or entry["at"] <= self.until)
+            and self.text.lower() in entry["message"].lower()
+        )
+
+    def condition(self) -> tuple[str, list[Any]]:
+        """The same for SQL: a condition over the table `entry`, and its arguments."""
+        parts: list[tuple[str, list[Any]]] = [("seq > ?", [self.after])]
+        if self.kinds:
+            parts.append((f"kind IN ({_marks(self.kinds)})", sorted(self.kinds)))
+        if self.services:
+            about = f"seq IN (SELECT seq FROM about WHERE service IN ({_marks(self.services)}))"
+            parts.append((about, sorted(self.services)))
+        if self.since:
+            parts.append(("at >= ?", [self.since]))
+        if self.until:
+            parts.append(("at <= ?", [self.until]))
+        if self.text:
+            escaped = "".join("\\" + c if c in "%_\\" else c for c in self.text)
+            parts.append(("message LIKE ? ESCAPE '\\'", [f"%{escaped}%"]))
+        return " AND ".join(sql for sql, _ in parts), [value for _, values in parts for value in values]
+
+
+class Journal:
+    """`seq` numbers entries without a gap as long as they are kept, across restarts of rorg."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._lock = threading.Lock()
+        self._recent: deque[dict[str, Any]] = deque(maxlen=RECENT)
+        self._seq: int = next((seq for (seq,) in database.rows("SELECT max(seq) FROM entry")), 0) or 0
+        self._followers: list[Callable[[], None]] = []
+
+    def append(self, at: str, kind: str, message: str, person: bool = False, **more: Any) -> None:
+        """`at` is ISO 8601 in UTC; `kind` a stable word; `person` says that a person did it. A full disk loses the
+        entry, never the robot."""
+        with self._lock:
+            self._seq += 1
+            entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
+            self._recent.append(entry)
+            row = (self._seq, at, kind, _sound(message), int(person), json.dumps(more))
+            about = [(_sound(name), self._seq) for name in dict.fromkeys(named(entry))]
+            self.database.write(lambda connection: _insert(connection, row, about))
+            followers = tuple(self._followers)
+        for tell in followers:
+            tell()
+
+    def follow(self, tell: Callable[[], None]) -> Callable[[], None]:
+        """Has `tell` called after every entry, in the thread that wrote it, until what this returns is called."""
+        with self._lock:
+            self._followers.append(tell)
+
+        def end() -> None:
+            with self._lock:
+                self._followers.remove(tell)
+
+        return end
+
+    @property
+    def last(self) -> int:
+        """Number of the last entry."""
+        with self._lock:
+            return self._seq
+
+    def after(self, seq: int, most: int) -> list[dict[str, Any]]:
+        """The next entries after a number, so many at the most."""
+        return self.select(Filter(after=seq), most)
+
+    def since(self, seq: int) -> list[dict[str, Any]]:
+        """All entries after a number, as far as they are kept."""
+        return self.after(seq, ALL)
+
+    def asked_at(self, time: str) -> tuple[Request, ...]:
+        """What meta-services asked for at a time (ISO 8601 in UTC)."""
+        return Asked(self.database).at(time)
+
+    def select(self, filter: Filter, most: int, newest: bool = False) -> list[dict[str, Any]]:
+        """The first entries that are meant, or the newest ones; in their order."""
+        with self._lock:
+            recent = list(self._recent)
+        near = [e for e in recent if filter.matches(e)]
+        if recent and recent[0]["seq"] <= filter.after + 1:
+            return near[-most:] if newest and most else near[:most]
+        condition, args = filter.condition()
+        order = "DESC" if newest else "ASC"
+        sql = f"SELECT {COLUMNS} FROM entry WHERE {condition} ORDER BY seq {order} LIMIT ?"
+        stored = [entry for row in self.database.rows(sql, [*args, most]) if (entry := _entry(row))]
+        # What the disk refused is in memory only.
+        found = {entry["seq"]: entry for entry in (*stored, *near)}
+        ordered = [found[seq] for seq in sorted(found)]
+        return ordered[-most:] if newest and most else ordered[:most]
+
+
+def named(entry: dict[str, Any]) -> list[str]:
+    """The services that an entry is about."""
+    one = entry.get("service")
+    many = (name for key in NAMING for name in entry.get(key) or () if isinstance(name, str))
+    return [*([one] if isinstance(one, str) and one else []), *many]
+
+
+def named_in(more: str) -> list[str]:
+    """The same of an entry as it is stored."""
+    try:
+        found = json.loads(more)
+    except (ValueError, TypeError, RecursionError):
+        return []
+    return named(found) if isinstance(found, dict) else []
+
+
+def _insert(connection: sqlite3.Connection, row: tuple[Any, ...], about: list[tuple[str, int]]) -> None:
+    connection.execute("INSERT OR REPLACE INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)", row)
+    connection.executemany("INSERT OR REPLACE INTO about (service, seq) VALUES (?, ?)", about)
+
+
+def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:
+    """None for what nobody could have written."""
+    seq, at, kind, message, more = row
+    try:
+        rest = json.loads(more)
+    except (ValueError, TypeError, RecursionError):
+        return None
+    return {"seq": seq, "at": at, "kind": kind, "message": message, **rest} if isinstance(rest, dict) else None
+
+
+def _marks(values: frozenset[str]) -> str:
+    return ",".join("?" * len(values))
+
+
+def _sound(text: str) -> str:
+    """What of a text can be written as UTF-8."""
+    return text.encode(errors="replace").decode()

@@ -1,0 +1,62 @@
+"""The thread that does for the history what may take long: it waits for the disk, tries again what that refused, and
+takes out what is too old."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from rorg.history.database import Database
+from rorg.history.retention import Retention, trim
+from rorg.model.units import stamp
+
+EVERY = 1.0
+"""Seconds from a change until the disk has it, and between two tries to write what it refused."""
+TRIM = 1000
+"""Changes after which what is too old is looked for."""
+DAY = 86_400.0
+
+
+class Maintenance:
+    """`tell` gets the kind and the message of what happened to the file; `wall` gives seconds since the epoch."""
+
+    def __init__(
+        self,
+        database: Database,
+        tell: Callable[[str, str], None],
+        retention: Callable[[], Retention],
+        wall: Callable[[], float],
+    ) -> None:
+        self.database, self.tell, self.retention, self.wall = database, tell, retention, wall
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        self._trimmed: int | None = None
+        """The number of changes when what is too old was taken out last."""
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self.database.changed.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self.database.changed.wait()
+            self._stop.wait(EVERY)
+            self.look()
+
+    def look(self) -> None:
+        """Does what is to be done."""
+        self.database.changed.clear()
+        self.database.retry()
+        self.database.checkpoint()
+        if self._trimmed is None:
+            self.database.check()
+        if self._trimmed is None or self.database.changes - self._trimmed >= TRIM:
+            retention = self.retention()
+            trim(self.database, retention, stamp(max(0.0, self.wall() - retention.days * DAY)))
+            self._trimmed = self.database.changes
+        for kind, message in self.database.take_notes():
+            self.tell(kind, message)

@@ -1,0 +1,219 @@
+"""Revisions: the states of the manifests that were applied or refused, with what each made of the services."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rorg.history.database import Database
+
+STANDINGS = ("applying", "baking", "good", "failed", "superseded", "refused")
+UNDER_WAY = ("applying", "baking")
+"""Standings that another one follows."""
+LONGEST_PLAN = 1 << 18
+"""Characters of a plan that are kept."""
+COLUMNS = "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, plan, errors"
+FIELDS = tuple(COLUMNS.replace("git", "commit").split(", "))
+"""`commit` is a word of SQL's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What a service is made from."""
+
+    digest: str
+    """Of its rendered spec, as in the label rorg.io/spec."""
+    declared: str
+    """The rendered spec as in the label rorg.io/declared: of the environment there are only hashes."""
+    image: str = ""
+    """The reference."""
+    image_id: str = ""
+    """What the engine calls the image; empty where that was never known."""
+    edition: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """One state of the manifests. Times are ISO 8601 in UTC."""
+
+    number: int
+    """1, 2, ...; 0 for one that is not written down yet."""
+    at: str
+    """When it was begun."""
+    fingerprint: str
+    """Of the tree's content."""
+    commit: str = ""
+    """As git names it in full; empty outside of a repository."""
+    author: str = ""
+    subject: str = ""
+    """The first line of the commit's message."""
+    dirty: bool = False
+    """Files differed from the commit."""
+    robot: str = ""
+    """Whose overlay was laid over the tree."""
+    standing: str = "applying"
+    reason: str = ""
+    settled_at: str = ""
+    plan: str = ""
+    """The canonical text of the first plan on its word."""
+    errors: tuple[str, ...] = ()
+    """Of a refused one."""
+    services: Mapping[str, Made] = field(default_factory=dict)
+    """Of those with a container. list() and at() leave them out: get() has them."""
+
+
+class Revisions:
+    """The table of revisions. The owner of the file begins and settles them, from one thread."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._lock = threading.Lock()
+        self._number: int | None = None
+        self._services: Mapping[str, Made] | None = None
+        """Of the last revision that was not refused."""
+
+    # -- writing -----------------------------------------------------------------------------------------------
+
+    def begin(self, revision: Revision) -> Revision:
+        """Writes a revision down under the next number; one that is under way is superseded by it, unless this one is
+        refused."""
+        with self._lock:
+            number = self._next()
+            new = replace(revision, number=number, plan=revision.plan[:LONGEST_PLAN])
+            before = self._last_services()
+            if new.standing != "refused":
+                new = replace(new, services=_with_images(new.services, before))
+                self._services = new.services
+            self._number = number
+        self.database.write(lambda connection: _begin(connection, new, before))
+        return new
+
+    def settle(self, number: int, standing: str, reason: str, at: str) -> None:
+        """What has become of it."""
+        row = (standing, reason, at, number)
+        sql = "UPDATE revision SET standing = ?, reason = ?, settled_at = ? WHERE number = ?"
+        self.database.write(lambda connection: _execute(connection, sql, row))
+
+    def note_images(self, number: int, images: Mapping[str, str]) -> None:
+        """Service -> what the engine calls its image, once that is known."""
+        rows = [(image, service, number, number) for service, image in images.items()]
+        sql = (
+            "UPDATE made SET image_id = ?"
+            " WHERE service = ? AND image_id = '' AND first <= ? AND (last IS NULL OR last >= ?)"
+        )
+        with self._lock:
+            known = dict(self._last_services())
+            told = {n: i for n, i in images.items() if n in known and not known[n].image_id}
+            self._services = known | {n: replace(known[n], image_id=i) for n, i in told.items()}
+        self.database.write(lambda connection: _execute_many(connection, sql, rows))
+
+    def _next(self) -> int:
+        if self._number is None:
+            self._number = next((n for (n,) in self.database.rows("SELECT max(number) FROM revision")), 0) or 0
+        return self._number + 1
+
+    def _last_services(self) -> Mapping[str, Made]:
+        if self._services is None:
+            self._services = self._made("last IS NULL", ())
+        return self._services
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def get(self, number: int) -> Revision | None:
+        """With its services."""
+        found = self._select("number = ?", (number,), 1)
+        if not found or found[0].standing == "refused":
+            return found[0] if found else None
+        return replace(found[0], services=self._made("first <= ? AND (last IS NULL OR last >= ?)", (number, number)))
+
+    def last(self, standing: str = "") -> Revision | None:
+        """The last one, or the last of a standing, with its services."""
+        found = self._select("? IN ('', standing)", (standing,), 1)
+        return self.get(found[0].number) if found else None
+
+    def in_force(self) -> Revision | None:
+        """The last one that was not refused, with its services."""
+        found = self._select("standing <> 'refused'", (), 1)
+        return self.get(found[0].number) if found else None
+
+    def list(self, most: int, before: int = 0) -> Sequence[Revision]:
+        """The newest ones, the newest first; with `before` those that are older than that number."""
+        return self._select("number < ?" if before else "number > ?", (before,), most)
+
+    def at(self, time: str) -> Revision | None:
+        """Which was in force at a time (ISO 8601 in UTC); None before the first one."""
+        return next(iter(self._select("at <= ? AND standing <> 'refused'", (time,), 1)), None)
+
+    def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
+        sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
+        return [_revision(row) for row in self.database.rows(sql, (*args, most))]
+
+    def _made(self, condition: str, args: tuple[Any, ...]) -> dict[str, Made]:
+        sql = (
+            "SELECT service, digest, coalesce(declared, ''), image, image_id, edition FROM made LEFT JOIN spec"
+            f" USING (digest) WHERE {condition} ORDER BY service"
+        )
+        return {name: Made(*of) for name, *of in self.database.rows(sql, args)}
+
+
+def _with_images(services: Mapping[str, Made], before: Mapping[str, Made]) -> dict[str, Made]:
+    """The same image, by its reference, is taken for what it was found to be before, unless it was looked at."""
+    known = {made.image: made.image_id for made in before.values() if made.image_id}
+    return {n: replace(m, image_id=m.image_id or known.get(m.image, "")) for n, m in services.items()}
+
+
+def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
+    row = (new.number, new.at, new.fingerprint, new.commit, new.author, new.subject, int(new.dirty), new.robot)
+    more = (new.standing, new.reason, new.settled_at, new.plan, json.dumps(new.errors))
+    if new.standing != "refused":
+        _execute(
+            connection,
+            f"UPDATE revision SET standing = 'superseded', reason = ?, settled_at = ? WHERE standing IN {UNDER_WAY}",
+            (f"revision {new.number} came before it was proven", new.at),
+        )
+        _make(connection, new, before)
+    _execute(
+        connection, f"INSERT OR REPLACE INTO revision ({COLUMNS}) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)", (*row, *more)
+    )
+
+
+def _make(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
+    """Only services that are made otherwise than before are written anew."""
+    gone = [name for name, made in before.items() if new.services.get(name) != made]
+    made = [(name, of) for name, of in new.services.items() if before.get(name) != of]
+    _execute_many(
+        connection,
+        "UPDATE made SET last = ? WHERE service = ? AND last IS NULL",
+        [(new.number - 1, name) for name in gone],
+    )
+    _execute_many(
+        connection,
+        "INSERT OR REPLACE INTO made (service, first, digest, image, image_id, edition) VALUES (?,?,?,?,?,?)",
+        [(name, new.number, of.digest, of.image, of.image_id, of.edition) for name, of in made],
+    )
+    _execute_many(
+        connection,
+        "INSERT OR IGNORE INTO spec (digest, declared) VALUES (?, ?)",
+        sorted({(of.digest, of.declared) for _, of in made}),
+    )
+
+
+def _revision(row: tuple[Any, ...]) -> Revision:
+    said = dict(zip(FIELDS, row, strict=True))
+    try:
+        told = tuple(map(str, json.loads(said["errors"])))
+    except (ValueError, TypeError):
+        told = ()
+    return Revision(**{**said, "dirty": bool(said["dirty"]), "errors": told})
+
+
+def _execute(connection: sqlite3.Connection, sql: str, row: tuple[Any, ...]) -> None:
+    connection.execute(sql, row)
+
+
+def _execute_many(connection: sqlite3.Connection, sql: str, rows: Iterable[tuple[Any, ...]]) -> None:
+    connection.executemany(sql, rows)

@@ -1,0 +1,31 @@
+"""The tables of the history, with as few indices as answer in time: each one is written with every entry. Each step
+leads from one `user_version` to the next; a step that was released is never changed."""
+
+STEPS = (
+    """
+CREATE TABLE entry (
+  seq INTEGER PRIMARY KEY, at TEXT NOT NULL, kind TEXT NOT NULL, message TEXT NOT NULL,
+  person INTEGER NOT NULL, more TEXT NOT NULL
+);
+CREATE INDEX entry_kind ON entry (kind);
+CREATE INDEX entry_people ON entry (seq) WHERE person;
+CREATE TABLE about (service TEXT, seq INTEGER, PRIMARY KEY (service, seq)) WITHOUT ROWID;
+CREATE TABLE revision (
+  number INTEGER PRIMARY KEY, at TEXT NOT NULL, fingerprint TEXT NOT NULL, git TEXT NOT NULL, author TEXT NOT NULL,
+  subject TEXT NOT NULL, dirty INTEGER NOT NULL, robot TEXT NOT NULL, standing TEXT NOT NULL, reason TEXT NOT NULL,
+  settled_at TEXT NOT NULL, plan TEXT NOT NULL, errors TEXT NOT NULL
+);
+CREATE TABLE made (
+  service TEXT, first INTEGER, last INTEGER, digest TEXT NOT NULL, image TEXT NOT NULL, image_id TEXT NOT NULL,
+  edition TEXT NOT NULL, PRIMARY KEY (service, first)
+) WITHOUT ROWID;
+CREATE TABLE spec (digest TEXT PRIMARY KEY, declared TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE run (service TEXT PRIMARY KEY, text TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE asked (number INTEGER PRIMARY KEY, at TEXT NOT NULL, content TEXT NOT NULL);
+CREATE INDEX asked_at ON asked (at);
+CREATE TABLE asked_text (content TEXT PRIMARY KEY, text TEXT NOT NULL) WITHOUT ROWID;
+""",
+)
+"""entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
+first..last (NULL: up to the last one). run: what of the loop's memory outlives it. asked: the requests file as it was
+from a time on."""
