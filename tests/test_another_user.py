@@ -38,6 +38,7 @@ LINES = {
     "request": ["request navigation --id tour --wait", "request driving --id drive --ttl 10m"],
     "release": ["release drive"],
     "restart": ["restart base --yes --wait"],
+    "retry": ["retry base"],
     "hold": ["hold navigation --for 10m", "hold navigation --end"],
     "suspend": ["suspend --for 10m --reason lunch", "suspend --end"],
     "wait": ["wait base"],
@@ -64,6 +65,7 @@ LINES = {
 CODES = {
     "run nowhere": {2},
     "diff {tree}": {0, 1},
+    "retry base": {5},
     "edit base": {2},
     "exec base -- true": {5},
     "shell base": {5},

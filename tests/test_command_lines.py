@@ -32,7 +32,7 @@ request arm --priority HUGE; request arm --timeout x; request arm --timeout ''; 
 request arm --as
 release; release a b; release --all; release tour --as; start; stop; stop a b; start arm --ttl soon; up a b
 up --nosuch
-restart; restart a b; restart arm --timeout soon; restart --yes
+restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --yes arm; retry arm --output
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
@@ -62,7 +62,7 @@ why ../arm
 why arm -o nosuch; request amr; request ''; request arm ''; request arm --id ''' '''; request arm --id a/b
 request arm --ttl 0s
 request arm --as nobody; request driving nosuch; request arm --engine x
-restart nosuch; restart ''; hold nosuch --for 10m; hold arm; hold arm --for 0s
+restart nosuch; restart ''; retry nosuch; retry ''; hold nosuch --for 10m; hold arm; hold arm --for 0s
 hold arm --for 10m --end
 hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; events -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null

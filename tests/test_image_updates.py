@@ -161,7 +161,7 @@ def test_a_build_that_fails_changes_nothing_that_runs(robot):
 
 def test_what_is_active_keeps_its_image_until_it_is_ceased_where_the_policy_says_so(robot):
     policy = {"apiVersion": "rorg/v1", "kind": "Policy", "metadata": {"name": "default"}}
-    policy["spec"] = {"images": {"update": "when_ceased"}}
+    policy["spec"] = {"updates": {"when": "when_ceased"}}
     (robot.tree / "policies/default.yaml").write_text(yaml.safe_dump(policy))
     robot.settle()
     before = ids(robot)

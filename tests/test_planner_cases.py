@@ -121,9 +121,9 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
     }
     for name, known in case.get("memory", {}).items():
         if "update" in known:
-            said, edition = known["update"], editions[name]  # an error is that of what the manifest says now
-            failed = edition if "error" in said else ""
-            known = {**known, "update": Update(edition=edition, failed=failed, **said)}
+            said, edition = dict(known["update"]), editions[name]  # an error is that of what the manifest says now
+            quarantined = {edition: said.pop("error")} if "error" in said else {}
+            known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
         name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()

@@ -22,6 +22,7 @@ from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
+from rorg.core.rollout import fits
 from rorg.daemon.snapshot import Snapshots, restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
@@ -72,6 +73,11 @@ def services(draw):
             "protected": draw(st.integers(0, 4)) == 0,
             "exclusive": exclusive,
             "conflicts": draw(st.sampled_from([[], [], [], others[:1]])),
+            "update": {
+                "when": draw(st.sampled_from(["now", "now", "now", "when_ceased"])),
+                "bake": draw(st.sampled_from(["0s", "2s", "5s"])),
+                "atomic": draw(st.sampled_from([False, False, True])),
+            },
             "resources": {"cpu": draw(st.sampled_from([0.1, 0.5])), "memory": draw(st.sampled_from(["1Mi", "1Gi"]))},
         }
         found[name] = {k: v for k, v in found[name].items() if v is not None}
@@ -122,6 +128,7 @@ VERBS = (
     "refused",
     "dies",
     "revert",
+    "retry",
     "reborn",
 )
 EVENTS = st.lists(
@@ -156,6 +163,7 @@ CHANGES = st.lists(
                 "reborn",
                 "kill",
                 "restart",
+                "retry",
                 "lock",
             ]
         ),
@@ -212,14 +220,16 @@ def test_what_a_cold_start_costs_grows_with_its_size(tmp_path):
 
 
 def planned(folder: Path, count: int) -> int:
-    """How often a service is planned until so many, in chains of five that need one another, run from nothing."""
+    """How often a service is planned until so many, in chains of five that need one another, run from nothing, and have
+    stayed well."""
     names = [f"s{n:03}" for n in range(count)]
     specs = {n: {"needs": names[i - 1 : i] if i % 5 else [], "always_on": i % 5 == 4} for i, n in enumerate(names)}
     robot, costs = SimRobot(load_or_raise(write_tree(folder, specs))), []
 
     def up(robot: SimRobot) -> bool:
         costs.append(len(robot.decision.looked_at))
-        return len(robot.active()) == count and robot.decision.plan.empty
+        baked = all(p.update.baked for p in robot.memory.progress.values())
+        return len(robot.active()) == count and baked and robot.decision.plan.empty
 
     robot.run(up, 10 * count)
     return sum(costs)
@@ -320,7 +330,7 @@ def no_way_back(robot: SimRobot, bad: set[str]) -> None:
         old = [c for c in known if c.digest not in robot.faults.bad]
         waits = {w.service for w in robot.decision.plan.waitings}
         assert not old or name in waits, f"{name}: nobody is told"
-        assert len(known) <= 1, f"{name} keeps {known}"
+        assert len(known) <= 1 or robot.memory.of(name).update.held, f"{name} keeps {known}"
 
 
 def closure_of(catalog: Catalog, names: set[str]) -> set[str]:
@@ -401,6 +411,10 @@ class Watch:
             for need in services[name].needs:
                 assert services[need].meta or robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
             self.alone(name)
+            others = [c for c in robot.engine.list() if c.service == name and c.active and c.id != action.container]
+            assert not others, f"{action} beside {others}"
+        if action.verb == "stop":
+            self.together(name, action)
         if action.reason.endswith(" was restarted"):
             need = action.reason.split()[0]
             run = next(c for c in robot.engine.list() if c.service == name)
@@ -417,6 +431,18 @@ class Watch:
             assert used + units <= catalog.policy.resources.get(resource, 1), f"more {resource} than there is"
         active = {n for n in robot.active() if n in catalog.services}
         assert not [p for p in conflicting(catalog.services, {*active, name}) if name in p]
+
+    def together(self, name: str, action: Action) -> None:
+        """One that goes together with others makes way for its new container once those of all are there."""
+        robot, desired = self.robot, self.robot.desired
+        wanted, found = robot.decision.situation.wanted, {c.id: c for c in robot.engine.list()}
+        if action.reason != "changed" or name not in wanted or not found[action.container].active:
+            return
+        if name in robot.decision.situation.restarts:
+            return
+        for other in {*desired.sets.get(desired.catalog.services[name].update.atomic, ())} & {*wanted}:
+            own = [c for c in found.values() if c.service == other]
+            assert not own or any(fits(c, other, desired) for c in own), f"{name} was ended before {other} was made"
 
     def shedding(self) -> None:
         """What was shed just now mattered least of all that could be shed, and no more important request held it."""
@@ -480,6 +506,8 @@ def ask(robot: SimRobot, verb: str, name: str) -> None:
         robot.document = replace(asked, holds={name: Hold(robot.wall + 4.0)})
     elif verb == "suspend":
         robot.document = replace(asked, suspended=Hold(robot.wall + 4.0))
+    elif verb == "retry":
+        robot.document = replace(asked, retries={**asked.retries, name: stamp(robot.wall)})
     else:
         at = stamp(robot.wall + {"restart": 0.0, "restart_later": 5.0}[verb])
         robot.document = replace(asked, restarts={**asked.restarts, name: at})

@@ -42,6 +42,14 @@ class HoldsBody(Body):
     reason: Short = ""
 
 
+class RetryBody(Body):
+    """What to try again."""
+
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
+        description="Services and groups of which a change failed."
+    )
+
+
 class ConfirmBody(Body):
     """A person's word that services go."""
 

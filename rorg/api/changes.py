@@ -85,6 +85,26 @@ def restart(current: Current, name: str, force: bool, now: float) -> Change:
     return _about(Change(edit, "restart", f"restart of {', '.join(names)}", names))
 
 
+def retry(current: Current, asked: Sequence[str], now: float) -> Change:
+    """A wish, made at `now` in seconds since the epoch, that changes of services and groups be tried again that failed;
+    with a service, those of its set that keep it from its own. Raises Missing, and Refused where no change of one of
+    these failed."""
+    desired, memory = current.decision.situation.desired, current.decision.memory
+    found: list[str] = []
+    for name in asked:
+        own = [s for s in current.containers_of(name) if memory.of(s.name).update.failed]
+        if not own:
+            raise Refused(f"retry {name}", "no change of it failed", "`rorg get` for those of which one did")
+        sets = (desired.sets.get(s.update.atomic, ()) if memory.of(s.name).update.drawn else () for s in own)
+        found += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
+    names = tuple(dict.fromkeys(found))
+
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now))})
+
+    return _about(Change(edit, "retry", f"another try of {', '.join(names)}", names))
+
+
 def hold(current: Current, asked: Sequence[str], seconds: float | None, reason: str, now: float) -> Change:
     """Holds services and groups, all of them or none, for so many seconds from `now` (since the epoch) on; without
     `seconds` their holds end. Raises Missing, and Invalid for what has no container."""

@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.responses import Response
 
 from rorg.api.bodies import accepted
-from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody
+from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody
 from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import seconds_of
 from rorg.api.models import Held
@@ -29,6 +29,12 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     ) -> Response:
         """Stop and start a service, or each of a group. Drivers only with `force`."""
         names, change = operations.restart(caller, name, force)
+        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+
+    @app.post("/v1/retries", dependencies=[needs("retry")], response_model=Held)
+    async def retry(body: RetryBody, caller: Who) -> Response:
+        """Try changes of services again that failed, all of them or none, though nothing of them was changed."""
+        names, change = operations.retry(caller, body.services)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)

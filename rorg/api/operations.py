@@ -209,6 +209,11 @@ class Operations:
         change = changes.restart(self.current, name, force, time.time())
         return change.services, self._change(caller, change)
 
+    def retry(self, caller: Caller, names: Sequence[str]) -> tuple[tuple[str, ...], Future[int]]:
+        """(Names of what is tried again, the change)."""
+        change = changes.retry(self.current, names, time.time())
+        return change.services, self._change(caller, change)
+
     def hold(
         self, caller: Caller, names: Sequence[str], seconds: float | None, reason: str
     ) -> tuple[tuple[str, ...], Future[int]]:

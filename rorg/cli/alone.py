@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from rorg.api import changes, views
-from rorg.api.body_models import HoldBody, HoldsBody, PutRequest
+from rorg.api.body_models import HoldBody, HoldsBody, PutRequest, RetryBody
 from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import read, request_of, seconds_of
@@ -55,6 +55,9 @@ class Local:
 
     def restart(self, name: str, force: bool) -> list[str]:
         return self._do(changes.restart(self.current, name, force, time.time()))
+
+    def retry(self, names: list[str]) -> list[str]:
+        return self._do(changes.retry(self.current, read(RetryBody, {"services": names}).services, time.time()))
 
     def hold(self, body: dict[str, Any]) -> list[str]:
         asked = read(HoldsBody, body)

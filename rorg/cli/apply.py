@@ -137,7 +137,7 @@ def _unfinished(view: dict[str, Any], wait: bool) -> str:
         )
     if busy:
         return str(view["plan"]["summary"])
-    tried = [n for n, s in view["services"].items() if condition(s, "Updated")["status"] == "Unknown"]
+    tried = [n for n, s in view["services"].items() if condition(s, "Updated")["reason"] == "OnTrial"]
     if wait and tried:
         return f"{', '.join(tried)}: not yet known whether the new container comes up"
     return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""

@@ -14,6 +14,7 @@ from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
 from rorg.daemon.tree import Tree
 from rorg.errors import NotReady
+from rorg.model.codes import BAKING
 from rorg.model.units import counted
 
 BULK = 8
@@ -32,6 +33,10 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
     late = {**_late(view), **failed}
     for name, why in late.items():
         note(entry("", f"{name} is not ready: {why}"))
+    baking = [w.service for w in last.plan.waitings if w.code == BAKING]
+    if timed_out and baking and not late and _all_but_baked(last):
+        note(entry("", f"not yet known to stay well: {', '.join(baking)}; the next rorg sees to it"))
+        timed_out = False
     if timed_out or failed or (late and wait):
         raise NotReady(
             "finish",
@@ -100,6 +105,12 @@ def _good_or_bad(decision: Decision) -> bool | None:
     if decision.situation.suspended:
         return True
     return None if "Progressing" in health or any(w.goes_on for w in decision.plan.waitings) else True
+
+
+def _all_but_baked(decision: Decision) -> bool:
+    """Whether nothing goes on but to see how new containers do."""
+    waits = any(w.goes_on and w.code != BAKING for w in decision.plan.waitings)
+    return not (decision.memory.in_flight or decision.plan.actions or waits)
 
 
 def _late(view: dict[str, Any]) -> dict[str, str]:

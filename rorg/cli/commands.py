@@ -19,6 +19,7 @@ COMMANDS = (
     "release",
     "run-with",
     "restart",
+    "retry",
     "hold",
     "suspend",
     "down",

@@ -92,6 +92,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             suspended=document.suspended,
             wall=time.time(),
             confirmed=document.removals,
+            retries=document.retries,
         )
     )
 

@@ -34,6 +34,9 @@ class Operating(Protocol):
     def restart(self, name: str, force: bool) -> list[str]:
         """Restarts a service, or each of a group; returns their names. Raises Unconfirmed."""
 
+    def retry(self, names: list[str]) -> list[str]:
+        """Tries changes of services again that failed; returns their names."""
+
     def hold(self, body: dict[str, Any]) -> list[str]:
         """Holds services, or ends that; returns their names."""
 
@@ -84,6 +87,10 @@ class Served:
                 raise
             what = refused.what.removeprefix("cannot ")
             raise Unconfirmed(what, refused.cause, refused.remedy, refused.confirm) from refused
+
+    def retry(self, names: list[str]) -> list[str]:
+        found: list[str] = self.client.call("POST", "/v1/retries", {"services": names})["services"]
+        return found
 
     def hold(self, body: dict[str, Any]) -> list[str]:
         found: list[str] = self.client.call("PUT", "/v1/holds", body)["services"]

@@ -36,7 +36,7 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")
         if updated["status"] == "False":
-            found[name] = f"its change failed, {updated['message']}; it stays as it was"
+            found[name] = f"its change failed ({updated['message']}); it stays as it was"
         elif failed or stalled["status"] == "True" or over:
             found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
     return found

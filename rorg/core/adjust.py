@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rorg.core.content import changed
+from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
 from rorg.core.observed import Container
 from rorg.core.pressure import LOWERED_SHARES
-from rorg.core.rollout import candidate
+from rorg.core.rollout import came_up_at, candidate
 from rorg.core.steps import Step, stop
 from rorg.core.view import View
 from rorg.model.catalog import Service
@@ -82,8 +83,8 @@ def _restart(view: View, service: Service, moving: Callable[[str], bool], contai
     memory = view.s.memory.of(service.name)
     if memory.hung == container.incarnation:
         return memory.error
-    paths = changed(memory.update, container, view.desired.contents.get(service.name, {}))
-    if paths and service.on_change == "restart":
+    paths = content_to_restart_for(view, service, container)
+    if paths and not deferred(view, service, paths):
         return f"changed: {', '.join(paths)}"
     for need in service.restarts_with:
         current = view.current(need)
@@ -101,5 +102,9 @@ def _restart(view: View, service: Service, moving: Callable[[str], bool], contai
 
 
 def _tried(view: View, name: str) -> bool:
-    """Whether a new container of it is on trial: it may yet be that the one before comes back."""
-    return candidate(view.of(name), view.s.memory.of(name).update) is not None
+    """Whether a new container of it is on trial and has not come up: it may yet be that the one before comes back."""
+    step = view.s.memory.of(name)
+    if candidate(view.of(name), step.update) is None:
+        return False
+    up = came_up_at(step, view.desired.catalog.services[name])
+    return up is None or up > view.now

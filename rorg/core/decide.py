@@ -22,6 +22,7 @@ from rorg.core.plan import Action, Plan
 from rorg.core.pressure import Load
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
+from rorg.core.rollout import retried
 from rorg.core.schedule import Schedule, Target, interlocks, schedule
 from rorg.core.situation import Situation
 from rorg.core.wanted import Wanted, urgent
@@ -35,8 +36,8 @@ FRESH = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What a pass reads. `requests`, `restarts`, `holds` and `suspended` are those of the requests file; standing
-    requests come with the catalog."""
+    """What a pass reads. `requests`, `restarts`, `retries`, `holds` and `suspended` are those of the requests file;
+    standing requests come with the catalog."""
 
     desired: Desired
     requests: tuple[Request, ...]
@@ -60,6 +61,8 @@ class Inputs:
     """Service -> since when somebody waits for it, by the clock of `now`: its readiness must have been told since."""
     confirmed: tuple[str, ...] = ()
     """What a person has confirmed to be removed, though it was named."""
+    retries: Mapping[str, str] = field(default_factory=dict)
+    """Service -> when somebody asked that what failed of it be tried again."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
     cache: Cache | None = None
@@ -85,6 +88,8 @@ class Decision:
     """Services that a person holds now, each with the reason."""
     served: Mapping[str, str] = field(default_factory=dict)
     """Restarts that were asked for, and done."""
+    retried: Mapping[str, str] = field(default_factory=dict)
+    """The wishes to try again that are heard."""
     confirmed: tuple[str, ...] = ()
     """Confirmed removals that are done, or void."""
     looked_at: tuple[str, ...] = ()
@@ -123,6 +128,7 @@ def decide(inputs: Inputs) -> Decision:
         to_probe=due.targets,
         holds=assessed.holds,
         served=assessed.served,
+        retried=inputs.retries,
         confirmed=ended,
         looked_at=planned.looked_at,
         whole=planned.whole,
@@ -159,9 +165,8 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
-    memory, followed = _followed(
-        replace(inputs.memory, leases=settled.leases, admitted=admitted), admission.wanted, inputs, cache, touched
-    )
+    memory = retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries)
+    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))

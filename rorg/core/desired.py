@@ -9,7 +9,7 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.model.catalog import RUN, Catalog, Probe
+from rorg.model.catalog import RUN, Catalog, Probe, Service
 from rorg.model.image_names import declared
 
 
@@ -33,6 +33,8 @@ class Desired:
     rivals: Mapping[str, frozenset[str]]
     """Service -> those whose plan depends on whether it is active, though they do not need it: it conflicts with them,
     or shares an exclusive resource with them."""
+    sets: Mapping[str, tuple[str, ...]]
+    """Set -> the services that change together."""
     interlocks: Mapping[str, Probe]
     """Of the services that have one."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -81,9 +83,19 @@ def desire(
             for name, s in services.items()
             if s.exclusive or conflicts[name]
         },
+        sets=_sets(services),
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
         contents=contents,
     )
+
+
+def _sets(services: Mapping[str, Service]) -> dict[str, tuple[str, ...]]:
+    """Who goes together; whoever would be alone does not."""
+    found: dict[str, list[str]] = {}
+    for name, service in sorted(services.items()):
+        if service.update.atomic and not service.meta:
+            found.setdefault(service.update.atomic, []).append(name)
+    return {name: tuple(members) for name, members in found.items() if len(members) > 1}
 
 
 def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
+from rorg.core.atomic import judged_together, sets_of
 from rorg.core.changes import changed_keys
 from rorg.core.content import noted
 from rorg.core.desired import Desired
@@ -74,7 +75,9 @@ def follow(
         if not same:
             progress[name], changed = step, True
         (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)
-    memory = replace(memory, progress=progress) if changed else memory
+    together = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)
+    restless |= together.keys()
+    memory = replace(memory, progress={**progress, **together}) if changed or together else memory
     followed = Followed(
         desired=desired,
         wanted=wanted,
@@ -117,6 +120,8 @@ def _one(step: Progress, service: Service, desired: Desired, seen: Seen) -> Prog
 def _changes_by_itself(step: Progress, service: Service, seen: Seen) -> bool:
     """As far as advanced() and judged() look at the time."""
     if step.exits or step.doubted_since is not None or len(seen.containers.get(service.name, ())) > 1:
+        return True
+    if seen.wanted and step.well_since is not None and step.update.baked != step.update.edition:
         return True
     by_time = service.ready is not None and service.ready.delay is not None
     return by_time and step.running_since is not None and not step.ready

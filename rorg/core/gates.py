@@ -33,7 +33,7 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     """`leaving` are unwanted services that do not linger."""
     name, memory = service.name, view.s.memory.of(service.name)
     if step.verb == "create":
-        held = held_back(view, service, step.fields, view.active(name))
+        held = held_back(view, service, step.fields)
         if held:
             return (), held
     tried = memory.attempts.get(step.verb)
@@ -47,6 +47,9 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     if locked:
         return (), Waiting(name, f"interlock: {locked}")
     begins = step.verb in ("start", "resume") or step.part_of
+    ends_anyway = not view.active(name) or name in view.s.restarts  # and begins with the new one then
+    if swap and memory.update.held and not ends_anyway:
+        return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
         return (), Waiting(name, view.s.closed)

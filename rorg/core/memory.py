@@ -64,6 +64,8 @@ class Progress:
     ready: bool = False
     was_ready: bool = False
     """This run was ready once."""
+    well_since: float | None = None
+    """Since when this run is ready and answers its `live` probe, without a break."""
     probe: str = ""
     """What the last probe said."""
     answered: float | None = None

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rorg.model.codes import IMAGE
+from rorg.model.codes import BAKING, IMAGE
 
 SYMBOLS = {
     "create": "+",
@@ -81,13 +81,13 @@ class Waiting:
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
     """Why it may never be done: failed (it was tried), no-image (that cannot be had), withheld (its removal waits for a
-    person's word), deferred (the Policy leaves it for later), preempted or suspended. Of what only takes its time:
-    image (that is being built or pulled), or empty."""
+    person's word), deferred (it is left for later), preempted or suspended. Of what only takes its time: image (that
+    is being built or pulled), baking (all is done, and it is seen how it does), or empty."""
 
     @property
     def goes_on(self) -> bool:
         """It will be done if one waits."""
-        return self.code in ("", IMAGE)
+        return self.code in ("", IMAGE, BAKING)
 
 
 @dataclass(frozen=True, slots=True)

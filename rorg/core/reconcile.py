@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.adjust import adjust, passing_name
+from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.observed import Container
@@ -67,6 +68,8 @@ class _Reconciled:
             steps += self.make_room(swap.old)
         if current:
             steps += adjust(self.view, self.service, self.moving, *current)
+            later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
+            self.notes += [later] if later else []
         elif new_name != self.service.container_name:
             steps.append(Step("rename", None, "it takes its name", args={"name": self.service.container_name}))
         if swap.old and swap.old.alive:
@@ -94,7 +97,7 @@ class _Reconciled:
             self.notes.append(Waiting(self.name, swap.failed, code="failed"))
         if not (self.name in self.s.wanted or self.keeps(True)):
             return self.clear([p for p in (*stale, current) if p], False)
-        why = f"back to the one before: {swap.update.error}" if swap.failed else "changed"
+        why = f"back to the one before: {swap.update.failed}" if swap.failed else "changed"
         steps = [stop(new, why, self.service)] if new and new.alive else []
         steps += [
             s

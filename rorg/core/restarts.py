@@ -46,6 +46,5 @@ def note_restarts(
 
 
 def _at_once(step: Progress) -> Progress:
-    """Whoever asks for a restart does not wait for an earlier failure's back-off, and wants a change that failed tried
-    again."""
-    return replace(step, attempts=step.but("start"), update=replace(step.update, failed="", error=""))
+    """Whoever asks for a restart does not wait for an earlier failure's back-off."""
+    return replace(step, attempts=step.but("start"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from math import ceil
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
@@ -72,7 +73,7 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
 
 
 def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, ...]:
-    """When a service is late, or ready by the clock; when what it waits for may be over."""
+    """When a service is late, ready by the clock, or well for its bake; when what it waits for may be over."""
     plan, step = planned.plans[name], situation.memory.of(name)
     times = [w.until for w in (*plan.waitings, *plan.notes) if w.until is not None]
     times += [] if plan.alarm is None else [plan.alarm]
@@ -80,6 +81,8 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     if service and service.ready and step.running_since is not None and not step.ready:
         ready = service.ready
         times.append(step.running_since + (ready.timeout if ready.delay is None else ready.delay))
+    if service and step.well_since is not None and step.update.baked != step.update.edition:
+        times.append(float(ceil(step.well_since + service.update.bake)))  # nobody waits for it: one pass for many
     if service and (end := doubt_ends(step, service)) is not None:
         times.append(end)
     return tuple(times)

@@ -10,7 +10,7 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
-from rorg.core.rollout import candidate
+from rorg.core.rollout import came_up_at, candidate
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
@@ -19,7 +19,8 @@ from rorg.model.catalog import Service
 @dataclass(frozen=True, slots=True)
 class Condition:
     """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; Updated beside, where a change failed
-    (False) or is on trial (Unknown). status is True, False or Unknown."""
+    (False: it is quarantined) or is on trial (Unknown:
+    OnTrial until it has come up, then Baking). status is True, False or Unknown."""
 
     type: str
     status: str
@@ -217,12 +218,15 @@ def ros_nodes(service: Service) -> tuple[str, ...]:
 
 
 def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
-    update = situation.memory.of(name).update
+    step = situation.memory.of(name)
     containers = situation.observed.by_service().get(name, [])
-    if update.failed and update.failed == situation.desired.editions[name]:
-        return (Condition("Updated", "False", "Failed", update.error),)
-    if containers and containers[0].active and candidate(containers, update):
-        return (Condition("Updated", "Unknown", "OnTrial"),)
+    if step.update.failed:
+        remedy = f"change it again, or `rorg retry {name}`"
+        return (Condition("Updated", "False", "Quarantined", f"{step.update.failed}; {remedy}"),)
+    if containers and containers[0].active and candidate(containers, step.update):
+        up = came_up_at(step, situation.desired.catalog.services[name])
+        reason = "OnTrial" if up is None or up > situation.now else "Baking"
+        return (Condition("Updated", "Unknown", reason),)
     return ()
 
 

@@ -8,9 +8,10 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.images import held_back
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import asks, candidate, patience
+from rorg.core.rollout import came_up_at, candidate
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.codes import BAKING
 from rorg.model.units import format_seconds
 
 
@@ -33,13 +34,14 @@ class Swap:
         self.old: Container | None = None
         """What is kept, to be gone back to."""
         tried = self.step.attempts.get("create")
-        held = new is None and held_back(view, service, changed, view.active(service.name)) is not None
+        held = new is None and held_back(view, service, changed) is not None
         self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
         """It cannot, or must not, be created now."""
         self.failed = ""
         """Why the edition that is desired is not tried again, in words."""
-        if self.update.failed and self.update.failed == view.desired.editions[service.name]:
-            self.failed = f"its change failed ({self.update.error}); it stays as it was until it is changed again"
+        if self.update.failed:
+            more = f"until it is changed again, or `rorg retry {service.name}`"
+            self.failed = f"its change failed ({self.update.failed}); it stays as it was {more}"
         pair = candidate([c for c in (new, *stale) if c], self.update)
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
             self.new, self.old = new, pair[1]
@@ -68,11 +70,18 @@ class Swap:
 
     def note(self) -> Waiting:
         """That the trial goes on."""
-        since, limit = self.step.running_since, patience(self.service)
-        ran = 0.0 if since is None else self.view.now - since
-        what = "is ready" if asks(self.service) else "has run"
-        return Waiting(
-            self.service.name,
-            f"the container before is kept until this one {what} ({format_seconds(ran)} of {format_seconds(limit)})",
-            None if since is None else since + limit,
-        )
+        step, ready, kept = self.step, self.service.ready, "the container before is kept until this one"
+        if step.well_since is None:
+            since, limit, what = step.running_since, ready.timeout if ready else None, "is ready"
+            limit = ready.delay if ready and ready.delay is not None else limit
+        else:
+            since, limit, what = step.well_since, self.service.update.bake, "has been well"
+        if since is None or limit is None:
+            return Waiting(self.service.name, f"{kept} {what}")
+        seconds = f"({format_seconds(self.view.now - since)} of {format_seconds(limit)})"
+        up = came_up_at(step, self.service)
+        if up is None or up > self.view.now:
+            return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit if up is None else up)
+        if since + limit > self.view.now:
+            return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit, BAKING)
+        return Waiting(self.service.name, f"{kept} and those that go together with it are well", code=BAKING)

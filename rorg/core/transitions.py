@@ -29,7 +29,8 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
     if seen.wanted and not seen.busy:
         step = _exit(step, current, now, seen.booted_at)
     step = _ready(step, service, seen.ready, now)
-    return _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
+    step = _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
+    return _well(step, now)
 
 
 def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
@@ -52,7 +53,7 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
     if current is None or current.state != "running":
         if step.running_since is None and not step.ready:
             return step
-        return replace(step, running_since=None, ready=False, was_ready=False, probe="", answered=None)
+        return replace(step, running_since=None, ready=False, was_ready=False, well_since=None, probe="", answered=None)
     if step.running_since is None or step.incarnation != current.incarnation:
         return replace(
             step,
@@ -60,6 +61,7 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
             running_since=now,
             ready=False,
             was_ready=False,
+            well_since=None,
             probe="",
             answered=None,
         )
@@ -154,6 +156,13 @@ def _live(step: Progress, service: Service, found: ProbeResult | None, now: floa
     return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1).after(
         "start", now + delay(exits), f"did not answer ({found.message})"
     )
+
+
+def _well(step: Progress, now: float) -> Progress:
+    well = step.ready and step.hung != step.incarnation
+    if well == (step.well_since is not None):
+        return step
+    return replace(step, well_since=now if well else None)
 
 
 def _fits(found: ProbeResult | None, step: Progress) -> TypeGuard[ProbeResult]:

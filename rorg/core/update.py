@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+MOST = 16
+"""Editions of a service of which it is remembered that they failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,15 +15,32 @@ class Update:
 
     edition: str = ""
     """The one that is desired; what failed of another one holds back nothing."""
-    failed: str = ""
-    """The edition whose container did not come up, so that the one before it was gone back to."""
-    error: str = ""
-    """Why."""
+    quarantined: Mapping[str, str] = field(default_factory=dict)
+    """Edition that did not come up or stay well, so that the container before was gone back to -> why. It is not tried
+    again by itself. The last ones, oldest first."""
+    lifted: str = ""
+    """When the quarantine was asked to be lifted last, as far as that was done."""
     proven: str = ""
     """Id of the container that has passed its trial, though the one before it is still there."""
+    baked: str = ""
+    """The edition that was seen to stay well last."""
+    drawn: str = ""
+    """Why its change is not made, or is undone, though nothing is wrong with it: that of one of its set failed."""
+    held: str = ""
+    """For whom of its set the new container waits before it takes the place of the one before."""
     run: str = ""
     """The incarnation that `content` is about."""
     content: Mapping[str, str] = field(default_factory=dict)
     """What that run has read: mounted path -> digest of what was there."""
     begun: Mapping[str, str] | None = None
     """Once we begin a start, until it is seen to run: what was there then."""
+
+    @property
+    def failed(self) -> str:
+        """Why the edition that is desired is not tried; empty where nothing is against it."""
+        return self.quarantined.get(self.edition) or self.drawn
+
+    def quarantine(self, error: str) -> Update:
+        """With the edition that is desired not to be tried again."""
+        last = [(e, why) for e, why in self.quarantined.items() if e != self.edition][-(MOST - 1) :]
+        return replace(self, quarantined={**dict(last), self.edition: error})

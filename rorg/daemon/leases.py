@@ -77,11 +77,12 @@ class Leases:
             return found
 
     def settle(self, decision: Decision, renewals: Mapping[Key, int]) -> None:
-        """Writes down which requests were dropped or bound, and which restarts are done. The file is the truth:
+        """Writes down which requests were dropped or bound, and which restarts and retries are
+        done. The file is the truth:
         whoever changed an entry since it was read, or renewed it (`renewals` are those that the decision knew), has
         the last word."""
         settled = decision.settled
-        if not (settled.dropped or settled.bound or decision.served or decision.confirmed):
+        if not (settled.dropped or settled.bound or decision.served or decision.retried or decision.confirmed):
             return
         gone = {r.key: r for r, _ in settled.dropped}
         bound = {r.key: r.incarnation for r in settled.bound}
@@ -100,6 +101,7 @@ class Leases:
                 document,
                 requests=tuple(replace(r, incarnation=r.incarnation or bound.get(r.key)) for r in left),
                 restarts={n: at for n, at in document.restarts.items() if decision.served.get(n) != at},
+                retries={n: at for n, at in document.retries.items() if decision.retried.get(n) != at},
                 removals=tuple(n for n in document.removals if n not in decision.confirmed),
             )
 

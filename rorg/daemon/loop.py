@@ -188,6 +188,7 @@ class Loop:
             renewals=renewals,
             asked=self._asked_for(),
             confirmed=document.removals,
+            retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             cache=self.decision.cache if self.decision else None,
         )

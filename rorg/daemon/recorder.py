@@ -223,10 +223,10 @@ class Recorder:
         if step.update.failed:
             self.event(
                 "update-failed",
-                f"the change of {name} failed: {step.update.error}; back to the container "
-                "before, until it is changed again",
+                f"the change of {name} failed: {step.update.failed}; back to the container "
+                f"before, until it is changed again, or `rorg retry {name}`",
                 service=name,
-                error=step.update.error,
+                error=step.update.failed,
             )
 
     def _pressure(self, decision: Decision) -> None:

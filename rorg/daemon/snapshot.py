@@ -137,9 +137,10 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
     update = step.update
     more = {
         "edition": update.edition,
-        "failed": update.failed,
-        "error": update.error,
+        "quarantined": dict(update.quarantined),
+        "drawn": update.drawn,
         "proven": update.proven,
+        "baked": update.baked,
         "loaded": update.run,
         "content": dict(update.content),
         "attempts": {verb: [t.at, t.error] for verb, t in step.attempts.items() if t.at > now},
@@ -154,22 +155,23 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
 
 def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
     """What of a loop's memory outlives it: on which runs of their needs services count, which runs it ended itself,
-    which change failed, and what content a run has read. `view` is what it published; what is not as it should be is
+    which changes failed, and what content a run has read. `view` is what it published; what is not as it should be is
     passed over. With `now`, of the machine's monotonic clock, also what it waits for, with that as time 0."""
     runs = view.get("runs") if isinstance(view, Mapping) else None
     found = {}
     for name, known in runs.items() if isinstance(runs, Mapping) else ():
         if isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping):
             needs = {str(need): str(run) for need, run in known["needs"].items()}
-            said = {k: str(known.get(k) or "") for k in ("edition", "failed", "error", "proven")}
-            content, loaded = known.get("content"), str(known.get("loaded") or "")
+            said = {k: str(known.get(k) or "") for k in ("edition", "drawn", "proven", "baked", "loaded")}
+            content = known.get("content")
             update = Update(
                 edition=said["edition"],
-                failed=said["failed"],
-                error=said["error"],
+                quarantined=_texts(known.get("quarantined")),
+                drawn=said["drawn"],
                 proven=said["proven"],
-                run=loaded if isinstance(content, Mapping) else "",
-                content={str(k): str(v) for k, v in content.items()} if isinstance(content, Mapping) else {},
+                baked=said["baked"],
+                run=said["loaded"] if isinstance(content, Mapping) else "",
+                content=_texts(content),
             )
             found[name] = Progress(
                 counted_on=CountedOn(str(known.get("run", "")), needs),
@@ -178,6 +180,10 @@ def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
                 attempts={} if now is None else _tries(known.get("attempts"), now),
             )
     return Memory(found)
+
+
+def _texts(known: Any) -> dict[str, str]:
+    return {str(k): str(v) for k, v in known.items()} if isinstance(known, Mapping) else {}
 
 
 def _tries(known: Any, now: float) -> dict[str, Attempt]:

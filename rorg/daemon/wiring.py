@@ -55,11 +55,10 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    wakes = Wakes()
+    wakes, stopping = Wakes(), threading.Event()
     recorder = Recorder(state, say, wall_clock, clock, engine, tree.masker)
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
-    stopping = threading.Event()
     prober = Prober(
         clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
     )

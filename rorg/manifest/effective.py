@@ -111,6 +111,11 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
         if name in ("ready", "live", "interlock"):
             guarded = [own, *(policy if service.protected or service.driver else [])]
             yield from _probe(guarded if name == "interlock" else levels, name, service)
+        elif name == "update":
+            for key, part in fields_of(told.model or BaseModel).items() if not service.meta else ():
+                own_word = getattr(own.source.spec.update, key, None) is not None
+                at = ("update" if own_word else "updates", key)
+                yield from _first([own] if own_word else policy, at, part, service, ("update", key))
         elif name in ("idle", "resources"):
             for key, part in fields_of(told.model or BaseModel).items():
                 yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
@@ -120,18 +125,22 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
 
 
-def _first(levels: list[Level], path: tuple[str, ...], told: FieldText, service: Service) -> Iterator[Value]:
-    """The value of whoever says it first, else the default, where there is one."""
+def _first(
+    levels: list[Level], path: tuple[str, ...], told: FieldText, service: Service, field: tuple[str, ...] = ()
+) -> Iterator[Value]:
+    """The value of whoever says it first, else the default, where there is one. `field` is what it is of a Service,
+    where the levels have it elsewhere."""
+    field = field or path
     for level in levels:
         value, at = level.source.spec, ("spec", *path)
         for key in path:
             value = getattr(value, key, None)
         if value is not None and at in level.source.document.values:
-            yield level.value(".".join(path), told, value, *at)
+            yield level.value(".".join(field), told, value, *at)
             return
-    value = _rendered(service, path)
-    if value not in (None, (), {}) and (path[-1], value) != ("failures", 0):
-        yield Value(".".join(path), value, written(value, told.form), "default")
+    value = _rendered(service, field)
+    if value not in (None, (), {}) and (field[-1], value) not in (("failures", 0), ("atomic", "")):
+        yield Value(".".join(field), value, written(value, told.form), "default")
 
 
 def _rendered(service: Service, path: tuple[str, ...]) -> Any:

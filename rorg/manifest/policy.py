@@ -92,7 +92,7 @@ class Pressure(Strict):
 
 
 class Images(Strict):
-    """When images are had, when a new one comes into use, and how many are kept."""
+    """When images are had, and how many are kept."""
 
     pull: Literal["missing", "never"] = field(
         "Whether a running rorg pulls an image that is not on the machine and that no Image of the tree declares.",
@@ -104,12 +104,57 @@ class Images(Strict):
         "never",
         "missing",
     )
-    update: Literal["at_once", "when_ceased"] = field(
-        "When a service that is active gets the image that was built anew.", "when_ceased", "at_once"
-    )
     keep: Annotated[int, Field(ge=1, le=100)] = field(
         "States of the manifests whose images `rorg image prune` keeps for a rollback.", 10, 5
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _moved(cls, value: object) -> object:
+        if isinstance(value, dict) and "update" in value:
+            raise ValueError(
+                "`update` stands beside `images`, and is about all changes: `updates: {when: when_ceased}`"
+            )
+        return value
+
+
+Set = Annotated[bool | Name, Written("true | false | name of a set")]
+
+
+class Update(Strict):
+    """How a change of the service comes into use."""
+
+    when: Literal["now", "when_ceased"] | None = unchanging(
+        "now, or once it is next ceased or restarted. An interlock holds it back besides.", "when_ceased", unset="now"
+    )
+    bake: Duration | None = unchanging(
+        "How long it must stay well, once it is ready, until the container before is given up. If it does not, that "
+        "one comes back.",
+        "1m",
+        unset="2s",
+    )
+    atomic: Set | None = unchanging(
+        "Changes together with all others that say so (true), or with those of a set: if one fails, all go back.",
+        "navigation",
+        unset="false",
+    )
+
+
+class Updates(Strict):
+    """How changes come into use, for services that do not say so themselves."""
+
+    when: Literal["now", "when_ceased"] = field(
+        "now, or once a service is next ceased or restarted. An interlock holds a change back besides.",
+        "when_ceased",
+        "now",
+    )
+    bake: Duration = field(
+        "How long a service must stay well, once it is ready, until the container before is given up. If it does not, "
+        "that one comes back.",
+        "1m",
+        2.0,
+    )
+    atomic: bool = field("All services change together: if one fails, all go back.", True, False)
 
 
 class History(Strict):
@@ -145,8 +190,11 @@ class PolicySpec(Strict):
         "For drivers and protected services that have none of their own.", {"file": "/run/robot/may-restart"}
     )
     images: Images | None = field(
-        "When images are had, when a new one comes into use, and how many are kept.",
-        {"pull": "never", "update": "when_ceased"},
+        "When images are had, and how many are kept.",
+        {"pull": "never", "keep": 10},
+    )
+    updates: Updates | None = field(
+        "How changes come into use, for services that do not say so themselves.", {"when": "when_ceased", "bake": "1m"}
     )
     history: History | None = field("How much of what happened is kept.", {"days": 90})
     removals: Literal["ask", "auto"] = field(

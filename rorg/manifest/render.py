@@ -20,7 +20,7 @@ from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged, Origin, Origins, declared, merge_options, trace
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
-from rorg.model.catalog import RUN, Idle, Probe, Service
+from rorg.model.catalog import RUN, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.volumes import mounted_at
 
@@ -45,9 +45,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
     diagnostics, meta = list[Diagnostic](), spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins, secrets = ({}, {}, ()) if meta else _container(source, profile, diagnostics, engine)
-    driver = spec.driver is not None
-    protected = driver if spec.protected is None else spec.protected
-    interlock = spec.interlock or (policy.interlock if policy and (driver or protected) else None)
+    protected, interlock = _guard(spec, policy)
     master = container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
     service = Service(
         name=source.name,
@@ -62,6 +60,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         may_act_for=tuple(spec.may_act_for),
         may_manage=tuple(spec.may_manage),
         idle=_idle(spec, profile, policy),
+        update=_updating(spec, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
         live=None if meta else probe(spec.live or profile.live, "live", master),
         interlock=None if meta else probe(interlock, "interlock", master),
@@ -71,7 +70,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        driver=driver,
+        driver=spec.driver is not None,
         spec=None if meta else container,
         secrets=secrets,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
@@ -89,6 +88,25 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
     declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
     escalate = declared.get("escalate")
     return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+
+
+ALL = "*"
+"""The set of those that say `atomic: true`; no set can be called so."""
+
+
+def _guard(spec: Any, policy: Any) -> tuple[bool, Any]:
+    """Whether it is protected, and what must allow that its container is touched."""
+    driver = spec.driver is not None
+    protected = driver if spec.protected is None else spec.protected
+    return protected, spec.interlock or (policy.interlock if policy and (driver or protected) else None)
+
+
+def _updating(spec: Any, policy: Any) -> Updating:
+    """The Policy's, with what the manifest says otherwise."""
+    first = policy.updates.model_dump() if policy and policy.updates else {}
+    said = {**first, **(spec.update.model_dump(exclude_none=True) if spec.update else {})}
+    atomic = said.pop("atomic", False)
+    return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
 
 
 def probe(model: Any, role: str, master: str = "") -> Probe | None:

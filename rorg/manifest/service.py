@@ -11,7 +11,7 @@ from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, recreate, unchanging
 from rorg.manifest.option_forms import Device, Strict, Text, Words
-from rorg.manifest.policy import Idle, Units
+from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
 
@@ -96,6 +96,7 @@ def _container_only(spec: ServiceSpec) -> list[str]:
         "command",
         "profile",
         "idle",
+        "update",
         "ready",
         "live",
         "interlock",
@@ -135,6 +136,11 @@ class ServiceSpec(Strict):
     conflicts: list[Name] = unchanging("Services that must not be active beside this one.", ["mapping"], list)
     idle: Idle | None = unchanging(
         "What happens to it when it is no longer wanted.", {"action": "pause", "linger": "20s"}, unset="stop at once"
+    )
+    update: Update | None = unchanging(
+        "How a change of it comes into use.",
+        {"bake": "1m", "atomic": "navigation"},
+        unset="the Policy's `updates`",
     )
     ready: Ready | None = unchanging(
         "When it counts as ready, once it runs.", {"ros_node": "/move_base", "timeout": "30s"}, unset="when it runs"

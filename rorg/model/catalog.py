@@ -42,6 +42,18 @@ class Idle:
 
 
 @dataclass(frozen=True, slots=True)
+class Updating:
+    """How a change of a service comes into use."""
+
+    when: str = "now"
+    """now, or when_ceased: once it is next ceased or restarted."""
+    bake: float = 2.0
+    """Seconds for which it must stay well, once it is ready, before the container before is given up."""
+    atomic: str = ""
+    """The set of services with which it changes, or goes back; empty for none."""
+
+
+@dataclass(frozen=True, slots=True)
 class Probe:
     """A question to a service: `ready`, `live` or `interlock`."""
 
@@ -90,6 +102,7 @@ class Service:
     may_manage: tuple[str, ...] = ()
     """Patterns of names of those that it may create, change and remove."""
     idle: Idle = Idle()
+    update: Updating = Updating()
     ready: Probe | None = None
     live: Probe | None = None
     interlock: Probe | None = None
@@ -229,14 +242,12 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True)
 class ImagePolicy:
-    """When images are had, when a new one comes into use, and how many are kept."""
+    """When images are had, and how many are kept."""
 
     pull: str = "missing"
     """missing or never: what becomes of an external image that is not on the machine."""
     build: str = "missing"
     """The same for an Image of the tree."""
-    update: str = "at_once"
-    """at_once or when_ceased: when a service that runs gets an image that was built anew."""
     keep: int = 5
     """States of the manifests whose images stay for a rollback."""
 

@@ -91,6 +91,7 @@ class SimRobot:
             self.document,
             requests=decision.settled.requests,
             restarts=left,
+            retries={n: at for n, at in self.document.retries.items() if n not in decision.retried},
             removals=tuple(n for n in self.document.removals if n not in decision.confirmed),
         )
         for request, why in decision.settled.dropped:
@@ -152,6 +153,7 @@ class SimRobot:
             load=self._load(),
             renewals=self.renewals,
             confirmed=self.document.removals,
+            retries=self.document.retries,
             cache=self.cache,
         )
 

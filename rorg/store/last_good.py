@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rorg.core.former import Former, Kept
-from rorg.model.catalog import Catalog, Group, Idle, Probe, Service
+from rorg.model.catalog import Catalog, Group, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Where
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
@@ -81,6 +81,7 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
         return Group(**flat)
     idle = data["idle"]
     flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
+    flat["update"] = Updating(**data.get("update", {}))
     for role in ("ready", "live", "interlock"):
         flat[role] = _probe(data[role])
     return Service(**flat)

@@ -15,6 +15,8 @@ class RequestsDocument:
     requests: tuple[Request, ...] = ()
     restarts: Mapping[str, str] = field(default_factory=dict)
     """Service -> when its restart was asked for, ISO 8601 in UTC."""
+    retries: Mapping[str, str] = field(default_factory=dict)
+    """Service -> when it was asked for that what failed of it be tried again, as `restarts`."""
     holds: Mapping[str, Hold] = field(default_factory=dict)
     """Service -> until when it must not be active."""
     suspended: Hold | None = None

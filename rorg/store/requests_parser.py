@@ -18,7 +18,8 @@ HEADER = """\
 # What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
 # requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
-# service was asked for. holds: services that must not be active until a time. suspended: nothing is changed until then.
+# service was asked for. retries: when another try of a change of it that failed was. holds: services that must not be
+# active until a time. suspended: nothing is changed until then.
 # removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: everything is
 # ceased and removed, whatever else is said here, and then rorg ends.
 """
@@ -38,7 +39,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "holds", "suspended", "removals", "down")
+_KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down")
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
@@ -88,7 +89,8 @@ class _Reader:
         suspended = value.get("suspended")
         return RequestsDocument(
             tuple(found),
-            self.restarts(value.get("restarts") or {}),
+            self.times("restarts", value.get("restarts") or {}),
+            self.times("retries", value.get("retries") or {}),
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,
             self.removals(value.get("removals") or []),
@@ -120,11 +122,11 @@ class _Reader:
             self.error(path, str(error))
             return None
 
-    def restarts(self, value: Any) -> dict[str, str]:
+    def times(self, key: str, value: Any) -> dict[str, str]:
         if not isinstance(value, dict):
-            self.error(("restarts",), "must map services to times", "NAME: 2026-01-31T12:00:00Z")
+            self.error((key,), "must map services to times", "NAME: 2026-01-31T12:00:00Z")
             return {}
-        times = {name: self.time(("restarts", name), written) for name, written in value.items()}
+        times = {name: self.time((key, name), written) for name, written in value.items()}
         return {str(name): stamp(at) for name, at in times.items() if at is not None}
 
     def ttl(self, path: Path, value: Any) -> float | None:
@@ -174,6 +176,8 @@ def render(document: RequestsDocument) -> str:
     content: dict[str, Any] = {}
     if document.restarts:
         content["restarts"] = dict(document.restarts)
+    if document.retries:
+        content["retries"] = dict(document.retries)
     if document.holds:
         content["holds"] = {name: _hold(hold) for name, hold in document.holds.items()}
     if document.suspended:
