@@ -70,17 +70,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
-    maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
-    threads: tuple[Thread, ...] = (
-        maintenance,
-        *([images] if images else []),
-        prober,
-        sampler,
-        ros,
-        watcher,
-        notified,
-        observer,
-    )
+    beside = (prober, sampler, ros, watcher, notified, observer)
+    threads: tuple[Thread, ...] = (_maintenance(recorder, tree), *([images] if images else []), *beside)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -101,6 +92,10 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     )
     loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _maintenance(recorder: Recorder, tree: Tree) -> Maintenance:
+    return Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
 
 
 def _retention(tree: Tree) -> Retention:

@@ -14,6 +14,8 @@ EVERY = 1.0
 """Seconds from a change until the disk has it, and between two tries to write what it refused."""
 TRIM = 1000
 """Changes after which what is too old is looked for."""
+REST = 0.005
+"""Seconds between two batches of what is taken out."""
 DAY = 86_400.0
 
 
@@ -47,6 +49,9 @@ class Maintenance:
             self._stop.wait(EVERY)
             self.look()
 
+    def _rest(self) -> None:
+        self._stop.wait(REST)
+
     def look(self) -> None:
         """Does what is to be done."""
         self.database.changed.clear()
@@ -56,7 +61,7 @@ class Maintenance:
             self.database.check()
         if self._trimmed is None or self.database.changes - self._trimmed >= TRIM:
             retention = self.retention()
-            trim(self.database, retention, stamp(max(0.0, self.wall() - retention.days * DAY)))
+            trim(self.database, retention, stamp(max(0.0, self.wall() - retention.days * DAY)), self._rest)
             self._trimmed = self.database.changes
         for kind, message in self.database.take_notes():
             self.tell(kind, message)

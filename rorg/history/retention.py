@@ -5,11 +5,12 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from rorg.history.database import Database
 from rorg.history.journal import named_in
 
-BATCH = 200
+BATCH = 50
 """Entries that are taken out at once: whoever writes waits for no more."""
 MOST_BYTES = 256 << 20
 """Of the file. Above it the oldest entries go that are not people's, but for the last LEAST."""
@@ -29,48 +30,50 @@ class Retention:
     """States of the requests file."""
 
 
-def trim(database: Database, retention: Retention, oldest: str) -> None:
-    """Takes out what need not be kept. `oldest`: the time (ISO 8601 in UTC) before which nothing is."""
+def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[], object]) -> None:
+    """Takes out what need not be kept. `oldest`: the time (ISO 8601 in UTC) before which nothing is; `rest()` is called
+    between two batches, so that others write meanwhile."""
     for person, most in ((0, retention.events), (1, retention.people)):
-        while _too_many(database, person, most, oldest) and database.write(_without(person, most, oldest), keep=False):
-            pass
-    while _too_large(database) and database.write(_without(0, LEAST, ""), keep=False):
-        pass
+        excess = _number(database, person) - most
+        while gone := [row for n, row in enumerate(_oldest(database, person)) if n < excess or row[1] < oldest]:
+            if not database.write(_without(gone), keep=False):
+                return
+            excess -= len(gone)
+            rest()
+    spare = _number(database, 0) - LEAST
+    while spare > 0 and _size(database) > MOST_BYTES and (gone := _oldest(database, 0)[:spare]):
+        if not database.write(_without(gone), keep=False):
+            return
+        spare -= len(gone)
+        rest()
     database.write(lambda connection: _trim_revisions(connection, retention.revisions, oldest), keep=False)
     database.write(lambda connection: _trim_requests(connection, retention.requests, oldest), keep=False)
 
 
-def _number(person: int) -> str:
-    """For SQL: the number of entries of a sort."""
+def _number(database: Database, person: int) -> int:
+    """Of the entries of a sort."""
     people = "(SELECT count(*) FROM entry WHERE person)"
-    return people if person else f"((SELECT count(*) FROM entry) - {people})"
+    sql = f"SELECT {people if person else f'(SELECT count(*) FROM entry) - {people}'}"
+    return next((number for (number,) in database.rows(sql)), 0)
 
 
-def _sort(person: int) -> str:
-    """For SQL: the entries of a sort that may go."""
-    return f"FROM entry WHERE {'' if person else 'NOT '}person AND seq < (SELECT max(seq) FROM entry) ORDER BY seq"
+def _oldest(database: Database, person: int) -> list[tuple[Any, ...]]:
+    """Number, time and rest of the oldest entries of a sort, but never of the last entry."""
+    which = f"{'' if person else 'NOT '}person AND seq < (SELECT max(seq) FROM entry)"
+    return database.rows(f"SELECT seq, at, more FROM entry WHERE {which} ORDER BY seq LIMIT {BATCH}")
 
 
-def _too_many(database: Database, person: int, most: int, oldest: str) -> bool:
-    rows = database.rows(f"SELECT {_number(person)}, (SELECT at {_sort(person)} LIMIT 1)")
-    return any(count > most or (at is not None and at < oldest) for count, at in rows)
-
-
-def _too_large(database: Database) -> bool:
+def _size(database: Database) -> int:
+    """Bytes of the file that are used."""
     used = "(SELECT page_count FROM pragma_page_count) - (SELECT freelist_count FROM pragma_freelist_count)"
-    rows = database.rows(f"SELECT ({used}) * page_size, {_number(0)} FROM pragma_page_size")
-    return any(size > MOST_BYTES and count > LEAST for size, count in rows)
+    return next((size for (size,) in database.rows(f"SELECT ({used}) * page_size FROM pragma_page_size")), 0)
 
 
-def _without(person: int, most: int, oldest: str) -> Callable[[sqlite3.Connection], None]:
-    """Takes the oldest entries of a sort out, so many as must go and no more than BATCH."""
+def _without(gone: list[tuple[Any, ...]]) -> Callable[[sqlite3.Connection], None]:
+    about = [(name, seq) for seq, _, more in gone for name in named_in(more)]
 
     def change(connection: sqlite3.Connection) -> None:
-        excess = connection.execute(f"SELECT {_number(person)}").fetchone()[0] - most
-        rows = connection.execute(f"SELECT seq, at, more {_sort(person)} LIMIT {BATCH}").fetchall()
-        gone = [row for index, row in enumerate(rows) if index < excess or row[1] < oldest]
         connection.executemany("DELETE FROM entry WHERE seq = ?", [(seq,) for seq, _, _ in gone])
-        about = [(name, seq) for seq, _, more in gone for name in named_in(more)]
         connection.executemany("DELETE FROM about WHERE service = ? AND seq = ?", about)
 
     return change
