@@ -21,6 +21,7 @@ FULL = {
     "state": 500,
     "labels": 1_000,
     "answers": 100_000,
+    "kills": 40,
 }
 """Cases of each kind in a whole run."""
 SHARE = float(os.environ.get("FUZZ") or 0)
