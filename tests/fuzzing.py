@@ -22,6 +22,7 @@ FULL = {
     "labels": 1_000,
     "answers": 100_000,
     "commits": 50,
+    "kills": 40,
 }
 """Cases of each kind in a whole run."""
 SHARE = float(os.environ.get("FUZZ") or 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rorg.core.masking import MASK, Masker
 from rorg.errors import Invalid
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.files import read_bytes
@@ -43,3 +44,22 @@ def check_tree(root: Path, path: Path, text: str | None, engine: str, what: str,
     errors = [d for d in load(root, {path: text}, engine=engine, robot=robot).errors if str(d) not in before]
     if errors:
         raise Invalid(what, "; ".join(str(d).replace(f"{root}/", "") for d in errors[:5]))
+
+
+def restored(before: str, text: str, masker: Masker, what: str) -> str:
+    """A text that somebody made of the one before, as it was shown to them: a line that was shown with a secret hidden,
+    and came back as it was, is what it stands for. Raises Invalid where that cannot be told."""
+    shown = masker.text(before)
+    if shown == before or MASK not in text:
+        return text
+    hidden = [(s.strip(), b.strip()) for s, b in zip(shown.split("\n"), before.split("\n"), strict=False) if MASK in s]
+    lines = text.split("\n")
+    back = [(number, line.strip()) for number, line in enumerate(lines) if MASK in line]
+    whole = [line for _, line in back] == [line for line, _ in hidden]
+    for index, (number, line) in enumerate(back):
+        meant = {hidden[index][1]} if whole else {b for s, b in hidden if s == line}
+        if len(meant) != 1:
+            why = f"in line {number + 1}, {MASK} stands for a secret that is not shown"
+            raise Invalid(what, why, "writing its value there, or leaving the line as it was")
+        lines[number] = lines[number].replace(line, meant.pop(), 1)
+    return "\n".join(lines)

@@ -16,7 +16,7 @@ from fastapi.responses import JSONResponse, Response
 from rorg.api.body_models import PutManifest
 from rorg.api.callers import Who, needs
 from rorg.api.manifest_change import ManifestChange, digest, recover
-from rorg.api.manifest_texts import check_name, check_tree, manifests_of
+from rorg.api.manifest_texts import check_name, check_tree, manifests_of, restored
 from rorg.api.models import ManifestView
 from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
@@ -91,6 +91,8 @@ class Manifests:
         with self._lock:
             path, content = self.all().get((kind, name), (None, None))
             self._same(content, body.base, f"change the {kind} '{name}'")
+            before, masker = (content or b"").decode("utf-8", errors="replace"), self.operations.loop.tree.masker
+            text = restored(before, body.text, masker, f"change the {kind} '{name}'")
             if path is None:
                 path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{image_names.stem(name)}.yaml"
                 if path.is_symlink() or path.exists():
@@ -99,12 +101,12 @@ class Manifests:
                         f"{path.relative_to(self.root)} declares something else",
                         "renaming that file after what it declares",
                     )
-            check_name(kind, name, body.text)
-            check_tree(self.root, path, body.text, self._engine, f"change the {kind} '{name}'", self._robot)
+            check_name(kind, name, text)
+            check_tree(self.root, path, text, self._engine, f"change the {kind} '{name}'", self._robot)
             if caller.kind == "service":
-                vet(caller, name, body.text, self.operations.catalog)
+                vet(caller, name, text, self.operations.catalog)
             message = body.message or f"{kind} {name}: changed through the API"
-            return path, digest(body.text.encode()), self._change(caller, path, content, body.text, message)
+            return path, digest(text.encode()), self._change(caller, path, content, text, message)
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)

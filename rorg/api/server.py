@@ -23,6 +23,7 @@ import uvicorn
 from rorg.api import limits
 from rorg.api.app import make_app
 from rorg.api.connection import Connection, Who
+from rorg.api.hiding import Hiding
 from rorg.api.limits import Accounts
 from rorg.api.listener import Listener
 from rorg.api.metering import Metered
@@ -58,8 +59,9 @@ class Server:
         self._broken: Exception | None = None
         """Why it could not begin to serve."""
         self.app = make_app(operations, lambda: self._event)
+        quick = Hiding(Quick(self.app, operations), operations.loop.tree.masker)
         self.config = uvicorn.Config(
-            Metered(NotBefore(Quick(self.app, operations), operations, lambda: self._event), operations),
+            Metered(NotBefore(quick, operations, lambda: self._event), operations),
             http=Connection,
             loop="uvloop",
             log_config=None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from rorg_client import Error as ClientError
 
 from rorg.cli.output import note
 from rorg.cli.places import NAME, find, may_connect, nobody
-from rorg.cli.terminal import entry
+from rorg.cli.terminal import entry, hide
 from rorg.engines import ENGINES
 from rorg.errors import Invalid, NotReady
 from rorg.store.state_dir import read_json
@@ -21,6 +22,7 @@ from rorg.store.state_dir import read_json
 if TYPE_CHECKING:
     # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
     from rorg.core.decide import Decision
+    from rorg.core.masking import Masker
     from rorg.engines.protocol import RealEngine
     from rorg.model.catalog import Catalog
     from rorg.store.requests_document import RequestsDocument
@@ -106,12 +108,23 @@ class Context:
             return Path(last)
         return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
 
+    @cached_property
+    def masker(self) -> Masker:
+        """Knows the secrets of all manifests that were read, and keeps them out of what is shown."""
+        from rorg.core.masking import Masker
+
+        found = Masker()
+        hide(found)
+        return found
+
     def catalog(self) -> Catalog:
         if not self._local:
             self.here("read its manifests")
-        from rorg.manifest.load import load_or_raise
+        from rorg.manifest.load import load, usable
 
-        return load_or_raise(self.root, "" if self._local else self.engine_name, self.robot)
+        loaded = load(self.root, engine="" if self._local else self.engine_name, robot=self.robot)
+        self.masker.learn(loaded.read)
+        return usable(self.root, loaded)
 
     @property
     def asked_robot(self) -> str:

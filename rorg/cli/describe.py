@@ -57,5 +57,5 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
     local = Local(context)
     with reading(context.state.journal) as database:
         described = describe(local.looked, service, Journal(database), context.engine)
-    found: list[dict[str, Any]] = json.loads(json.dumps(described))
+    found: list[dict[str, Any]] = json.loads(context.masker.json(json.dumps(described)))
     return found

@@ -12,7 +12,7 @@ from rorg_client import Error as ClientError
 
 from rorg.cli.context import ROBOT, Context, bad_requests
 from rorg.cli.output import note
-from rorg.cli.terminal import printable
+from rorg.cli.terminal import hide, printable
 from rorg.errors import Invalid
 
 if TYPE_CHECKING:
@@ -132,7 +132,9 @@ def tree_of(context: Context) -> Tree:
     if context.directory and not os.path.isdir(context.directory):
         what = f"read manifests in {context.directory}"
         raise Invalid(what, "no such directory", "the directory that holds services/")
-    return make_tree(context.root, context.state, context.engine_name, context.robot)
+    tree = make_tree(context.root, context.state, context.engine_name, context.robot)
+    hide(tree.masker)
+    return tree
 
 
 def past_of(context: Context, tree: Tree, rev: str) -> Past:

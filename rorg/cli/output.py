@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from rorg.cli.options import FORMS
-from rorg.cli.terminal import lines, printable
+from rorg.cli.terminal import lines, printable, shown
 from rorg.errors import Invalid, Refused
 
 
@@ -72,12 +72,13 @@ def consent(what: str, question: str, why: str = "it needs confirmation") -> Non
 
 def dump(value: Any, form: str) -> None:
     """JSON or YAML. Both have escapes of their own for what cannot be shown."""
+    value = shown(value)
     if form == "json":
-        echo(as_json(value, 2))
+        write(as_json(value, 2))
     else:
         import yaml
 
-        echo(yaml.safe_dump(value, sort_keys=False), end="")
+        write(yaml.safe_dump(value, sort_keys=False), end="")
 
 
 def as_json(value: Any, indent: int | None = None) -> str:

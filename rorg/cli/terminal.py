@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from typing import Any, Protocol
 
 COLOUR = re.compile(r"(\x1b\[[0-9;:]*m)")
 """What is kept of a log: it changes colours, and nothing else."""
@@ -14,10 +15,34 @@ PLAIN = "\x1b[0m"
 """Takes all colours back."""
 
 
+class Masker(Protocol):
+    """See core.masking, which is loaded by those who know a secret."""
+
+    def text(self, text: str) -> str: ...
+    def value(self, value: Any) -> Any: ...
+
+
+_maskers: list[Masker] = []
+
+
+def hide(masker: Masker) -> None:
+    """From now on nothing is shown that this one hides."""
+    _maskers.append(masker)
+
+
+def shown(value: Any) -> Any:
+    """Plain JSON as it may be shown."""
+    for masker in _maskers:
+        value = masker.value(value)
+    return value
+
+
 def printable(text: object) -> str:
-    """One line: whatever is no letter, sign or plain space (controls, line ends, what turns the direction of writing,
-    what has no width) as its escape, \\x1b or \\u202e."""
+    """One line without secrets: whatever is no letter, sign or plain space (controls, line ends, what turns the
+    direction of writing, what has no width) as its escape, \\x1b or \\u202e."""
     text = str(text)
+    for masker in _maskers:
+        text = masker.text(text)
     return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
 
 

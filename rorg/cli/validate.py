@@ -36,17 +36,23 @@ def command(
 def _read(root: Path, engine: str, output: str, robot: str) -> None:
     """By the files of a directory: for one robot, or for all and the base."""
     from rorg.cli.output import note
+    from rorg.cli.terminal import hide
+    from rorg.core.masking import Masker
     from rorg.manifest.load import load
     from rorg.manifest.overlay import robots_of
     from rorg.model.units import counted
 
     loaded = load(root, engine=engine, robot=robot)
+    masker = Masker()
+    masker.learn(loaded.read)
+    hide(masker)
     robots = [] if robot else robots_of(root)
     told = list(loaded.diagnostics)
     known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
     for name in robots:
-        found = load(root, engine=engine, robot=name).diagnostics
-        told += [d.on(name) for d in found if (d.where, d.message) not in known]
+        found = load(root, engine=engine, robot=name)
+        masker.learn(found.read)
+        told += [d.on(name) for d in found.diagnostics if (d.where, d.message) not in known]
     _tell([d.as_json() for d in sorted(told)], output)
     if errors := sum(d.severity == "error" for d in told):
         _refuse(errors)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
@@ -54,9 +54,11 @@ class Change:
         return {"field": self.field, "old": self.old, "new": self.new, "text": str(self)}
 
 
-def changed_fields(container: Container, spec: Spec, difference: Difference) -> tuple[Change, ...]:
-    """`difference` is that of these two."""
-    was, now = declared_of(container.declared), _fields(spec)
+def changed_fields(
+    container: Container, spec: Spec, difference: Difference, secrets: Collection[str] = ()
+) -> tuple[Change, ...]:
+    """`difference` is that of these two; `secrets` names variables of the spec."""
+    was, now = declared_of(container.declared), _fields(spec, secrets)
     found = [c for k in difference.recreate for c in field_changes(k, was.get(k), now.get(k))]
     found += [Change(k, container.live.get(k), v) for k, v in sorted(difference.live.items())]
     return tuple(found)
@@ -69,12 +71,12 @@ def changes_between(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[Cha
     return tuple(c for k in names for c in field_changes(k, was.get(k), now.get(k)))
 
 
-def unified(name: str, container: Container | None, spec: Spec | None) -> str:
+def unified(name: str, container: Container | None, spec: Spec | None, secrets: Collection[str] = ()) -> str:
     """What a container was made from and what is declared, as a unified diff with secrets masked; empty where nothing
     differs. None stands for nothing."""
     from difflib import unified_diff
 
-    was, now = {} if container is None else _as_it_is(container), {} if spec is None else dict(_fields(spec))
+    was, now = {} if container is None else _as_it_is(container), {} if spec is None else dict(_fields(spec, secrets))
     was = {k: now[k] if k in now and normal(k, v) == normal(k, now[k]) else v for k, v in was.items()}
     before = f"{name} ({f'container {container.id[:12]}' if container else 'no container'})"
     after = f"{name} ({'no manifest' if spec is None else 'manifests'})"
@@ -82,9 +84,9 @@ def unified(name: str, container: Container | None, spec: Spec | None) -> str:
     return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
-def _fields(spec: Spec) -> Mapping[str, Any]:
+def _fields(spec: Spec, secrets: Collection[str]) -> Mapping[str, Any]:
     """As the record of a container made from it has them."""
-    found: Mapping[str, Any] = json.loads(json.dumps(declared_fields(spec)))
+    found: Mapping[str, Any] = json.loads(json.dumps(declared_fields(spec, secrets)))
     return found
 
 

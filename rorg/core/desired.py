@@ -73,7 +73,7 @@ def desire(
             for name, s in services.items()
             if s.spec is not None
         },
-        declared={name: declared_now(s.spec) for name, s in services.items() if s.spec is not None},
+        declared={name: declared_now(s.spec, s.secrets) for name, s in services.items() if s.spec is not None},
         order=tuple(TopologicalSorter(graph).static_order()),
         dependants={name: tuple(sorted(found)) for name, found in dependants.items()},
         conflicts={name: tuple(sorted(found)) for name, found in conflicts.items()},

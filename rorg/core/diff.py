@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from rorg.core.digest import declared_fields, declared_of
+from rorg.core.masking import same
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
@@ -23,9 +24,9 @@ class Difference:
     live: Mapping[str, Any] = field(default_factory=dict)
 
 
-def declared_now(spec: Spec) -> Mapping[str, Any]:
+def declared_now(spec: Spec, secrets: Collection[str] = ()) -> Mapping[str, Any]:
     """What a container made from this spec would have in its record, as it would be read back, in normal form."""
-    return normal_fields(json.loads(json.dumps(declared_fields(spec))))
+    return normal_fields(json.loads(json.dumps(declared_fields(spec, secrets))))
 
 
 @lru_cache(maxsize=1024)
@@ -39,7 +40,7 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     changed: list[str] = []
     if container.digest != digest:
         written, was = declared_of(container.declared), _declared_then(container.declared)
-        changed = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
+        changed = sorted(k for k in {*was, *now} if not same(was.get(k), now.get(k)))
         if not written:
             # Without a readable record of what it was made from, only a new container is sure to be right. With one,
             # the digest's version does not matter: a new rorg must not replace anything by itself.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from rorg.core.masking import marked, secrets_of
 from rorg.core.observed import (
     LABEL_DECLARED,
     LABEL_OWNER,
@@ -40,10 +41,11 @@ def digest(spec: Spec) -> str:
     return f"{VERSION}:{hashlib.sha256(canonical(spec).encode()).hexdigest()[:32]}"
 
 
-def declared_fields(spec: Spec) -> dict[str, Any]:
+def declared_fields(spec: Spec, secrets: Collection[str] = ()) -> dict[str, Any]:
     """The spec by field, one for each variable of the environment, whose values are only hashed: they may be secret,
-    and this ends up in a label and in plans."""
-    fields = {k: v for k, v in spec.items() if k != "environment"}
+    and this ends up in a label and in plans. `secrets` names those that are, wherever else they are quoted."""
+    values = secrets_of(spec, secrets)
+    fields = {k: marked(k, v, values) for k, v in spec.items() if k != "environment"}
     for name, value in spec.get("environment", {}).items():
         fields[f"environment.{name}"] = "sha256:" + hashlib.sha256(value.encode()).hexdigest()[:12]
     return fields
@@ -59,15 +61,23 @@ class Rules:
     """Whichever side declared them."""
 
 
-def labels(owner: str, service: str, spec: Spec, made_from: str, rules: Rules, previous: str = "") -> Mapping[str, str]:
+def labels(
+    owner: str,
+    service: str,
+    spec: Spec,
+    made_from: str,
+    rules: Rules,
+    previous: str = "",
+    secrets: Collection[str] = (),
+) -> Mapping[str, str]:
     """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
-    the place of which one."""
+    the place of which one. `secrets`: variables whose values are not to be read from it."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
         LABEL_SERVICE: service,
         LABEL_SPEC: made_from,
-        LABEL_DECLARED: canonical(declared_fields(spec)),
+        LABEL_DECLARED: canonical(declared_fields(spec, secrets)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
         **({LABEL_PREVIOUS: previous} if previous else {}),
     }

@@ -1,11 +1,32 @@
-"""What may be shown of declared values: whatever may be secret is masked. This is the only rule of it."""
+"""What may be shown and recorded: whatever is secret is masked. This is the only rule of it, in two parts: masked()
+goes by where a declared value stands and what it looks like, a Masker by the values that manifests declare secret."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
+import shlex
+from collections.abc import Iterable, Mapping
 from typing import Any
+from urllib.parse import quote
+
+from rorg.model.catalog import SHORTEST_SECRET, Catalog, Spec
 
 MASK = "***"
+KEPT = 256
+"""Secrets of earlier trees that are still looked for: containers and records of then may say them."""
+_WORD = re.compile(
+    r"created|running|restarting|removing|paused|exited|Healthy|Progressing|Degraded|Completed|Unknown|Synced|"
+    r"OutOfSync|create|update|rename|signal|resume|remove|replace|restart|failed|withheld|preempted|suspended|"
+    r"skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
+    r"always|on-failure"
+)
+"""Words that programs read in what rorg answers: no secret, whoever has one of them for a value."""
+_MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
+"""A secret as it stands in the record of a container: two that are equal look equal, and none can be read."""
+READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
+"""Options of a container's record that rorg itself goes by: they stay as they are."""
 _NAME = r"[\w.-]*(?:passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key)[\w.-]*"
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SECRET_NAME = re.compile(_NAME, re.IGNORECASE)
@@ -38,6 +59,7 @@ def masked(field: str, value: Any) -> Any:
 
 
 def _text(text: str) -> str:
+    text = _MARK.sub(MASK, text)
     for pattern, put in _RULES:
         text = pattern.sub(put, text)
     return text
@@ -56,3 +78,140 @@ def _list(items: list[Any]) -> list[Any]:
         return masked("", item)
 
     return [shown(name, item) for name, item in zip([None, *items], items, strict=False)]
+
+
+# -- by value --------------------------------------------------------------------------------------------------
+
+
+class Masker:
+    """Knows values, and puts *** in their place wherever they stand."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, None] = {}
+        """The last ones last."""
+        self._forms: tuple[str, ...] = ()
+        """All that is looked for, what is longer first."""
+
+    def learn(self, catalog: Catalog | None) -> None:
+        """Looks for the secrets of a tree too. One that is part of what rorg has to say, the names of the tree and its
+        files among them, cannot be hidden."""
+        if catalog is None:
+            return
+        said = "\n".join(_said(catalog))
+        found = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in said}
+        if not found <= self._known.keys():
+            rest = [s for s in self._known if s not in found]
+            self._known = dict.fromkeys([*rest[-KEPT:], *sorted(found)])
+            self._forms = forms(self._known)
+
+    def text(self, text: str) -> str:
+        """A text as it may be shown."""
+        return hidden(text, self._forms)
+
+    def value(self, value: Any) -> Any:
+        """Plain JSON, likewise: of mappings the values, never the keys."""
+        if isinstance(value, str):
+            return self.text(value)
+        if isinstance(value, Mapping) and self._forms:
+            return {key: self.value(item) for key, item in value.items()}
+        return [self.value(item) for item in value] if isinstance(value, list | tuple) and self._forms else value
+
+    def json(self, text: str) -> str:
+        """The text of a JSON value, with the white space at its end, likewise. It is only taken apart where there is a
+        secret in it."""
+        if not any(form in text for form in self._forms):
+            return text
+        try:
+            return json.dumps(self.value(json.loads(text))) + text[len(text.rstrip()) :]
+        except ValueError:
+            return self.text(text)
+
+    @property
+    def knows(self) -> bool:
+        """Whether there is anything to hide."""
+        return bool(self._forms)
+
+
+def secrets(catalog: Catalog) -> set[str]:
+    """All values that are secret, without those that are too short to be told from other text."""
+    found = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
+    found |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
+    return {value for value in found if len(value) >= SHORTEST_SECRET}
+
+
+def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
+    """The values of these variables of a container."""
+    environment = spec.get("environment", {})
+    return [environment[name] for name in names if environment.get(name)]
+
+
+def forms(values: Iterable[str]) -> tuple[str, ...]:
+    """What to look for: each value as it is, and as JSON, YAML, shells and URLs write it; each line too."""
+    found: set[str] = set()
+    for value in values:
+        for text in {value, *value.splitlines()}:
+            plain = {text, text.strip(), " ".join(text.split()), text.replace("'", "''")}
+            found |= plain | {json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1], repr(text)[1:-1]}
+            found |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
+    return tuple(sorted((f for f in found if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
+
+
+def hidden(text: str, values: Iterable[str]) -> str:
+    """The text without these. The longer ones come first."""
+    for value in values:
+        if value in text:
+            text = text.replace(value, MASK)
+    return text
+
+
+def _said(catalog: Catalog) -> Iterable[str]:
+    yield from catalog.services
+    yield from catalog.groups
+    yield from catalog.images
+    for service in catalog.services.values():
+        yield from (service.where.file, service.container_name, str((service.spec or {}).get("image", "")))
+    for image in catalog.images.values():
+        yield from (image.where.file, image.context or "", image.reference, *image.bases)
+
+
+# -- in the record of a container ------------------------------------------------------------------------------
+
+
+def marked(option: str, value: Any, values: Iterable[str]) -> Any:
+    """An option as the record of a container has it: secrets in its texts are told apart, and cannot be read."""
+    found = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
+    return _marked(value, found) if found and option not in READ_BACK else value
+
+
+def _marked(value: Any, found: list[tuple[str, str]]) -> Any:
+    if isinstance(value, str):
+        for secret, mark in found:
+            value = value.replace(secret, mark)
+        return value
+    if isinstance(value, dict):
+        return {key: _marked(item, found) for key, item in value.items()}
+    return [_marked(item, found) for item in value] if isinstance(value, list) else value
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two options are equal, where one may have marks where the other has what they stand for: that a value is
+    declared secret, or is so no more, changes no container."""
+    if isinstance(a, str) and isinstance(b, str):
+        return a == b or _stands_for(a, b) or _stands_for(b, a)
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(same, a, b))
+    return bool(a == b)
+
+
+def _stands_for(with_marks: str, plain: str) -> bool:
+    before, *rest = _MARK.split(with_marks)
+    if len(rest) != 2 or len(plain) < len(before) + len(rest[1]):
+        return False
+    secret = plain.removeprefix(before).removesuffix(rest[1])
+    return plain == before + secret + rest[1] and _hash(secret) == rest[0]
+
+
+def _hash(value: str) -> str:
+    return hashlib.sha256(value.encode()).hexdigest()[:12]

@@ -81,7 +81,8 @@ class Overview:
                 continue
             differing = self._differing(entry.service)
             first = next(iter(self.situation.observed.by_service().get(entry.service, ())), None)
-            text = unified(entry.service, differing[0] if differing else first, service.spec if service else None)
+            spec, secrets = (service.spec, service.secrets) if service else (None, ())
+            text = unified(entry.service, differing[0] if differing else first, spec, secrets)
             if text:
                 found[entry.service] = text
         return found
@@ -103,7 +104,8 @@ class Overview:
         if differing is None:
             return ()
         container, found = differing
-        return changed_fields(container, self.situation.desired.catalog.services[name].spec or {}, found)
+        service = self.situation.desired.catalog.services[name]
+        return changed_fields(container, service.spec or {}, found, service.secrets)
 
     def _differing(self, name: str) -> tuple[Container, Difference] | None:
         """The container that is to be replaced, else the one that stays, where it is not as it is declared."""

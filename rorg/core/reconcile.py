@@ -142,7 +142,8 @@ class _Reconciled:
         """`old` is to be gone back to if the new one does not come up."""
         spec = self.service.spec or {}
         made_from = self.desired.digests[self.name]
-        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), old.id if old else "")
+        previous, secrets = old.id if old else "", self.service.secrets
+        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), previous, secrets)
         before = old or next((c for c, _ in stale), None)
         return Step(
             "create",

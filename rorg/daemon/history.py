@@ -11,6 +11,7 @@ from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.desired import Desired
 from rorg.core.digest import canonical, declared_fields
+from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
 from rorg.core.standing import GOOD, standing
@@ -24,10 +25,10 @@ from rorg.model.catalog import Catalog, Request
 
 
 class Historian:
-    """`wall` gives ISO 8601 in UTC."""
+    """`wall` gives ISO 8601 in UTC. Nothing is written of what `masker` hides."""
 
-    def __init__(self, database: Database, wall: Callable[[], str]) -> None:
-        self.wall = wall
+    def __init__(self, database: Database, wall: Callable[[], str], masker: Masker) -> None:
+        self.wall, self.masker = wall, masker
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
         self._revision: Revision | None = None
         """The one in force."""
@@ -71,14 +72,14 @@ class Historian:
         changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
         self._progress = progress
         if changed or gone:
-            texts = {name: json.dumps(outliving(progress[name], epoch)) for name in changed}
+            texts = {name: self.masker.json(json.dumps(outliving(progress[name], epoch))) for name in changed}
             self._stale = set() if self.runs.write(texts, gone) else changed
 
     # -- revisions ---------------------------------------------------------------------------------------------
 
     def _refuse(self, tree: Tree) -> None:
         """Writes a refused tree down, once for each set of errors."""
-        errors, commit = tuple(map(str, tree.errors)), tree.commit
+        errors, commit = tuple(self.masker.text(str(e)) for e in tree.errors), tree.commit
         found = Revision(
             number=0,
             at=self.wall(),
@@ -108,7 +109,7 @@ class Historian:
         found = standing(decision.situation, decision.plan, revision.standing == GOOD)
         if found.code != revision.standing:
             self._revision = replace(revision, standing=found.code, reason=found.reason)
-            self.revisions.settle(revision.number, found.code, found.reason, self.wall())
+            self.revisions.settle(revision.number, found.code, self.masker.text(found.reason), self.wall())
 
     def _note_images(self, decision: Decision, number: int) -> None:
         """What containers that are as declared were made from, as they come."""
@@ -139,8 +140,8 @@ class Historian:
             robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
-            services = made(tree.desired, last.services if last else {})
-            self._revision = self.revisions.begin(replace(found, plan=plan.text(), services=services))
+            services = made(tree.desired, last.services if last else {}, self.masker)
+            self._revision = self.revisions.begin(replace(found, plan=self.masker.text(plan.text()), services=services))
         known = self._revision.services if self._revision else {}
         self._imageless = {name for name, made in known.items() if not made.image_id}
 
@@ -149,7 +150,7 @@ def _identity(revision: Revision) -> tuple[object, ...]:
     return revision.fingerprint, revision.commit, revision.dirty, revision.robot
 
 
-def made(desired: Desired, before: Mapping[str, Made]) -> dict[str, Made]:
+def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[str, Made]:
     """What each service with a container is made from. `before`: as it was found for the revision before."""
     found = {}
     for name, service in desired.catalog.services.items():
@@ -159,7 +160,7 @@ def made(desired: Desired, before: Mapping[str, Made]) -> dict[str, Made]:
         if known is not None and (known.digest, known.edition) == (digest, desired.editions[name]):
             found[name] = known
             continue
-        declared = canonical(declared_fields(service.spec))
+        declared = masker.json(canonical(declared_fields(service.spec, service.secrets)))
         found[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
     return found
 

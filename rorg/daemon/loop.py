@@ -51,6 +51,7 @@ class Loop:
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
         self.recorder.begin(found)
         self.memory = replace(found, kept=read_kept(self.state.path))
+        self.tree.masker.learn(self.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Where the Policy says nothing."""
         self.passes = 0

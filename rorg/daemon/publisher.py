@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rorg.core.decide import Decision
+from rorg.core.masking import Masker
 from rorg.daemon.snapshot import Snapshots, about_tree
 from rorg.daemon.tree import Tree
 from rorg.store.files import write_atomic
@@ -21,11 +22,18 @@ SHARE = 0.1
 
 
 class Publisher:
-    """`about` says who runs; `tell` hears what keeps it from publishing; `clock` gives monotonic seconds."""
+    """`about` says who runs; `tell` hears what keeps it from publishing; `clock` gives monotonic seconds. What `masker`
+    hides is not published."""
 
     def __init__(
-        self, state: StateDir, clock: Callable[[], float], about: Mapping[str, Any], tell: Callable[[str], None]
+        self,
+        state: StateDir,
+        clock: Callable[[], float],
+        about: Mapping[str, Any],
+        tell: Callable[[str], None],
+        masker: Masker,
     ) -> None:
+        self.masker = masker
         self.state, self.clock, self.about, self.tell = state, clock, about, tell
         self._snapshots = Snapshots()
         self._published = ""
@@ -49,7 +57,7 @@ class Publisher:
             return
         decision, about = self._next
         began, self._next = self.clock(), None
-        text = self._snapshots.text(decision, about)
+        text = self.masker.json(self._snapshots.text(decision, about))
         if text != self._published:
             self._published = text
             try:

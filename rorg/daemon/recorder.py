@@ -11,6 +11,7 @@ from rorg.core.changes import changed_items, changed_keys
 from rorg.core.decide import Decision
 from rorg.core.digest import unreadable
 from rorg.core.losses import losses, ready_runs
+from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
 from rorg.core.plan import Action
@@ -32,7 +33,8 @@ QUIET_AT_FIRST = ("engine", "pressure")
 
 
 class Recorder:
-    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds."""
+    """`say` gets one line for each thing that happened; `wall` gives ISO 8601 in UTC; `clock` monotonic seconds. Both
+    lines and journal are without what `masker` hides."""
 
     def __init__(
         self,
@@ -41,11 +43,13 @@ class Recorder:
         wall: Callable[[], str],
         clock: Callable[[], float],
         engine: Engine,
+        masker: Masker,
     ) -> None:
+        self.masker = masker
         self.say, self.wall, self.clock, self.engine = say, wall, clock, engine
         self.history = Database(state.journal, wall)
         self.journal = Journal(self.history)
-        self.historian = Historian(self.history, wall)
+        self.historian = Historian(self.history, wall, masker)
         self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
@@ -67,11 +71,11 @@ class Recorder:
         """`person`: a person did it."""
         with self._lock:
             self.tell(message)
-            self.journal.append(self.wall(), kind, message, person, **more)
+            self.journal.append(self.wall(), kind, self.masker.text(message), person, **self.masker.value(more))
 
     def tell(self, message: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
-            self.say(message)
+            self.say(self.masker.text(message))
 
     def purged(self, node: str) -> None:
         """A ROS node's registration was taken out of the master."""

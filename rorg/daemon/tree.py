@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.core.desired import Desired, desire
+from rorg.core.masking import Masker
 from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
@@ -57,6 +58,8 @@ class Tree:
         self.named, self.host = named, host
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.references, self.source = references, source
+        self.masker = Masker()
+        """Knows the secrets of all that was read, refused trees included."""
         self.images = Content()
         """Of the last good tree."""
         self._catalog: Catalog | None = None
@@ -253,6 +256,7 @@ class Tree:
         return stamps[-1], loaded
 
     def _take(self, loaded: Loaded) -> None:
+        self.masker.learn(loaded.read)
         loaded, desired, images = self._desired(loaded)
         self.errors = tuple(d for d in loaded.diagnostics if d.severity == "error")
         self.warnings = tuple(d for d in loaded.diagnostics if d.severity == "warning")

@@ -72,11 +72,11 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
-    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine)
+    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
     about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    publisher = Publisher(state, clock, about, recorder.tell)
-    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     stopping = threading.Event()
+    publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
+    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(
         clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
     )

@@ -10,7 +10,7 @@ from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from rorg.core.masking import MASK
+from rorg.core.masking import forms, hidden
 from rorg.errors import EngineError, Invalid, RorgError
 from rorg.images.logs import build_log, log_path
 from rorg.images.order import Builder, Listener, Order, Result, Say
@@ -173,13 +173,13 @@ class _Build:
             try:
                 return replace(_made(order, builder, say), log=log_path(self._logs, order))
             except BaseException as error:
-                log(str(error))
+                log(_hidden(str(error), order))
                 raise
 
     def _telling(self, order: Order, log: Callable[[str], None] | None) -> Say:
         def say(text: str, step: bool = False) -> None:
             if log:
-                log(text)
+                log(_hidden(text, order))
             if step:
                 with self._hearing:
                     self._listener.step(order, _shown(text, order))
@@ -229,6 +229,9 @@ def _made(order: Order, builder: Builder, say: Say) -> Result:
 def _shown(text: str, order: Order) -> str:
     """One line, without the values of build arguments."""
     values = {value for value in (order.image.args.values() if order.image else ()) if len(value) >= SHORTEST}
-    for value in sorted(values, key=len, reverse=True):
-        text = text.replace(value, MASK)
-    return " ".join(text.split())
+    return " ".join(hidden(_hidden(text, order), sorted(values, key=len, reverse=True)).split())
+
+
+def _hidden(text: str, order: Order) -> str:
+    """Without the secrets among them, as it may be kept."""
+    return hidden(text, forms(order.image.args[name] for name in order.image.secrets)) if order.image else text

@@ -3,8 +3,8 @@ of variables, or a default."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from rorg.model.diagnostics import Where
 
 AT = ("spec", "container")
 SECCOMP = "seccomp="
+NOT_SHOWN = "(not shown)"
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def _container(service: Service, own: Source, profile: Merged, used: list[Level]
         if option in ("image", "command"):
             continue
         if option == "environment":
-            yield from _environment(value, layers, own)
+            yield from _environment(value, layers, own, service.secrets)
         elif isinstance(value, list) and option != "entrypoint":
             for index, item in enumerate(value):
                 yield _item(layers, option, index, item)
@@ -263,14 +264,17 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
     return Value(field, item, inline(item), "default")
 
 
-def _environment(names: Mapping[str, Any], layers: list[Layer], own: Source) -> Iterator[Value]:
-    """Values are those that manifests say. Of what a file says the names alone are told: it may be a secret."""
+def _environment(
+    names: Mapping[str, Any], layers: list[Layer], own: Source, secrets: Collection[str]
+) -> Iterator[Value]:
+    """Values are those that manifests say. Of secrets, and of what a file says, the names alone are told."""
     for name in sorted(names):
         field = f"container.environment.{name}"
         layer = next((x for x in layers if name in x.options.get("environment", {})), None)
         if layer:
             value = layer.options["environment"][name]
-            yield layer.level.value(field, _told("environment"), value, *layer.where("environment", name))
+            said = layer.level.value(field, _told("environment"), value, *layer.where("environment", name))
+            yield replace(said, value=None, text=NOT_SHOWN) if name in secrets else said
         else:
             yield _of_a_file(field, name, layers, own)
 
@@ -282,8 +286,8 @@ def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value
         for index, file in reversed(files):
             if name in _names(own, file):
                 where = layer.level.source.where(*layer.where("env_file", index))
-                return Value(field, None, "(not shown)", "env_file", file, where)
-    return Value(field, None, "(not shown)", "env_file")
+                return Value(field, None, NOT_SHOWN, "env_file", file, where)
+    return Value(field, None, NOT_SHOWN, "env_file")
 
 
 def _names(own: Source, file: str) -> set[str]:

@@ -20,11 +20,13 @@ from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_prof
 from rorg.manifest.programs import check_programs
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
+from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.model.catalog import (
     DEVELOPER,
     EVERY,
     Catalog,
     Group,
+    Image,
     Policy,
     Service,
 )
@@ -39,6 +41,8 @@ class Loaded:
 
     catalog: Catalog | None
     diagnostics: tuple[Diagnostic, ...] = ()
+    read: Catalog | None = None
+    """As much of it as could be read, whether it is good or not: its secrets are in no message either."""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -85,9 +89,11 @@ def _load(
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics += more
     if any(d.severity == "error" for d in diagnostics):
-        return Loaded(None, tuple(sorted(set(diagnostics))))
+        unread = unread_secrets(root, edits or {}, broken)
+        return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
-    return Loaded(replace(catalog, fingerprint=fingerprint(catalog)), tuple(sorted(set(diagnostics))))
+    catalog = replace(catalog, fingerprint=fingerprint(catalog))
+    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog)
 
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
@@ -106,7 +112,11 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
 
 def load_or_raise(root: Path, engine: str = "", robot: str = "") -> Catalog:
     """The Catalog of a tree, or Invalid with every diagnostic in its message."""
-    loaded = load(root, engine=engine, robot=robot)
+    return usable(root, load(root, engine=engine, robot=robot))
+
+
+def usable(root: Path, loaded: Loaded) -> Catalog:
+    """What was loaded, or Invalid."""
     if loaded.catalog is None:
         raise unusable(root, loaded.errors)
     return loaded.catalog
@@ -196,13 +206,21 @@ def _catalog(
                     )
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
-    images, of_images = images_of(by_kind.get("Image", {}))
+    images, of_images = _images(by_kind, services)
     catalog = Catalog(services, groups, images, requests, policy_of(policy) if policy else Policy())
     if not diagnostics:
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
+
+
+def _images(
+    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
+) -> tuple[dict[str, Image], list[Diagnostic]]:
+    images, diagnostics = images_of(by_kind.get("Image", {}))
+    images, found = secrets_of(services, images, by_kind.get("Service", {}))
+    return images, [*diagnostics, *found]
 
 
 def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tuple[Service, list[Diagnostic]]:

@@ -42,10 +42,9 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
     """The service of a manifest. `profile` already stands on `common`; `policy` is the Policy's spec, or None; `engine`
     the name of what is to run it, where that is known."""
     spec: Any = source.spec
-    diagnostics: list[Diagnostic] = []
-    meta = spec.type == "meta"
+    diagnostics, meta = list[Diagnostic](), spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
-    container, origins = ({}, {}) if meta else _container(source, profile, diagnostics, engine)
+    container, origins, secrets = ({}, {}, ()) if meta else _container(source, profile, diagnostics, engine)
     protected, interlock = _guard(spec, policy)
     master = container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
     service = Service(
@@ -73,6 +72,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         memory=spec.resources.memory,
         driver=spec.driver is not None,
         spec=None if meta else container,
+        secrets=secrets,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
         origins={path: ", ".join(map(str, names)) for path, names in sorted(origins.items())},
         description=source.description,
@@ -133,17 +133,21 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
 
 def _container(
     source: Source, profile: Merged, diagnostics: list[Diagnostic], engine: str
-) -> tuple[dict[str, Any], Origins]:
+) -> tuple[dict[str, Any], Origins, tuple[str, ...]]:
+    """Its options, what declares each, and which of its variables are secret."""
     spec: Any = source.spec
     options = substitute(dict(profile.container), values_of(source))
     origins = profile.origins
     for over, part in parts(source, profile, diagnostics):
         options = merge_options(options, over)
         origins = trace(origins, options, over, Origin(part, profile=False))
+    of_files: dict[str, str] = {}
     if "volumes" in options:
         options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
     if "env_file" in options:
-        options["environment"] = {**_env_files(source, options, diagnostics), **options.get("environment", {})}
+        said, of_files = options.get("environment", {}), _env_files(source, options, diagnostics)
+        options["environment"] = {**of_files, **said}
+        of_files = {k: v for k, v in of_files.items() if k not in said}
         del options["env_file"]
     if "security_opt" in options:
         options["security_opt"] = _security(source, options["security_opt"], diagnostics)
@@ -152,7 +156,11 @@ def _container(
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)
-    return options, origins
+    return (
+        options,
+        origins,
+        tuple(sorted({*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))})),
+    )
 
 
 def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:

@@ -64,6 +64,7 @@ def _on_change(value: object) -> object:
     return name
 
 
+SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
 
@@ -204,6 +205,12 @@ class ServiceSpec(Strict):
         "Variables that a process has of the environment of `rorg run`: names and patterns, or all. What `container` "
         "says wins. On the process engine; containers have none of it.",
         ["ROS_*", "DISPLAY"],
+    )
+    secrets: list[Annotated[str, Field(pattern=SECRET)]] = unchanging(
+        "Names of variables, or of build arguments of its image, whose values are shown and recorded nowhere. What "
+        "comes from an env_file is secret by itself.",
+        ["MAP_SERVER_KEY"],
+        list,
     )
     container: ContainerOptions | None = recreate(
         "Options of the container, named as in Compose.", {"volumes": ["maps:/root/maps"], "mem_limit": "512Mi"}

@@ -18,6 +18,9 @@ EVERY = "*"
 RUN = "${rorg.run}"
 """Stands for the directory of rorg's sockets until it is known which rorg runs this tree."""
 
+SHORTEST_SECRET = 6
+"""Characters of a secret that is looked for in texts; a shorter one is part of any text."""
+
 Spec = Mapping[str, Any]
 """A rendered container: `image`, `command` and options under Compose's names, in plain JSON values; only what is
 declared. Exactly this is sent to the engine, and exactly this is digested."""
@@ -117,6 +120,8 @@ class Service:
     driver: bool = False
     spec: Spec | None = None
     """None for a meta-service."""
+    secrets: tuple[str, ...] = ()
+    """Variables of its environment whose values are secret: declared as such, or from a file of variables."""
     defaults: tuple[str, ...] = ()
     """Options in the spec that nobody asked for: they come from the profile `common` that is built in."""
     origins: Mapping[str, str] = field(default_factory=dict)
@@ -169,6 +174,8 @@ class Image:
     bases: tuple[str, ...] = ()
     """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
     RUN --mount=from that names no stage of its own."""
+    secrets: tuple[str, ...] = ()
+    """Arguments whose values are secret."""
     reference: str = ""
     """What services are made from: that of its content, once that is known."""
 

@@ -1,0 +1,76 @@
+"""Which values of a tree are secret: those that Services name, and what comes from files of variables."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.documents import Source, manifest_files
+from rorg.manifest.files import read_text
+from rorg.manifest.yaml_source import read_yaml
+from rorg.model.catalog import SHORTEST_SECRET, Image, Service
+from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.image_names import declared
+
+
+def secrets_of(
+    services: Mapping[str, Service], images: Mapping[str, Image], sources: Mapping[str, Source]
+) -> tuple[dict[str, Image], list[Diagnostic]]:
+    """The Images with those of their arguments that are secret, by the word of a service that is made from them. A name
+    that means nothing is an error: most likely it is misspelt, and hides nothing. A value that is too short to be told
+    from other text is worth a warning."""
+    found, diagnostics = dict(images), list[Diagnostic]()
+    for name, source in sources.items():
+        service = services[name]
+        variables = (service.spec or {}).get("environment", {})
+        under = _under(str((service.spec or {}).get("image", "")), images)
+        for index, secret in enumerate(source.spec.secrets):
+            where = source.where("spec", "secrets", index)
+            taken = [i for i in under if secret in images[i].args]
+            for image in taken:
+                found[image] = replace(found[image], secrets=tuple(sorted({*found[image].secrets, secret})))
+            values = [*([variables[secret]] if secret in variables else []), *(images[i].args[secret] for i in taken)]
+            if not values:
+                known = {*variables, *(a for i in under for a in images[i].args)}
+                remedy = nearest(secret, known) or "naming one that is in container.environment or an env_file"
+                message = f"'{secret}' is no variable of '{name}', and no argument of its image"
+                diagnostics.append(Diagnostic(where, message, remedy))
+            elif any(0 < len(value) < SHORTEST_SECRET for value in values):
+                message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
+                diagnostics.append(
+                    Diagnostic(where, message, f"one of at least {SHORTEST_SECRET} characters", "warning")
+                )
+    return found, diagnostics
+
+
+def _under(image: str, images: Mapping[str, Image]) -> list[str]:
+    """The Images that a reference means, and stands on."""
+    found: list[str] = []
+    pending = [image]
+    while pending:
+        name = declared(pending.pop(), images)
+        if name and name not in found:
+            found.append(name)
+            pending += images[name].bases
+    return found
+
+
+def unread_secrets(root: Path, overlay: Mapping[Path, str | None], broken: Collection[str]) -> dict[str, Service]:
+    """What can be told of the secrets in manifests that are wrong by themselves, as services that have nothing else."""
+    found = {}
+    for path in manifest_files(root):
+        if path.stem not in broken:
+            continue
+        with contextlib.suppress(OSError, TypeError, AttributeError, LookupError, ValueError):
+            text = overlay.get(path) or read_text(path, root)
+            document, _ = read_yaml(text, str(path))
+            spec: Any = document.value["spec"] if document else {}
+            said = spec["container"]["environment"]
+            pairs = said.items() if isinstance(said, dict) else (entry.split("=", 1) for entry in said)
+            environment = {str(name): str(value) for name, value in pairs}
+            secrets = tuple(name for name in environment if name in spec["secrets"])
+            found[f"{path.stem}?"] = Service(path.stem, spec={"environment": environment}, secrets=secrets)
+    return found
