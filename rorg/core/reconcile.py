@@ -105,7 +105,7 @@ class _Reconciled:
             if new is None or s.verb != "rename"
         ]
         steps += self.run(old, steps)
-        left = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
+        left = [c for c, _ in stale if c not in (old, swap.spare)] + ([] if new is None else [new])
         steps += [s for c in left for s in away(c, why, self.service) if s.verb == "remove" or c is not new]
         steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
         if left:

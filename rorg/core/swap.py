@@ -33,6 +33,8 @@ class Swap:
         """The new one, as long as it is on trial."""
         self.old: Container | None = None
         """What is kept, to be gone back to."""
+        self.spare: Container | None = None
+        """What `old` itself goes back to, while that is on trial."""
         tried = self.step.attempts.get("create")
         held = new is None and held_back(view, service, changed) is not None
         self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
@@ -45,6 +47,8 @@ class Swap:
         pair = candidate([c for c in (new, *stale) if c], self.update)
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
             self.new, self.old = new, pair[1]
+            if self.denied and not self.failed and pair[0].active:
+                self.old, self.spare = pair  # the one on trial runs, and what is to take its place cannot
         elif new is None and stale:
             self.old = stale[0] if self.worthy(stale[0]) else None
 

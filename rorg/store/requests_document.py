@@ -15,8 +15,6 @@ class RequestsDocument:
     requests: tuple[Request, ...] = ()
     restarts: Mapping[str, str] = field(default_factory=dict)
     """Service -> when its restart was asked for, ISO 8601 in UTC."""
-    retries: Mapping[str, str] = field(default_factory=dict)
-    """Service -> when it was asked for that what failed of it be tried again, as `restarts`."""
     holds: Mapping[str, Hold] = field(default_factory=dict)
     """Service -> until when it must not be active."""
     suspended: Hold | None = None
@@ -24,6 +22,8 @@ class RequestsDocument:
     """What is not declared any more, and confirmed to be removed."""
     down: bool = False
     """The robot is being taken down: everything is ceased and removed, and then rorg ends."""
+    retries: Mapping[str, str] = field(default_factory=dict)
+    """Service -> when it was asked for that what failed of it be tried again, as `restarts`."""
 
     def put(self, request: Request) -> RequestsDocument:
         """With this request, in place of the one with the same requester and id."""

@@ -90,11 +90,11 @@ class _Reader:
         return RequestsDocument(
             tuple(found),
             self.times("restarts", value.get("restarts") or {}),
-            self.times("retries", value.get("retries") or {}),
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,
             self.removals(value.get("removals") or []),
             self.down(value.get("down", False)),
+            self.times("retries", value.get("retries") or {}),
         )
 
     def down(self, value: Any) -> bool:
