@@ -76,7 +76,7 @@ def _service(desired: Desired, name: str) -> dict[str, Any]:
     """With the options of its container, and the contents of what it mounts from the tree."""
     service = desired.catalog.services[name]
     contents = dict(desired.contents.get(name, {}))
-    return {**_fields(service), **_plain(declared_fields(service.spec or {})), CONTENT: contents}
+    return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), CONTENT: contents}
 
 
 def _fields(thing: Any) -> dict[str, Any]:

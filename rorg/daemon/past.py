@@ -55,6 +55,7 @@ def load_at(tree: Tree, rev: str) -> Past:
         mirror.bring(manifests, contents.MOST_FILES, contents.MOST_BYTES)
         robot = robot_for(there, tree.named, tree.host)
         loaded = load(there, found=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine, robot=robot)
+        tree.masker.learn(loaded.read)
         if loaded.catalog is None:
             lines = "\n".join(map(str, loaded.errors))
             why = f"{counted(len(loaded.errors), 'error')}\n{lines}\n"
