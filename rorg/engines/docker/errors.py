@@ -25,7 +25,7 @@ KINDS = (
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
     ("gone", r"no such container", ""),
-    ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
+    ("conflict", r"is paused|not running|already (started|paused)|is not paused|task \S+ already exists", ""),
 )
 """What the engine says, as a stable kind with a remedy."""
 REMEDY = "`docker info` to see whether the engine runs"
