@@ -62,7 +62,7 @@ class Lab:
         for name, version in self.now.items():
             (tree / "config").mkdir(parents=True, exist_ok=True)
             (tree / "config" / name).write_text(f"{self.config[name]}\n")
-            container = {"environment": {"VERSION": str(version)}, "volumes": [f"./config/{name}:/config:ro"]}
+            container = {"environment": {"VERSION": str(version)}, "volumes": [f"../config/{name}:/config:ro"]}
             services[name] = {"always_on": True, "container": container, **BAD.get(self.bad.get(name, ""), {})}
         write_tree(tree, services, policies={"robot": {"removals": "auto", "updates": {"bake": "300ms"}}})
         torn = tree / "services" / "torn.yaml"
@@ -112,7 +112,8 @@ class Lab:
     def read(self) -> dict[str, int]:
         """What each service's configuration says inside."""
         found = {c.service: c.id for c in self.robot.containers() if c.state == "running"}
-        return {n: int(self.robot.engine.exec(i, ["cat", "/config"], 30.0)[1].decode()) for n, i in found.items()}
+        words = ["python3", "-S", "-c", "print(open('/config').read())"]
+        return {n: int(self.robot.engine.exec(i, words, 30.0)[1].decode()) for n, i in found.items()}
 
     def rorg(self, *words: str, code: int = 0) -> str:
         return commands.rorg(*words, "--state-dir", str(self.robot.state.path), code=code, cwd=self.clone).stdout

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
-from robots import write_tree
+from robots import VirtualRobot, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
 from rorg.core.decide import Decision, Inputs, decide
@@ -564,3 +564,22 @@ def meddle(robot: SimRobot, verb: str, current: Container) -> None:
     elif verb == "pause":
         with contextlib.suppress(RorgError):
             robot.engine.pause(current.id)
+
+
+def test_a_hold_that_is_made_longer_is_told_so(tmp_path):
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"arm": {}, "hand": {"always_on": True}})
+    robot.settle()
+    texts, before = Snapshots(), {}
+    for seconds in (500, 5000):
+        robot.hold("arm", seconds)
+        robot.wait(lambda was=before: robot.sim.decision.holds != was, 10)
+        before = robot.sim.decision.holds
+        texts.note(robot.sim.decision)
+        assert json.loads(texts.text(robot.sim.decision, {})) == json.loads(
+            json.dumps(snapshot(robot.sim.decision, {}))
+        )
+        for _ in range(3):  # until nothing of it is looked at any more
+            robot.wait(lambda then=robot.sim.decision: robot.sim.decision is not then, 60)
+            texts.note(robot.sim.decision)
+            texts.text(robot.sim.decision, {})

@@ -219,7 +219,7 @@ def go_back(
     from rorg.cli.differences import differences
     from rorg.host.person import caller
 
-    if root.is_relative_to(context.state.path / "git"):
+    if is_copy(context, root):
         note("\n".join(wanted.commands(clone=True)))
         raise Refused("commit here", "rorg follows another repository", "these commands in a clone of that")
     owner = taken(context, command)
@@ -236,6 +236,11 @@ def go_back(
     withheld = [n for n in found.withheld if n in shown.withheld]
     bring_about(context, owner, found._replace(withheld=withheld), *waiting)
     return bool(made)
+
+
+def is_copy(context: Context, root: Path) -> bool:
+    """Whether a directory of manifests is what a running rorg has fetched from a repository."""
+    return root.is_relative_to(context.state.git.resolve())
 
 
 def tree_of(context: Context) -> Path:

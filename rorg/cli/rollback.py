@@ -56,14 +56,14 @@ def command(
     """
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
-    from rorg.cli.going_back import Known, all_committed, go_back, goal_of, restoring, tree_of
+    from rorg.cli.going_back import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
     from rorg.cli.output import echo, note
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)
     goal = goal_of(revision, Known(context), root)
     if printed:
-        echo("\n".join(restoring(root, context.robot, goal, service).commands()))
+        echo("\n".join(restoring(root, context.robot, goal, service).commands(clone=is_copy(context, root))))
         return
     all_committed(root, context.robot)
     wanted = restoring(root, context.robot, goal, service)

@@ -53,7 +53,7 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
 
 
 def _of_tree(action: Action) -> bool:
-    return action.verb not in LASTING or action.part_of == "replace"
+    return action.verb not in LASTING or bool(action.part_of)
 
 
 def _services(situation: Situation) -> list[str]:

@@ -58,15 +58,20 @@ class Snapshots:
         """What `_runs` was made from."""
         self._timed: set[str] = set()
         """Services of whose run other things are said with time."""
+        self._out: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {})
+        """Who was held, and who preempted, with what was said of it."""
         self._actions: dict[int, tuple[Action, str]] = {}
         """By identity; what is kept here keeps its identity."""
 
     def note(self, decision: Decision) -> None:
         """Every decision must be noted, whether a text of it is wanted or not."""
+        before, self._out = self._out, (decision.holds, decision.situation.preempted)
         if decision.whole:
             self._stale = None
         elif self._stale is not None:
             self._stale.update(decision.looked_at)
+            for was, out in zip(before, self._out, strict=True):
+                self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
 
     def text(self, decision: Decision, about: dict[str, Any]) -> str:
         """Of the decision that was noted last."""

@@ -104,8 +104,8 @@ class Tree:
 
     @property
     def commit(self) -> Commit | None:
-        """What git says of it; asked again when it was read anew, or the repository's head is another one."""
-        stamp = (self._stamp, head_stamp(self._git))
+        """What git says of what was read last."""
+        stamp = (self._stamp, self._moves)
         if self._commit is None or self._commit[0] != stamp:
             self._commit = stamp, head(self.root) if self._git else None
             self.refusal = refusal(self.root) if self._commit[1] is None else ""
@@ -227,6 +227,7 @@ class Tree:
 
     def read_now(self) -> None:
         """Reads it as it is at this moment, whoever writes it."""
+        self._moves = head_stamp(self._git)
         self._stamp, loaded = self._load(self.stamp())
         self._take(loaded)
 

@@ -164,4 +164,6 @@ def test_a_service_that_floods_the_journal_pushes_out_no_line_of_people(robot, m
     assert 10 < len(mine) < 120, "the oldest of its own are gone"
     robot.stop()
     robot.start()
-    assert [e for e in robot.client(patience=10).events(cursor=0) if e["seq"] <= found[-1]["seq"]] == found
+    kept = [e for e in robot.client(patience=10).events(cursor=0) if e["seq"] <= found[-1]["seq"]]
+    assert [e for e in kept if e.get("author") == "root"] == [e for e in found if e.get("author") == "root"]
+    assert [e for e in found if e in kept] == kept, "the oldest may be gone, and nothing else is otherwise"
