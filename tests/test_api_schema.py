@@ -10,6 +10,11 @@ import pytest
 from jsonschema import Draft202012Validator
 from robots import RealRobot
 
+from rorg.api.status_models import RunView
+from rorg.core.memory import Attempt, Progress
+from rorg.core.update import Update
+from rorg.daemon.snapshot import run_json
+
 DOCUMENT = json.loads((Path(__file__).parent.parent / "schemas/openapi.json").read_text())
 SERVICES = {
     "roscore": {"ready": {"delay": "0s"}},
@@ -94,6 +99,13 @@ def test_an_answer_has_the_fields_that_are_documented_and_no_others(robot, path)
     else:
         assert kind == "application/yaml"
         assert answer.body.startswith(b"apiVersion")
+
+
+def test_all_that_is_kept_of_a_run_is_documented():
+    every = {"edition": "e", "drawn": "d", "held": "h", "proven": "p", "baked": "b", "run": "r"}
+    update = Update(**every, quarantined={"e": "why"}, content={"/a": "b"})
+    told = run_json(Progress(update=update, attempts={"start": Attempt(at=5.0, error="no")}), 0.0)
+    assert set(told) == set(RunView.model_fields)
 
 
 def test_no_answer_is_only_said_to_be_an_object(robot):

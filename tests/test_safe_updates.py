@@ -317,8 +317,9 @@ def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
     assert "no change of it failed" in rorg("retry", "nav", "developer", code=5, **where).stderr
     told = rorg("apply", str(robot.tree), "--yes", "--wait", code=4, RORG_STATE_DIR=str(robot.state.path)).stderr
     assert "map: its change failed" in told
+    begun = sum("> start map (" in line for line in robot.lines)
     assert rorg("retry", "nav", **where).stdout == "nav, map: the change is tried again\n"
-    robot.wait(lambda: running(robot, "map") and running(robot, "map").id != before["map"])
+    robot.wait(lambda: sum("> start map (" in line for line in robot.lines) > begun)
     robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and failed(robot, "map"))
 
 

@@ -105,9 +105,12 @@ class RunView(BaseModel):
     needs: dict[str, str] = Field(description="Service that it needs, and the run of it that it counts on.")
     stopped: str = Field(description="The run that rorg ended itself.")
     edition: str | None = Field(default=None, description="What was declared when its container was taken into use.")
-    failed: str | None = Field(default=None, description="The edition that did not come up.")
-    error: str | None = Field(default=None, description="Why it did not.")
+    quarantined: dict[str, str] | None = Field(
+        default=None, description="Editions that did not come up, or did not stay well, and why."
+    )
+    drawn: str | None = Field(default=None, description="Why its change is undone: one of its set failed.")
     proven: str | None = Field(default=None, description="The container whose trial is over.")
+    baked: str | None = Field(default=None, description="The edition that has stayed well for its bake.")
     loaded: str | None = Field(default=None, description="The run that has read `content`.")
     content: dict[str, str] | None = Field(default=None, description="Digests of what it mounts from the tree.")
     attempts: dict[str, tuple[float, str]] | None = Field(
