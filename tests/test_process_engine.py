@@ -161,7 +161,7 @@ def test_only_what_somebody_asked_for_is_told_to_mean_nothing_here(tmp_path):
     robot = RealRobot(tmp_path, "process", None)
     try:
         robot.declare({"arm": {"container": {"cap_add": ["KILL"]}}, "camera": {}})
-        robot.wait(lambda: any("manifests in force" in line for line in robot.log()))
+        robot.settle()
         told = [line for line in robot.log() if "ignores options" in line]
         assert [line.partition("options: ")[2] for line in told] == ["cap_add (1 service)"]
     finally:
