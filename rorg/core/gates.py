@@ -94,8 +94,8 @@ def _ready_at(view: View, need: str) -> float | None:
 
 
 def unready(view: View, service: Service, blocked: str, planned: Collection[str]) -> str:
-    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short, after
-    the verbs that are `planned`. What is ready and goes on stays so, whatever a change of it waits for."""
+    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
+    after the verbs that are `planned`. What is ready and goes on stays so, whatever a change of it waits for."""
     step = view.s.memory.of(service.name)
     if step.ready and not ENDING & {*planned}:
         return ""

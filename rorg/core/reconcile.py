@@ -191,6 +191,8 @@ class _Reconciled:
             return []
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
+        if self.step.spent(container):
+            return [Step("remove", container, "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation:
