@@ -1,0 +1,1 @@
+"""Compose files: what they say, as values, and a robot as one."""
