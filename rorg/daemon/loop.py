@@ -17,7 +17,7 @@ from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
-from rorg.model.catalog import Thresholds
+from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
