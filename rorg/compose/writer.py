@@ -13,10 +13,10 @@ from typing import Any
 from rorg.compose.exported import Exported
 from rorg.compose.writer_dotenv import dotenv
 from rorg.compose.writer_notes import notes_of
+from rorg.compose.writer_objects import sections
 from rorg.compose.writer_options import OPTIONS, SOCKET, Writing, beside
 from rorg.model.catalog import Catalog, Image, Service
 from rorg.model.image_names import declared, stem
-from rorg.model.volumes import is_path
 
 RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
 """What rorg does when a service ends -> what the engine is to do. Nothing for `never`."""
@@ -29,11 +29,12 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
     above it, are relative to it. `name` is that of the project, made of any text."""
     services = {n: s for n, s in sorted(catalog.services.items()) if s.spec is not None}
     containers = {s.container_name: n for n, s in services.items()}
-    joined, volumes = _networks(services), _volumes(services)
+    networks = sections("network", catalog.networks, services.values())
+    volumes = sections("volume", catalog.volumes, services.values())
     document: dict[str, Any] = {"name": project(name), "services": {}}
     notes, files = list(notes_of(catalog)), dict[str, str]()
     for service in services.values():
-        writing = Writing(service.name, containers, _keys(joined), base)
+        writing = Writing(service.name, containers, _keys(networks), _keys(volumes), base)
         document["services"][service.name] = _service(writing, service, catalog)
         notes += writing.notes
         files |= writing.files
@@ -43,7 +44,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
             "build": _build(image, base),
             "profiles": [BUILD],
         }
-    document |= {k: v for k, v in (("networks", joined), ("volumes", volumes)) if v}
+    document |= {k: v for k, v in (("networks", networks), ("volumes", volumes)) if v}
     return Exported(document, tuple(notes), files, {n: s.description for n, s in services.items() if s.description})
 
 
@@ -129,30 +130,6 @@ def _only_bases(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[I
             yield image
 
 
-def _networks(services: Mapping[str, Service]) -> dict[str, Any]:
-    """Those that services join, by the names that they write: nobody declares them, so they must be there."""
-    found: dict[str, Any] = {}
-    for service in services.values():
-        for name in (service.spec or {}).get("networks", {}):
-            if name not in ("bridge", "default"):
-                found[name] = {"name": name, "external": True}
-    return dict(sorted(found.items()))
-
-
-def _keys(networks: Mapping[str, Any]) -> dict[str, str]:
-    """By what services may write for a network: its key, or the engine's name."""
-    return {**{n["name"]: key for key, n in networks.items()}, **{key: key for key in networks}}
-
-
-def _volumes(services: Mapping[str, Service]) -> dict[str, Any]:
-    """Those with a name, as services write it. The engine makes what is not there, as Compose does."""
-    found: dict[str, Any] = {}
-    for service in services.values():
-        for value in (service.spec or {}).get("volumes", ()):
-            if isinstance(value, Mapping):
-                name = (value.get("source") or "") if value["type"] == "volume" else ""
-            else:
-                name = value.partition(":")[0] if ":" in value else ""
-            if name and not is_path(name) and not name.startswith("$"):
-                found[name] = {"name": name}
-    return dict(sorted(found.items()))
+def _keys(section: Mapping[str, Any]) -> dict[str, str]:
+    """The engine's name -> the key in the Compose file."""
+    return {one["name"]: key for key, one in section.items()}

@@ -23,10 +23,18 @@ SOCKET = "RORG_SOCKET"
 class Writing:
     """What options need to know of the rest, and where they leave what is beside them."""
 
-    def __init__(self, service: str, containers: Mapping[str, str], networks: Mapping[str, str], base: str) -> None:
-        """`containers`: name of a container -> its service; `networks`: name that services write -> key in the Compose
-        file; `base`: absolute directory of the Compose file."""
-        self.service, self.containers, self.networks, self.base = service, containers, networks, base
+    def __init__(
+        self,
+        service: str,
+        containers: Mapping[str, str],
+        networks: Mapping[str, str],
+        volumes: Mapping[str, str],
+        base: str,
+    ) -> None:
+        """`containers`: name of a container -> its service; `networks`, `volumes`: the engine's name -> the key in the
+        Compose file; `base`: absolute directory of the Compose file."""
+        self.service, self.containers, self.base = service, containers, base
+        self.networks, self.volumes = networks, volumes
         self.section: Section = {}
         self.notes: list[Note] = []
         self.files: dict[str, str] = {}
@@ -145,11 +153,13 @@ def _volumes(writing: Writing, option: str, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, Mapping):
             source = value.get("source") or ""
-            here = {"source": writing.path(source)} if value["type"] == "bind" else {}
-            found.append({k: v for k, v in {**value, **here}.items() if v not in (None, {}, False)})
+            here = {"bind": writing.path(source), "volume": writing.volumes.get(source, source)}.get(value["type"])
+            found.append({k: v for k, v in {**value, "source": here}.items() if v not in (None, "", {}, False)})
         elif not value.startswith(RUN):
             source, colon, rest = value.partition(":")
-            found.append(writing.path(source) + colon + rest if colon and is_path(source) else value)
+            if colon:
+                source = writing.path(source) if is_path(source) else writing.volumes.get(source, source)
+            found.append(source + colon + rest)
     if found:
         writing.put(option, found)
 
