@@ -126,7 +126,7 @@ def volume(data: Mapping[str, Any]) -> Tree:
 
 def _plain(api: Any) -> Mapping[str, Any]:
     """HostConfig of a container of which nothing is said, and which is not kept: what is as there is the engine's."""
-    made = api.create_container(BASE)["Id"]
+    made = api.create_container(BASE, host_config=api.create_host_config())["Id"]
     found = api.inspect_container(made)["HostConfig"]
     api.remove_container(made)
     return found
@@ -142,7 +142,7 @@ def container(data: Mapping[str, Any], plain: Mapping[str, Any], ids: Mapping[st
     said["Image"] = config["Image"]
     said["Hostname"] = None if config["Hostname"] == short else config["Hostname"]
     said["Env"] = sorted(config.get("Env") or ())
-    said["ExposedPorts"] = sorted(config.get("ExposedPorts") or ())
+    said["ExposedPorts"] = sorted(p if "/" in p else f"{p}/tcp" for p in config.get("ExposedPorts") or ())
     said["Labels"] = _labels(config)
     said["Healthcheck"] = _full(config.get("Healthcheck") or {})
     said["Mounts"] = sorted((_mount(m, folder) for m in data["Mounts"]), key=lambda m: m["target"])
@@ -208,7 +208,15 @@ def _mount_options(host: Mapping[str, Any]) -> Tree:
 def _endpoint(data: Mapping[str, Any], name: str, short: str) -> Tree:
     aliases = sorted(set(data.get("Aliases") or ()) - {name, short})
     ipam = _full(data.get("IPAMConfig") or {})
-    return _full({"aliases": aliases, "ipam": ipam, "options": data.get("DriverOpts"), "links": data.get("Links")})
+    links = sorted(link for link in data.get("Links") or () if not _usual(link))
+    return _full({"aliases": aliases, "ipam": ipam, "options": data.get("DriverOpts"), "links": links})
+
+
+def _usual(link: str) -> bool:
+    """Whether the other container is called so on the network anyway: by its own name, that of its service, or that
+    with its number, which Compose adds."""
+    container, _, alias = link.partition(":")
+    return alias == container or re.fullmatch(rf".*-{re.escape(alias.removesuffix('-1'))}-1", container) is not None
 
 
 def _host(key: str, value: Any) -> Any:
@@ -221,7 +229,7 @@ def _host(key: str, value: Any) -> Any:
         return [_full(v) for v in value or ()]
     if key in ("ExtraHosts", "GroupAdd", "MaskedPaths", "ReadonlyPaths", "DeviceCgroupRules", "SecurityOpt"):
         return sorted(value or ())
-    return _full(value) if isinstance(value, dict) else value
+    return {k: v for k, v in sorted(value.items()) if v is not None} if isinstance(value, dict) else value
 
 
 def differences(compose: Tree, rorg: Tree, at: str = "") -> list[str]:
