@@ -18,7 +18,7 @@ from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import check_programs
-from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
+from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, objects_of
@@ -79,7 +79,7 @@ def _load(
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
-    diagnostics += more
+    diagnostics += more + check_spelling(sources)
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics += more
@@ -189,7 +189,7 @@ def _catalog(
     for name, source in by_kind.get("Service", {}).items():
         services[name], found = _resolve(source, services[name], groups, known)
         diagnostics += found
-    diagnostics += _same_container(services, by_kind.get("Service", {}))
+    diagnostics += check_container_names(services, by_kind.get("Service", {}))
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
     diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
@@ -268,23 +268,3 @@ def _resolve(
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
     needs, conflicts = resolved["needs"], resolved["conflicts"]
     return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
-
-
-def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Two services can have no container of the same name."""
-    owners: dict[str, str] = {}
-    diagnostics = []
-    for name in sources:
-        service = services[name]
-        first = owners.setdefault(service.container_name, name)
-        if first != name:
-            both = sorted((first, name), key=lambda n: services[n].container_name == n)
-            where = sources[both[0]].where("spec", "container", "container_name")
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the container of '{both[1]}' is called '{service.container_name}' too",
-                    "another container_name",
-                )
-            )
-    return diagnostics
