@@ -13,7 +13,7 @@ from rorg.core.digest import declared_fields
 from rorg.core.masking import MASK
 from rorg.model.catalog import DEVELOPER
 
-UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels"))
+UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
 """What makes nothing different for a robot, or is told otherwise."""
 
 CONTENT = "content"
