@@ -60,7 +60,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
 )
 """Field of a Service -> what is lost of it; empty where it says nothing. Labels are those of metadata."""
 ELSEWHERE = {
-    *("name", "spec", "needs", "restarts_with", "restart", "secrets", "description"),
+    *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
     *("meta", "cpu", "memory", "driver", "defaults", "origins", "where"),
 }
 """Fields of a Service that are in the file, or are part of another one's row."""

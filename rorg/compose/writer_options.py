@@ -168,7 +168,9 @@ def _volumes_from(writing: Writing, option: str, values: list[str]) -> None:
     found = []
     for value in values:
         name, colon, mode = value.removeprefix("container:").partition(":")
-        own = writing.containers.get(name, "")
+        own = (
+            name if name in writing.containers.values() and value.startswith(name) else writing.containers.get(name, "")
+        )
         found.append((own or f"container:{name}") + colon + mode)
     writing.put(option, found)
 

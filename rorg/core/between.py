@@ -15,7 +15,7 @@ from rorg.core.objects import declared_options
 from rorg.model.catalog import DEVELOPER
 from rorg.model.objects import EngineObject
 
-UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels"))
+UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
 """What makes nothing different for a robot, or is told otherwise."""
 
 CONTENT = "content"

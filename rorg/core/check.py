@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rorg.core.joining import joined_of
+from rorg.core.observed import LABEL_JOINED
 from rorg.core.onward import Planned
 from rorg.core.plan import Action
 from rorg.core.situation import Situation
@@ -49,7 +51,7 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
             state = known[action.container].state if action.container in known else ""
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
-        found += _activation(action, situation)
+        found += _activation(action, situation) + _joined(action, situation)
         if not action.after and action.verb in ("start", "resume"):
             found += [
                 f"{action} beside another active container of it"
@@ -59,6 +61,16 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
         if situation.interlocks.get(name) and action.verb not in ("create", "rename"):
             found.append(f"{action} against its interlock")
     return found
+
+
+def _joined(action: Action, situation: Situation) -> list[str]:
+    """A container is made joined to containers that are there."""
+    service = situation.desired.catalog.services.get(action.service)
+    if action.verb != "create" or action.after or service is None or not service.joins:
+        return []
+    ids, containers = joined_of(action.args["labels"].get(LABEL_JOINED, "")), situation.observed.by_service()
+    lost = [n for n in service.joins if ids.get(n) not in {c.id for c in containers.get(n, ())}]
+    return [f"{action}, joined to no container of {', '.join(lost)}"] if lost else []
 
 
 def _activation(action: Action, situation: Situation) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from rorg.core.digest import rules_of
 from rorg.core.images import held_back
+from rorg.core.joining import awaited
 from rorg.core.memory import Progress
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step
@@ -53,11 +54,25 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
         return (), Waiting(name, view.s.closed)
+    if step.verb == "create" and service.joins:
+        return _join(view, service, earlier)
     if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
         return _start(view, service, earlier)  # what runs goes on until the new one can begin
     if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
+
+
+def _join(view: View, service: Service, earlier: Earlier) -> Passage:
+    """A container is joined to those of others, so these come first."""
+    after = tuple(need for need in service.joins if earlier.moving(need))
+    if after:
+        return after, None
+    for need in service.joins:
+        if not view.of(need):
+            reason = earlier.unready(need) or "has no container to be joined to"
+            return (), Waiting(service.name, f"{need} {reason}", _ready_at(view, need))
+    return (), awaited(view, service)
 
 
 def _start(view: View, service: Service, earlier: Earlier) -> Passage:

@@ -108,7 +108,9 @@ class ContainerOptions(Strict):
     hostname: Annotated[str, check.HOST_NAME] | None = recreate("Host name inside the container.", "robot")
     init: bool | None = recreate("Runs a small init that forwards signals and reaps zombies.", True)
     ipc: Annotated[str, check.IPC] | None = recreate(
-        "Shared memory: none, private, shareable, host or container:NAME. ROS 2 shares memory by `host`.", "host"
+        "Shared memory: none, private, shareable, host, service:NAME or container:NAME. A service whose memory others "
+        "share is `shareable`. ROS 2 shares memory by `host`.",
+        "host",
     )
     isolation: Literal["default"] | None = recreate("Isolation technology; Linux has one.", "default")
     labels: Labels | None = recreate("Labels of the container, for other tools.", {"team": "arms"})
@@ -138,7 +140,9 @@ class ContainerOptions(Strict):
     )
     network_disabled: bool | None = recreate("The container has no network at all.", True, unset="false")
     network_mode: Annotated[str, check.NETWORK_MODE] | None = recreate(
-        "The network: host, bridge, none, the name of a network, or container:NAME.", "bridge"
+        "The network: host, bridge, none, the name of a network, service:NAME for that of another service's container, "
+        "or container:NAME. A service that is named here is needed, and what restarts it restarts this one.",
+        "bridge",
     )
     networks: Networks | None = recreate("Networks to join, in place of network_mode.", ["robot"])
     oom_kill_disable: bool | None = recreate(
@@ -147,7 +151,9 @@ class ContainerOptions(Strict):
     oom_score_adj: Annotated[int, Field(ge=-1000, le=1000)] | None = recreate(
         "How soon the kernel kills it when memory is short: -1000 never, 1000 first.", -500, unset="0"
     )
-    pid: Annotated[str, check.PID] | None = recreate("Processes that it sees: host, or container:NAME.", "host")
+    pid: Annotated[str, check.PID] | None = recreate(
+        "Processes that it sees: host, service:NAME or container:NAME. A service that is named here is needed.", "host"
+    )
     pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live(
         "Most processes and threads; -1 is no limit.", 8192
     )
@@ -215,7 +221,8 @@ class ContainerOptions(Strict):
         ["./navigation:/root/navigation:ro", "maps:/root/maps"],
     )
     volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate(
-        "Containers whose volumes it has too.", ["recorder:ro"]
+        "Whose volumes it has too: NAME or NAME:ro of a service, which it then needs, or container:NAME.",
+        ["recorder:ro"],
     )
     working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
         "Directory that the command runs in. On the process engine ./dir and ../dir are beside the manifest.",

@@ -16,8 +16,9 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
+from rorg.manifest.joining import check_shared_memory, join
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
-from rorg.manifest.programs import check_programs
+from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
@@ -127,13 +128,15 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     )
 
 
+UNTOLD = ("where", "origins", "fingerprint", "joins")
+"""What is no part of what a tree declares, or follows from the rest."""
+
+
 def fingerprint(catalog: Catalog) -> str:
     """Of all that a tree declares, wherever it is written."""
 
     def content(value: Any) -> dict[str, Any]:
-        found = {
-            f.name: getattr(value, f.name) for f in fields(value) if f.name not in ("where", "origins", "fingerprint")
-        }
+        found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
         # A tree without any is the same as it was to an rorg that knew of none.
         return {k: v for k, v in found.items() if v or k not in ("networks", "volumes")}
 
@@ -186,9 +189,7 @@ def _catalog(
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
     known = {*services, *groups, *broken}
-    for name, source in by_kind.get("Service", {}).items():
-        services[name], found = _resolve(source, services[name], groups, known)
-        diagnostics += found
+    diagnostics += _resolve_all(by_kind.get("Service", {}), services, groups, known, engine)
     diagnostics += check_container_names(services, by_kind.get("Service", {}))
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
@@ -200,7 +201,7 @@ def _catalog(
     diagnostics += found
     stated = policy_of(policy) if policy else Policy()
     catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
-    if not diagnostics:
+    if not any(d.severity == "error" for d in diagnostics):
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
@@ -242,6 +243,22 @@ def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tupl
         return render(source, profile, policy, engine)
     except Exception as bug:
         return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
+
+
+def _resolve_all(
+    sources: Mapping[str, Source],
+    services: dict[str, Service],
+    groups: Mapping[str, Group],
+    known: set[str],
+    engine: str,
+) -> list[Diagnostic]:
+    """Fills in what services say of each other, in place."""
+    diagnostics: list[Diagnostic] = []
+    for name, source in sources.items():
+        joined, of_joins = join(source, services[name], services, groups, known)
+        services[name], found = _resolve(source, joined, groups, known)
+        diagnostics += of_joins + found
+    return diagnostics if engine == PROCESS else [*diagnostics, *check_shared_memory(services, sources)]
 
 
 def _resolve(

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 
 from rorg.manifest.documents import Source
+from rorg.manifest.joining import place_of
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.graph import closure, conflicting, cycles, overbooked
@@ -51,7 +52,11 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     for cycle in cycles({s.name: s.needs for s in services.values()}):
         source = sources[cycle[0]]
         written = [n.service for n in source.spec.needs]
-        where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
+        joined = services[cycle[0]].joins.get(cycle[1])
+        if cycle[1] in written:
+            where = source.where("spec", "needs", written.index(cycle[1]))
+        else:
+            where = place_of(source, joined[0]) if joined else source.where("spec")
         what = f"services need each other: {' -> '.join(cycle)}"
         diagnostics.append(Diagnostic(where, what, "dropping one of these needs"))
     return diagnostics

@@ -92,6 +92,8 @@ class Service:
     """Names of services; groups are already replaced by their members."""
     restarts_with: tuple[str, ...] = ()
     """Those of `needs` whose restart restarts this service."""
+    joins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Service, among `needs` -> options by which its container's namespaces or volumes are used (see joining.py)."""
     conflicts: tuple[str, ...] = ()
     exclusive: Mapping[str, int] = field(default_factory=dict)
     """Resource -> units."""
