@@ -80,7 +80,9 @@ SERVICE: Mapping[str, Row] = {
     "environment": CARRIED,
     "expose": CARRIED,
     "extends": CONSUMED,
-    "external_links": _refuse("rorg links no containers of other projects", "a network that both are in, `external: true`"),
+    "external_links": _refuse(
+        "rorg links no containers of other projects", "a network that both are in, `external: true`"
+    ),
     "extra_hosts": CARRIED,
     "gpus": CARRIED,
     "group_add": CARRIED,
@@ -109,7 +111,9 @@ SERVICE: Mapping[str, Row] = {
     "platform": CARRIED,
     "ports": CARRIED,
     "post_start": _refuse("rorg runs nothing in a container that has started", "doing it in the service's command"),
-    "pre_stop": _refuse("rorg runs nothing in a container before it stops", "stop_signal, which the program can handle"),
+    "pre_stop": _refuse(
+        "rorg runs nothing in a container before it stops", "stop_signal, which the program can handle"
+    ),
     "privileged": CARRIED,
     "profiles": _to("a Group for each"),
     "provider": _refuse("it runs a program of the machine in place of a container", "a service on the process engine"),
@@ -203,7 +207,9 @@ NETWORK: Mapping[str, Row] = {
     "attachable": CARRIED,
     "driver": CARRIED,
     "driver_opts": CARRIED,
-    "enable_ipv4": _refuse("rorg has no networks without IPv4", "making it by `docker network create`, and external: true"),
+    "enable_ipv4": _refuse(
+        "rorg has no networks without IPv4", "making it by `docker network create`, and external: true"
+    ),
     "enable_ipv6": CARRIED,
     "external": CARRIED,
     "internal": CARRIED,

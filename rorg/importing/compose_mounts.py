@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
 from rorg.importing.compose_keys import FILE, SERVICE_FILE
 from rorg.importing.compose_work import Work, size
-from rorg.model.volumes import VOLUME_NAME
 
 BASES = {"configs": "/", "secrets": "/run/secrets/"}
 """Where what names no absolute path lies in the container."""
@@ -34,7 +32,10 @@ def _volume(work: Work, name: str, index: int, said: Mapping[str, Any]) -> Any:
         if key not in known and not key.startswith("x-") and own[key] not in (None, {}, [], "", False):
             message = f"{kind}.{key} of a volume cannot be carried over: rorg has no such option"
             work.refuse(message, *place, kind, key, remedy="dropping it")
-    return _bind(work, said, own) if kind == "bind" else _named(said, own)
+    if kind == "bind":
+        return _bind(work, said, own)
+    source = work.called("volumes", said["source"]) if said.get("source") else ""
+    return _named({**said, "source": source}, own)
 
 
 def _bind(work: Work, said: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
@@ -53,8 +54,6 @@ def _named(said: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
     modes = ["ro"] * bool(said.get("read_only")) + ["nocopy"] * bool(own.get("nocopy"))
     if not source:
         return _long("volume", said, {"nocopy": True} if own.get("nocopy") else {}) if modes else said["target"]
-    if not re.fullmatch(VOLUME_NAME, source):
-        return _long("volume", said, {"nocopy": True} if own.get("nocopy") else {})
     return ":".join([source, said["target"], *([",".join(modes)] if modes else [])])
 
 
@@ -102,7 +101,12 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
         return ""
     path = f"{section}/{source}"
     if section == "secrets" and path not in work.files:
-        work.warn(f"{path} holds a secret that anybody may read who has the file", section, source, remedy="keeping it out of git")
+        work.warn(
+            f"{path} holds a secret that anybody may read who has the file",
+            section,
+            source,
+            remedy="keeping it out of git",
+        )
     work.files[path] = text
     work.private |= {path} if section == "secrets" else set()
     return f"../{path}"

@@ -20,26 +20,25 @@ def options(work: Work, name: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, row in SERVICE.items():
         if row.how == "carried" and key not in ELSEWHERE and said.get(key) is not None:
-            turn = FORMS.get(key)
-            value = turn(work, name, said[key]) if turn else said[key]
+            value = _formed(work, name, key, said[key])
             if value not in ({}, []) or key == "entrypoint":
                 found[key] = value
     return found
 
 
-def _sizes(work: Work, name: str, value: Any) -> Any:
-    return size(value)
+def _formed(work: Work, name: str, key: str, value: Any) -> Any:
+    if key in FORMS_BY_SERVICE:
+        return FORMS_BY_SERVICE[key](work, name, value)
+    if key in FORMS_BY_PROJECT:
+        return FORMS_BY_PROJECT[key](work, value)
+    return FORMS[key](value) if key in FORMS else value
 
 
-def _duration(work: Work, name: str, value: Any) -> Any:
-    return duration(value)
-
-
-def _texts(work: Work, name: str, value: Any) -> Any:
+def _texts(value: Any) -> Any:
     return [str(item) for item in value]
 
 
-def _rates(work: Work, name: str, value: Mapping[str, Any]) -> Any:
+def _rates(value: Mapping[str, Any]) -> Any:
     found = dict(value)
     for key, items in value.items():
         if isinstance(items, list):
@@ -47,7 +46,7 @@ def _rates(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     return found
 
 
-def _devices(work: Work, name: str, value: list[Any]) -> Any:
+def _devices(value: list[Any]) -> Any:
     return [_device(item) if isinstance(item, Mapping) else item for item in value]
 
 
@@ -59,14 +58,11 @@ def _device(item: Mapping[str, Any]) -> str:
     return str(source) if target == source else f"{source}:{target}"
 
 
-def _hosts(work: Work, name: str, value: Any) -> Any:
+def _hosts(value: Any) -> Any:
     if not isinstance(value, Mapping):
         return [str(line).replace("=", ":", 1) for line in value]
-    return [f"{host}:{address}" for host, found in value.items() for address in ([found] if isinstance(found, str) else found)]
-
-
-def _gpus(work: Work, name: str, value: Any) -> Any:
-    return gpus(value)
+    lists = {host: [found] if isinstance(found, str) else found for host, found in value.items()}
+    return [f"{host}:{address}" for host, found in lists.items() for address in found]
 
 
 def gpus(value: Any) -> Any:
@@ -81,10 +77,14 @@ def _healthcheck(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     carried = {k: v for k, v in value.items() if k in HEALTHCHECK and HEALTHCHECK[k].how == "carried"}
     if carried.get("disable"):
         return {"disable": True}
-    return {k: duration(v) if k in ("interval", "timeout", "start_period") else v for k, v in carried.items() if v is not None}
+    return {
+        k: duration(v) if k in ("interval", "timeout", "start_period") else v
+        for k, v in carried.items()
+        if v is not None
+    }
 
 
-def _ports(work: Work, name: str, value: list[Any]) -> Any:
+def _ports(value: list[Any]) -> Any:
     return [_port(item) if isinstance(item, Mapping) else str(item) for item in value]
 
 
@@ -105,17 +105,20 @@ def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
         work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
         own = {k: v for k, v in (said or {}).items() if k in SERVICE_NETWORK and SERVICE_NETWORK[k].how == "carried"}
         names = dict.fromkeys([name, *(own.pop("aliases", None) or ()), *work.aliases.get(name, ())])
-        found[network] = {"aliases": list(names), **{k: v for k, v in own.items() if v not in (None, [], {})}}
+        found[work.called("networks", network)] = {
+            "aliases": list(names),
+            **{k: v for k, v in own.items() if v not in (None, [], {})},
+        }
     return found
 
 
-def _namespace(work: Work, name: str, value: str) -> Any:
+def _namespace(work: Work, value: str) -> Any:
     """service:NAME means one container, also where NAME has several."""
     kind, colon, other = value.partition(":")
     return f"service:{work.first(other)}" if kind == "service" and colon else value
 
 
-def _volumes_from(work: Work, name: str, value: list[str]) -> Any:
+def _volumes_from(work: Work, value: list[str]) -> Any:
     found = []
     for item in value:
         other, colon, access = item.partition(":")
@@ -123,10 +126,10 @@ def _volumes_from(work: Work, name: str, value: list[str]) -> Any:
     return found
 
 
-def _security(work: Work, name: str, value: list[str]) -> Any:
+def _security(work: Work, value: list[str]) -> Any:
     found = []
     for item in value:
-        kind, sign, profile = item.partition("=") if "=" in item else item.partition(":")
+        kind, _, profile = item.partition("=") if "=" in item else item.partition(":")
         if kind == "seccomp" and profile not in ("unconfined", "builtin", "") and not profile.startswith("{"):
             item = f"seccomp={work.local(str(work.project.directory / profile))}"
         found.append(item)
@@ -140,28 +143,34 @@ def _isolation(work: Work, name: str, value: str) -> Any:
     return value
 
 
-FORMS: Mapping[str, Callable[[Work, str, Any], Any]] = {
+FORMS: Mapping[str, Callable[[Any], Any]] = {
     "blkio_config": _rates,
-    "cpus": lambda work, name, value: float(value),
+    "cpus": float,
     "devices": _devices,
     "expose": _texts,
     "extra_hosts": _hosts,
-    "gpus": _gpus,
+    "gpus": gpus,
     "group_add": _texts,
-    "healthcheck": _healthcheck,
-    "ipc": _namespace,
-    "isolation": _isolation,
-    "mem_limit": _sizes,
-    "mem_reservation": _sizes,
-    "memswap_limit": _sizes,
-    "network_mode": _namespace,
-    "networks": _networks,
-    "pid": _namespace,
+    "mem_limit": size,
+    "mem_reservation": size,
+    "memswap_limit": size,
     "ports": _ports,
+    "shm_size": size,
+    "stop_grace_period": duration,
+}
+"""Of keys whose form is another one here."""
+FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
+    "ipc": _namespace,
+    "network_mode": _namespace,
+    "pid": _namespace,
     "security_opt": _security,
-    "shm_size": _sizes,
-    "stop_grace_period": _duration,
-    "volumes": volumes,
     "volumes_from": _volumes_from,
 }
-"""Of keys whose form is another one here: (work, service, value) -> value."""
+"""Of those that name other services, or files."""
+FORMS_BY_SERVICE: Mapping[str, Callable[[Work, str, Any], Any]] = {
+    "healthcheck": _healthcheck,
+    "isolation": _isolation,
+    "networks": _networks,
+    "volumes": volumes,
+}
+"""Of those that can be wrong, or go by the service's name."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,9 @@ class Work:
     """Where the manifests go; absolute."""
     top: Path
     """Paths below it are written relative to the manifests: the repository, else the project's directory."""
-    environment: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str]
+    read: Callable[[Path], str | None]
+    """The text of a file; None for one that is not there."""
     found: list[Diagnostic] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     private: set[str] = field(default_factory=set)
@@ -77,6 +79,15 @@ class Work:
         said = self.project.services.get(service, {})
         deploy = said.get("deploy") or {}
         return int(said.get("scale", deploy.get("replicas", 1)))
+
+    def called(self, section: str, name: str) -> str:
+        """What services call a network or volume of the project: as in Compose, unless no manifest can be called so."""
+        return name if len(name) > 1 and SOUND.fullmatch(name) else self.known(section, name)
+
+    def known(self, section: str, name: str) -> str:
+        """What the engine calls a network or volume of the project."""
+        said = getattr(self.project, section).get(name) or {}
+        return str(said.get("name") or (name if said.get("external") else f"{self.project.name}_{name}"))
 
     def first(self, service: str) -> str:
         """The Service that stands for one of Compose where one container is meant."""

@@ -14,12 +14,14 @@ SHORT = 3
 """Entries of a mapping that may stand in one line."""
 _PLAIN = re.compile(
     r"(?:[A-Za-z_/]|\.{1,2}/|--?[A-Za-z])(?:[A-Za-z0-9_./@+=~-]|:(?=[A-Za-z0-9_./]))*|"
-    r"[0-9]+(?:\.[0-9]+)?(?:ms|s|m|h|Ki|Mi|Gi)(?:[0-9]+(?:ms|s|m|h))*"
+    r"[0-9]+(?:\.[0-9]+)?(?:ms|s|m|h|d|Ki|Mi|Gi)"
 )
 _WORDS = re.compile(r"[A-Za-z_][A-Za-z0-9_./@+=~() -]*[A-Za-z0-9_./)]")
 _TAKEN = frozenset(("true", "false", "null", "yes", "no", "on", "off", "y", "n", "~"))
 """Other readers of YAML take these for more than text."""
-_CONTROL = re.compile("[^\\x20-\\x7e\\xa0-\\ud7ff\\ue000-\\ufefe\\uff00-\\ufffd\\U00010000-\\U0010ffff]|[\\u2028\\u2029]")
+_CONTROL = re.compile(
+    "[^\\x20-\\x7e\\xa0-\\ud7ff\\ue000-\\ufefe\\uff00-\\ufffd\\U00010000-\\U0010ffff]|[\\u2028\\u2029]"
+)
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,12 @@ def _text(head: str, text: str, comment: str) -> list[str]:
     """A text that does not fit into its line: as a block where it has lines that a block can hold."""
     lines = text.removesuffix("\n").split("\n")
     sound = lines[0] and not lines[0].startswith(" ") and lines[-1] and not text.endswith("\n\n")
-    if len(lines) < 2 or not sound or _CONTROL.search(text.replace("\n", "")) or any(line != line.rstrip() for line in lines):
+    if (
+        len(lines) < 2
+        or not sound
+        or _CONTROL.search(text.replace("\n", ""))
+        or any(line != line.rstrip() for line in lines)
+    ):
         return [f"{head} {_quoted(text)}{comment}"]
     sign = "|" if text.endswith("\n") else "|-"
     return [f"{head} {sign}{comment}", *(f"  {line}" if line else "" for line in lines)]
