@@ -97,7 +97,7 @@ def project(api: Any, names: Iterable[str], config: Mapping[str, Any], folder: P
     there = {n["Name"] for n in api.networks()}
     known = {v["Name"] for v in api.volumes()["Volumes"] or ()}
     return {
-        "containers": {name: container(data, plain, ids, folder) for name, data in found.items()},
+        "containers": _named({name: container(data, plain, ids, folder) for name, data in found.items()}),
         "networks": {n: network(api.inspect_network(n), networks[n]) for n in sorted(networks) if n in there},
         "volumes": {n: volume(api.inspect_volume(n)) for n in sorted(volumes) if n in known},
     }
@@ -124,6 +124,17 @@ def volume(data: Mapping[str, Any]) -> Tree:
     return _full({"driver": data["Driver"], "options": data.get("Options"), "labels": _labels(data)})
 
 
+def _named(containers: Tree) -> Tree:
+    """With links as what they are to rorg: further names of the other container on a network."""
+    for data in containers.values():
+        for name, endpoint in data.get("Networks", {}).items():
+            for link in endpoint.pop("links", ()):
+                other, _, alias = link.partition(":")
+                there = containers[other]["Networks"][name]
+                there["aliases"] = sorted({*there.get("aliases", ()), alias})
+    return containers
+
+
 def _plain(api: Any) -> Mapping[str, Any]:
     """HostConfig of a container of which nothing is said, and which is not kept: what is as there is the engine's."""
     made = api.create_container(BASE, host_config=api.create_host_config())["Id"]
@@ -141,7 +152,7 @@ def container(data: Mapping[str, Any], plain: Mapping[str, Any], ids: Mapping[st
     said |= {key: config.get(key) for key in ("OpenStdin", "StopSignal", "StopTimeout", "Healthcheck", "MacAddress")}
     said["Image"] = config["Image"]
     said["Hostname"] = None if config["Hostname"] == short else config["Hostname"]
-    said["Env"] = sorted(config.get("Env") or ())
+    said["Env"] = sorted(e for e in config.get("Env") or () if "=" in e)  # a name alone sets nothing
     said["ExposedPorts"] = sorted(p if "/" in p else f"{p}/tcp" for p in config.get("ExposedPorts") or ())
     said["Labels"] = _labels(config)
     said["Healthcheck"] = _full(config.get("Healthcheck") or {})
