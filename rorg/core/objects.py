@@ -1,50 +1,18 @@
-"""Networks and volumes as they are found on the engine, and the labels by which they are known again."""
+"""What networks and volumes are made from, and the labels by which they are known again."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from rorg.core.digest import canonical, declared_of, digest
+from rorg.core.found_objects import FoundObject
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SPEC
-from rorg.model.objects import EngineObject, Kind, subject
+from rorg.model.objects import EngineObject, Kind
 
 LABELS: Mapping[str, str] = {"network": "rorg.io/network", "volume": "rorg.io/volume"}
 """Kind -> the label that holds the name in the manifest. A volume of ours without it is one that nobody named."""
-
-
-@dataclass(frozen=True, slots=True)
-class FoundObject:
-    """A network or volume that is there."""
-
-    kind: Kind
-    called: str
-    """The engine's name."""
-    id: str = ""
-    """Another one of the same name has another id; a volume has none but its name."""
-    owner: str = ""
-    """The label rorg.io/owner; empty where rorg did not make it."""
-    name: str = ""
-    """What its manifest was called."""
-    digest: str = ""
-    """The label rorg.io/spec: the digest of what it was made from."""
-    declared: str = ""
-    """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
-
-    @property
-    def key(self) -> str:
-        return subject(self.kind, self.called)
-
-
-@dataclass(frozen=True, slots=True)
-class FoundObjects:
-    """What was found, by key: all of ours, and whatever is called as one that is declared."""
-
-    found: Mapping[str, FoundObject] = field(default_factory=dict)
-    asked: frozenset[str] = frozenset()
-    """Keys that were looked for; nothing may be concluded of others that are not in `found`."""
 
 
 def found_object(kind: Kind, called: str, id: str, labels: Mapping[str, str]) -> FoundObject:
@@ -84,6 +52,6 @@ def changed_options(one: EngineObject, found: FoundObject) -> tuple[str, ...]:
     if found.digest == object_digest(one):
         return ()
     was, now = declared_of(found.declared), declared_options(one)
-    if not was and now:
+    if not was and found.declared != canonical({}):
         return ("digest",)
     return tuple(sorted(k for k in {*was, *now} if was.get(k) != now.get(k)))

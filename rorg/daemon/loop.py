@@ -150,6 +150,7 @@ class Loop:
         self._read_files(upto)
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
+        self.observer.look_for(self.tree.desired.keys)
         inputs = self._inputs(document, renewals)
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
