@@ -2,7 +2,8 @@
 and of its overview where the case has one.
 
 Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
-like their service, with their name as id, and were created from the declared spec unless `spec` says what differed.
+like their service, with their name as id unless that is said, and were created from the declared spec unless `spec`
+says what differed.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def container_of(entry: dict, catalog) -> Container:
     live = {k: v for k, v in spec.items() if k in LIVE - {"container_name"}}
     started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
     return Container(
-        id=name,
+        id=entry.get("id", name),
         name=name,
         service=service,
         state=entry["state"],
@@ -109,6 +110,7 @@ def container_of(entry: dict, catalog) -> Container:
         live={**live, **entry.get("live", {})},
         oom_killed=entry.get("oom_killed", False),
         previous=entry.get("previous", ""),
+        joined=canonical(entry["joined"]) if "joined" in entry else "",
         created_at=entry.get("created_at", ""),
     )
 
