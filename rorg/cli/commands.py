@@ -38,6 +38,7 @@ COMMANDS = (
     "edit",
     "build",
     "image",
+    "export",
     "dev",
     "demo",
     "schema",
