@@ -12,8 +12,8 @@ from rorg.manifest.yaml_source import MOST_NUMBER, read_yaml
 ANY = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]), max_size=30)
 TEXTS = ANY | st.sampled_from(
     ["", "yes", "on", "null", "~", "1", "0o17", "1e3", ".5", "-", "- a", "a: b", "a #b", "#a", "[", "{}", "*a", "&a",
-     "!a", "a:1", "%a", "@a", "`a`", "'", '"', "a\nb", "a\nb\n", "\n", " a\nb", "a \nb", "a\n\n  b\n",
-     "a\r\nb", "\x85", "\ufeff", "10s", "512Mi", "12:30", "2024-01-01", "<<", "=", "a\tb", "\ta\nb", "...", "---", "--- a\nb"]
+     "!a", "a:1", "%a", "@a", "`a`", "'", '"', "a\nb", "a\nb\n", "\n", " a\nb", "a \nb", "a\n\n  b\n", "\x85",
+     "a\r\nb", "\ufeff", "10s", "512Mi", "12:30", "2024-01-01", "<<", "=", "a\tb", "\ta\nb", "...", "---", "--- a\nb"]
 )  # fmt: skip
 SCALARS = st.none() | st.booleans() | st.integers(-MOST_NUMBER, MOST_NUMBER) | st.floats(-1e9, 1e9) | TEXTS
 KEYS = TEXTS.filter(lambda text: text != "<<")
