@@ -39,6 +39,7 @@ COMMANDS = (
     "edit",
     "build",
     "image",
+    "export",
     "dev",
     "demo",
     "schema",

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from rorg.core.digest import rules_of
 from rorg.core.images import held_back
+from rorg.core.joining import awaited
 from rorg.core.memory import Progress
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step
@@ -28,9 +29,30 @@ class Earlier(Protocol):
     def unready(self, name: str) -> str:
         """Why it is not ready and nothing in the plan will make it so; empty otherwise."""
 
+    def code(self, name: str) -> str:
+        """That of what it waits for."""
+
 
 def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     """`leaving` are unwanted services that do not linger."""
+    made, waiting = _objects(view, service.name, step, earlier)
+    if waiting:
+        return (), waiting
+    after, waiting = _gate(view, service, step, earlier, leaving)
+    return (*made, *after), waiting
+
+
+def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
+    """The networks and volumes that a container uses are there before it is made, and before it starts."""
+    uses = view.desired.uses.get(name, ()) if step.verb in ("create", "start") else ()
+    for one in uses:
+        reason = earlier.unready(one)
+        if reason:
+            return (), Waiting(name, f"{one} {reason}", code=earlier.code(one))
+    return tuple(one for one in uses if earlier.moving(one)), None
+
+
+def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
     if step.verb == "create":
         held = held_back(view, service, step.fields)
@@ -53,11 +75,25 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
         return (), Waiting(name, view.s.closed)
+    if step.verb == "create" and service.joins:
+        return _join(view, service, earlier)
     if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
         return _start(view, service, earlier)  # what runs goes on until the new one can begin
     if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
+
+
+def _join(view: View, service: Service, earlier: Earlier) -> Passage:
+    """A container is joined to those of others, so these come first."""
+    after = tuple(need for need in service.joins if earlier.moving(need))
+    if after:
+        return after, None
+    for need in service.joins:
+        if not view.of(need):
+            reason = earlier.unready(need) or "has no container to be joined to"
+            return (), Waiting(service.name, f"{need} {reason}", _ready_at(view, need))
+    return (), awaited(view, service)
 
 
 def _start(view: View, service: Service, earlier: Earlier) -> Passage:

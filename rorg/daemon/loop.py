@@ -17,7 +17,7 @@ from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
-from rorg.model.catalog import Thresholds
+from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
@@ -150,6 +150,7 @@ class Loop:
         self._read_files(upto)
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
+        self.observer.look_for(self.tree.desired.keys)
         inputs = self._inputs(document, renewals)
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)

@@ -124,7 +124,7 @@ def read_tree(
             diagnostics += _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
         else:
-            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", written.text, re.M)[:1]}
+            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
     return sources, diagnostics, broken
 
 

@@ -10,18 +10,18 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from rorg.manifest.container_files import seccomp_file, variables_of
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.field_texts import FieldText, fields_of, inline, written
-from rorg.manifest.files import read_plain
 from rorg.manifest.load import load_or_raise
+from rorg.manifest.long_forms import EnvFile, read_env_files
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
-from rorg.manifest.render import absolute, parts, substitute, values_of
+from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Where
 
 AT = ("spec", "container")
-SECCOMP = "seccomp="
 NOT_SHOWN = "(not shown)"
 
 
@@ -259,7 +259,7 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
         for at, said in enumerate(layer.options.get(option, ())):
             same = (absolute(said, directory) if option == "volumes" else said) == item
             # A file of seccomp is sent whole: its name says more to people.
-            if same or (str(said).startswith(SECCOMP) and str(item).startswith(f"{SECCOMP}{{")):
+            if same or (str(item).startswith("seccomp={") and seccomp_file(str(said))):
                 return layer.level.value(field, _told(option), item if same else said, *layer.where(option, at))
     return Value(field, item, inline(item), "default")
 
@@ -282,17 +282,16 @@ def _environment(
 def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value:
     """Files that are named later win, and those of profiles come first."""
     for layer in layers:
-        files = list(enumerate(layer.options.get("env_file", ())))
+        files = list(enumerate(read_env_files(layer.options.get("env_file"))))
         for index, file in reversed(files):
             if name in _names(own, file):
                 where = layer.level.source.where(*layer.where("env_file", index))
-                return Value(field, None, NOT_SHOWN, "env_file", file, where)
+                return Value(field, None, NOT_SHOWN, "env_file", file.path, where)
     return Value(field, None, NOT_SHOWN, "env_file")
 
 
-def _names(own: Source, file: str) -> set[str]:
+def _names(own: Source, file: EnvFile) -> set[str]:
     try:
-        lines = read_plain(own.directory / file, own.root).splitlines()
+        return set(variables_of(own, file))
     except OSError:
         return set()
-    return {line.split("=", 1)[0] for line in lines if "=" in line and not line.lstrip().startswith("#")}

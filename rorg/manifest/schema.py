@@ -60,6 +60,7 @@ def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
 # What a validator turns into the model's type before it is checked: (type of the field, what may be written).
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
+_PAIR = {"type": ["string", "number", "boolean", "null"]}
 _WRITTEN: dict[str, list[Any]] = {
     "command": _WORDS,
     "exec": _WORDS,
@@ -68,13 +69,18 @@ _WRITTEN: dict[str, list[Any]] = {
     "dns": _WORDS,
     "dns_opt": _WORDS,
     "dns_search": _WORDS,
-    "env_file": _WORDS,
+    "env_file": [
+        {"type": "string"},
+        {"$ref": "#/$defs/EnvFile"},
+        {"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/EnvFile"}]}},
+    ],
+    "devices": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/DeviceEntry"}]}}],
     "tmpfs": _WORDS,
     "gpus": [{"const": "all"}, {"type": "array"}],
     "test": _WORDS,
     "networks": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
     "extra_hosts": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ports": [{"type": "array", "items": _SCALAR}],
+    "ports": [{"type": "array", "items": {"anyOf": [_SCALAR, {"$ref": "#/$defs/Port"}]}}],
     "expose": [{"type": "array", "items": _SCALAR}],
     "group_add": [{"type": "array", "items": _SCALAR}],
     "groups": [{"type": "array", "items": _SCALAR}],
@@ -106,8 +112,8 @@ def _loosen(value: Any) -> Any:
         written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [
-                {"type": "object", "additionalProperties": _SCALAR},
-                {"type": "array", "items": {"type": "string", "pattern": "="}},
+                {"type": "object", "additionalProperties": _PAIR},
+                {"type": "array", "items": {"type": "string"}},
             ]
         if written:
             kept = {
