@@ -63,6 +63,7 @@ DIRECT: dict[str, set[str]] = {
 LOADED: dict[str, set[str]] = {
     **DIRECT,
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
+    "importing": {"pydantic", "re2", "yaml"},
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
