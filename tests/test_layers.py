@@ -63,11 +63,11 @@ DIRECT: dict[str, set[str]] = {
 LOADED: dict[str, set[str]] = {
     **DIRECT,
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
+    "importing": {"pydantic", "re2", "yaml"},
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
     "compose": {"pydantic", "re2", "yaml"},
-    "importing": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""

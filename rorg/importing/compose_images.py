@@ -76,7 +76,7 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
         message = "build.platforms: rorg builds an image for one platform"
         work.refuse(message, *place, "platforms", remedy="the robot's, or none for that of the machine")
     spec |= {"platform": platforms[0]} if len(platforms) == 1 else {}
-    return Made("Image", image, spec, (f"From {work.project.where(*place)}, service {name}.",))
+    return Made("Image", image, spec, (f"From {work.origin(*place)}, service {name}.",))
 
 
 def _dockerfile(work: Work, image: str, context: str, said: Mapping[str, Any]) -> str:

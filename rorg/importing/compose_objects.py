@@ -41,7 +41,7 @@ def volumes(work: Work) -> list[Made]:
 def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, Any], table: Mapping[str, Row]) -> Made:
     work.check(table, said, section, name, shown=f"{section}.{name}.")
     called, known = work.called(section, name), work.known(section, name)
-    comments = [f"From {work.project.where(section, name)}, {kind.lower()} {name}."]
+    comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}."]
     if said.get("external"):
         return Made(kind, called, {**({"name": known} if known != called else {}), "external": True}, tuple(comments))
     if kind == "Volume":
@@ -70,7 +70,7 @@ def groups(work: Work) -> list[Made]:
     for name in services:
         if (copies := work.copies(name)) > 1:
             members = [f"{name}-{n}" for n in range(1, copies + 1)]
-            comment = f"From {work.project.where('services', name)}: the {copies} copies of {name}."
+            comment = f"From {work.origin('services', name)}: the {copies} copies of {name}."
             found.append(Made("Group", name, {"services": members}, (comment,)))
     profiles: dict[str, list[str]] = {}
     for name in services:
@@ -81,7 +81,7 @@ def groups(work: Work) -> list[Made]:
         place = ("services", members[0], "profiles")
         if group != profile:
             work.note(f"the profile {profile} is the group {group}: a service has its name", *place)
-        comment = f"From {work.project.where(*place)}: the profile {profile}. `rorg request {group}` starts it."
+        comment = f"From {work.origin(*place)}: the profile {profile}. `rorg request {group}` starts it."
         found.append(Made("Group", group, {"services": members}, (comment,)))
     return found
 

@@ -64,7 +64,7 @@ def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]
     before = len(work.found)
     spec = _spec(work, name, image, conditions.get(name, set()))
     told = [d for d in work.found[before:] if d.severity != "error"]
-    comments = [f"From {work.project.where('services', name)}, service {name}."]
+    comments = [f"From {work.origin('services', name)}, service {name}."]
     comments += [f"{d.message}{f'; {d.remedy}' if d.remedy else ''}" for d in told]
     made = Made("Service", name, spec, tuple(comments))
     copies = work.copies(name)

@@ -67,6 +67,12 @@ class Work:
             elif row.how == "refused":
                 self.refuse(f"{shown}{key} cannot be carried over: {row.why}", *path, key, remedy=row.remedy)
 
+    def origin(self, *path: Step) -> str:
+        """A place for a comment: its file beside the top, so that it is the same on every machine."""
+        where = self.project.where(*path)
+        file = os.path.relpath(where.file, self.top) if _below(where.file, self.top) else where.file
+        return f"{file}:{where.line}:{where.column}"
+
     def local(self, path: str, folder: str = "services") -> str:
         """A path of this machine as a manifest in a folder of the tree writes it."""
         if not (_below(path, self.top) and _below(str(self.tree), self.top)):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.importing.yaml_text import one_line, yaml_text
@@ -66,6 +66,10 @@ class Imported:
     private: frozenset[str] = frozenset()
     """Those of `files` that only their owner may read."""
     diagnostics: tuple[Diagnostic, ...] = ()
+
+    def with_diagnostics(self, more: Iterable[Diagnostic]) -> Imported:
+        """The same, with what was found before."""
+        return replace(self, diagnostics=tuple(sorted({*self.diagnostics, *more})))
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
