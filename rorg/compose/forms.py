@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from os.path import normpath
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ class Context:
         """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
         if text == "~" or text.startswith("~/"):
             text = self.home + text[1:]
-        return str(self.directory.joinpath(text)) if not text.startswith("/") else text
+        return normpath(self.directory / text)
 
 
 class Form:
@@ -329,7 +330,7 @@ def without(base: Node, resets: Node) -> Node:
     for key, value in resets.mapping.items():
         if value.tag and key in entries:
             del entries[key]
-        elif key in entries and isinstance(value.value, dict):
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
             entries[key] = without(entries[key], value)
     return base.but(entries)
 
