@@ -31,7 +31,11 @@ def cases() -> list[str]:
 
 
 def load_case(name: str) -> Loaded:
-    case = CASES / name
+    return load_from(CASES / name)
+
+
+def load_from(case: Path, profiles: tuple[str, ...] = ()) -> Loaded:
+    """A case that lies anywhere, with these profiles beside its own."""
     parser = ArgumentParser()
     parser.add_argument("-f", "--file", action="append", default=[])
     parser.add_argument("--profile", action="append", default=[])
@@ -44,7 +48,7 @@ def load_case(name: str) -> Loaded:
         environment_of(case),
         directory=case / said.project_directory if said.project_directory else None,
         env_files=[case / file for file in said.env_file] if said.env_file else None,
-        profiles=said.profile,
+        profiles=[*said.profile, *profiles],
         name=said.project_name,
     )
 
