@@ -93,11 +93,15 @@ def _seconds(text: str) -> float:
     return sum(float(n) * SECONDS[unit] for n, unit in re.findall(r"([0-9.]+)(h|ms|us|µs|ns|m|s)", text))
 
 
+def _key(key: str, dollars: bool) -> str:
+    """As the specification writes it; Compose's answer has a few with capitals."""
+    key = key.lower() if key in ("Path", "Rate", "Weight") else key
+    return key.replace("$$", "$") if dollars else key
+
+
 def _common(value: Any, key: str = "", dollars: bool = False) -> Any:
     if isinstance(value, dict):
-        inner = {
-            (k.lower() if k in ("Path", "Rate", "Weight") else k): _common(v, k, dollars) for k, v in value.items()
-        }
+        inner = {_key(k, dollars): _common(v, k, dollars) for k, v in value.items()}
         if key in OPEN:
             return inner
         inner = {k: v for k, v in inner.items() if k not in OWN and not k.startswith("x-")}
