@@ -25,8 +25,8 @@ def declared_objects(situation: Situation) -> list[str]:
 
 
 def former_objects(situation: Situation) -> dict[str, FoundObject]:
-    """By subject, networks of ours that no manifest declares and no service names, and volumes where these are to go
-    too. They come after all services."""
+    """By subject, networks of ours that no manifest declares and no service that is to have a container names, and
+    volumes where these are to go too. They come after all services."""
     objects = situation.observed.objects
     if objects is None:
         return {}
@@ -38,7 +38,9 @@ def former_objects(situation: Situation) -> dict[str, FoundObject]:
             found[name if name not in situation.desired.objects else f"{name}@{one.id[:12]}"] = one
     if not found:
         return {}
-    named = {key for s in situation.desired.catalog.services.values() for key in keys_of(s.spec or {})}
+    services = situation.desired.catalog.services.values()
+    staying = [s for s in services if s.name in situation.wanted or s.idle.action != "remove"]
+    named = {key for s in staying for key in keys_of(s.spec or {})}
     return {name: one for name, one in found.items() if one.key not in named}
 
 

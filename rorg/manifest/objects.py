@@ -97,7 +97,8 @@ class NetworkSpec(Strict):
 
 
 class VolumeSpec(Strict):
-    """A volume of the engine: made when a container that mounts it is made, and kept, since it holds data."""
+    """A volume of the engine: made when a container that mounts it is made, and kept, since it holds data, until
+    `rorg down --volumes`."""
 
     name: Annotated[str, Field(pattern=f"^{VOLUME_NAME}$")] | None = field(
         "What the engine calls it.", "fetch_maps", unset="the name in metadata"
