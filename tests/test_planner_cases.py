@@ -24,6 +24,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
+from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
@@ -126,6 +127,8 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             said, edition = dict(known["update"]), editions[name]  # an error is that of what the manifest says now
             quarantined = {edition: said.pop("error")} if "error" in said else {}
             known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
+        if "counted_on" in known:
+            known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
         name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()
