@@ -16,7 +16,7 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
-from rorg.manifest.joining import check_shared_memory, join
+from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
@@ -259,7 +259,8 @@ def _resolve_all(
         joined, of_joins = join(source, services[name], services, groups, known)
         services[name], found = _resolve(source, joined, groups, known)
         diagnostics += of_joins + found
-    return diagnostics if engine == PROCESS else [*diagnostics, *check_shared_memory(services, sources)]
+    more = told_of_processes if engine == PROCESS else check_shared_memory
+    return [*diagnostics, *more(services, sources)]
 
 
 def _resolve(
