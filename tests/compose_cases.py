@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.compose import Loaded, Project, load
+from rorg.compose.checks import needed
 
 sys.path.insert(0, str(Path(__file__).parent / "cases/compose"))
 from record import arguments_of, environment_of
@@ -57,12 +58,21 @@ def theirs(name: str) -> dict[str, Any]:
 
 def ours(project: Project) -> dict[str, Any]:
     """What we say, in the common form: without what nothing enables or uses."""
-    services = {name: service for name, service in project.services.items() if name in project.enabled}
+    services = {name: _implied(dict(project.services[name])) for name in project.services if name in project.enabled}
     found = {"services": services, **{kind: _used(project, kind, services) for kind in SECTIONS[1:]}}
     return {kind: _common(entries) for kind, entries in found.items()} | {"name": project.name}
 
 
 SECTIONS = ("services", "networks", "volumes", "configs", "secrets")
+
+
+def _implied(service: dict[str, Any]) -> dict[str, Any]:
+    """With the dependencies that Compose adds of itself."""
+    found = dict(service.get("depends_on", {}))
+    for other, path in needed(service):
+        again = {"restart": True} if path[0] != "volumes_from" else {}
+        found.setdefault(other, {"condition": "service_started", "required": True, **again})
+    return {**service, "depends_on": found}
 
 
 def _used(project: Project, kind: str, services: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import agreement
 import docker
@@ -13,7 +12,6 @@ from rorg.core.digest import Rules, labels
 from rorg.core.objects import object_labels
 from rorg.engines.docker.engine import DockerEngine
 from rorg.model.joining import resolved
-from rorg.model.objects import EngineObject
 
 
 class Creator:
@@ -32,7 +30,7 @@ class Creator:
         objects = [one for one in (*catalog.networks.values(), *catalog.volumes.values()) if not one.external]
         try:
             for one in objects:
-                self._make(one)
+                self.engine.make_object(one.kind, one.called, one.spec, object_labels(one, "agreement"))
             for name in desired.order:
                 service = catalog.services[name]
                 if service.spec is not None:
@@ -45,28 +43,8 @@ class Creator:
             for container in reversed(made.values()):
                 self.api.remove_container(container, v=True, force=True)
             for one in objects:
-                (self.api.remove_network if one.kind == "network" else self.api.remove_volume)(one.called)
+                self.engine.remove_object(one.kind, one.called)
             agreement.remove_external(self.api, config)
-
-    def _make(self, one: EngineObject) -> Any:
-        marks = object_labels(one, "agreement")
-        if one.kind == "volume":
-            return self.api.create_volume(one.called, one.spec.get("driver"), one.spec.get("driver_opts"), marks)
-        ipam = one.spec.get("ipam") or {}
-        pools = [
-            docker.types.IPAMPool(p.get("subnet"), p.get("ip_range"), p.get("gateway"), p.get("aux_addresses"))
-            for p in ipam.get("config", ())
-        ]
-        return self.api.create_network(
-            one.called,
-            one.spec.get("driver"),
-            one.spec.get("driver_opts"),
-            docker.types.IPAMConfig(ipam.get("driver", "default"), pools) if ipam else None,
-            internal=one.spec.get("internal", False),
-            attachable=one.spec.get("attachable"),
-            enable_ipv6=one.spec.get("enable_ipv6", False),
-            labels=marks,
-        )
 
     def close(self) -> None:
         self.engine.close()

@@ -2,7 +2,8 @@
 and of its overview where the case has one.
 
 Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
-like their service, with their name as id, and were created from the declared spec unless `spec` says what differed.
+like their service, with their name as id unless that is said, and were created from the declared spec unless `spec`
+says what differed.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def container_of(entry: dict, catalog) -> Container:
     live = {k: v for k, v in spec.items() if k in LIVE - {"container_name"}}
     started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
     return Container(
-        id=name,
+        id=entry.get("id", name),
         name=name,
         service=service,
         state=entry["state"],
@@ -119,6 +120,7 @@ def container_of(entry: dict, catalog) -> Container:
         oom_killed=entry.get("oom_killed", False),
         previous=entry.get("previous", ""),
         networks=entry.get("networks", {}),
+        joined=canonical(entry["joined"]) if "joined" in entry else "",
         created_at=entry.get("created_at", ""),
     )
 

@@ -19,15 +19,18 @@ from robots import VirtualRobot, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.joining import joined_of
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
 from rorg.core.rollout import fits
+from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots, restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Catalog, Hold, Request
+from rorg.model.catalog import Catalog, Hold, Request, Service
 from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.joining import ends_with
 from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
@@ -62,7 +65,9 @@ def services(draw):
                 "after": "3s",
                 "action": draw(st.sampled_from(["stop", "remove"])) if idle["action"] == "pause" else "remove",
             }
+        how = draw(st.sampled_from([None, None, "network_mode", "pid", "volumes_from"])) if needs else None
         found[name] = {
+            "container": joined(how, draw(st.sampled_from(needs))) if how else {},
             "needs": [{"service": n, "restart": True} if draw(st.booleans()) else n for n in needs],
             "always_on": draw(st.integers(0, 5)) == 0,
             "idle": idle,
@@ -82,6 +87,11 @@ def services(draw):
         }
         found[name] = {k: v for k, v in found[name].items() if v is not None}
     return found
+
+
+def joined(option: str, name: str) -> dict:
+    """A container that has something of another one."""
+    return {option: [name] if option == "volumes_from" else f"service:{name}"}
 
 
 def below(specs: dict, names: list[str]) -> set[str]:
@@ -314,7 +324,25 @@ def at_rest(robot: SimRobot, world: World) -> None:
     for name in robot.states():
         known = [c for c in robot.engine.list() if c.service == name]
         assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
+    for name in robot.active():
+        run = next(c for c in robot.engine.list() if c.service == name and c.active)
+        for id in joined_of(run.joined).values():
+            other = robot.engine.inspect(id)
+            assert other, f"{name} is joined to nothing"
+            assert other.active, f"{name} is joined to {other}"
+            ended = id in namespaces(catalog.services[name], run) and other.started_at > run.started_at
+            assert not ended, f"{name} is joined to an earlier run of {other}"
     nobody_waits_in_vain(robot)
+
+
+def known(situation: Situation, id: str) -> Container | None:
+    return next((c for c in situation.observed.containers if c.id == id), None)
+
+
+def namespaces(service: Service, container: Container | None) -> list[str]:
+    """Containers whose namespaces a container has."""
+    joins = joined_of(container.joined) if container else {}
+    return [joins[name] for name in ends_with(service.joins) if name in joins]
 
 
 def kept(known: list[Container]) -> bool:
@@ -411,6 +439,10 @@ class Watch:
             for need in services[name].needs:
                 assert services[need].meta or robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
             self.alone(name)
+            for id in namespaces(services[name], known(situation, action.container)):
+                other = known(situation, id)
+                assert other, f"{action}, joined to nothing"
+                assert other.alive, f"{action}, joined to {other}"
             others = [c for c in robot.engine.list() if c.service == name and c.active and c.id != action.container]
             assert not others, f"{action} beside {others}"
         if action.verb == "stop":
@@ -516,15 +548,16 @@ def ask(robot: SimRobot, verb: str, name: str) -> None:
 def rewrite(robot: SimRobot, verb: str, name: str, world: World) -> None:
     """A person writes a manifest."""
     spec = world.specs[name]
+    keep = {k: v for k, v in spec["container"].items() if k != "environment"}
     if verb == "replace":
-        world.change(robot, name, container={"environment": {"N": str(robot.now)}})
+        world.change(robot, name, container={**keep, "environment": {"N": str(robot.now)}})
     elif verb == "always_on":
         world.change(robot, name, always_on=not spec["always_on"])
     elif verb in ("refused", "dies"):
-        world.change(robot, name, container={"environment": {"N": str(robot.now), "BAD": "1"}})
+        world.change(robot, name, container={**keep, "environment": {"N": str(robot.now), "BAD": "1"}})
         robot.faults.bad[robot.desired.digests[name]] = {"refused": "start", "dies": "exit"}[verb]
     elif verb == "revert":
-        world.change(robot, name, container={})
+        world.change(robot, name, container=keep)
     else:
         first = [{"service": n, "restart": True} for n in NAMES[: NAMES.index(name)][:1]]
         world.change(robot, name, needs=[] if spec["needs"] else first)

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from os.path import normpath
 from pathlib import Path
 from typing import Any
 
 from rorg.compose import units
+from rorg.compose.command_line import split
 from rorg.compose.nodes import Node
 from rorg.model.diagnostics import Diagnostic, nearest
 
@@ -25,11 +27,14 @@ class Context:
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
         self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
 
+    def warn(self, node: Node, message: str, remedy: str) -> None:
+        self.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
+
     def path(self, text: str) -> str:
         """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
         if text == "~" or text.startswith("~/"):
             text = self.home + text[1:]
-        return str(self.directory.joinpath(text)) if not text.startswith("/") else text
+        return normpath(self.directory / text)
 
 
 class Form:
@@ -128,10 +133,13 @@ class Words(Form):
             return None
         if isinstance(node.value, str):
             try:
-                return node.but([Node(word, node.where, taken=node.taken) for word in units.words(node.value)])
+                words, rest = split(node.value)
             except ValueError as error:
                 context.error(node, f"{name}: {error}", "quotes that are closed, or a list")
                 return None
+            if rest:
+                context.warn(node, f"{name}: Compose leaves away '{rest}', since it runs no shell", "sh -c '...'")
+            return node.but([Node(word, node.where, taken=node.taken) for word in words])
         if not isinstance(node.value, list):
             return _wrong(node, name, context, "text or a list")
         return node.but(_read_all(node.value, TEXT, name, context))
@@ -322,7 +330,7 @@ def without(base: Node, resets: Node) -> Node:
     for key, value in resets.mapping.items():
         if value.tag and key in entries:
             del entries[key]
-        elif key in entries and isinstance(value.value, dict):
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
             entries[key] = without(entries[key], value)
     return base.but(entries)
 

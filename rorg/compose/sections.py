@@ -20,9 +20,7 @@ from rorg.compose.forms import (
     Words,
     one_of,
 )
-from rorg.compose.keys import ONE_OR_MANY, OPTIONS, Changed
-
-_UNIQUE = ListOf(TEXT, key=lambda text: text)
+from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE, Changed
 
 SERVICE = Section(
     {
@@ -30,8 +28,8 @@ SERVICE = Section(
         "attach": BOOL,
         "blkio_config": keys.BLKIO,
         "build": keys.BUILD,
-        "cap_add": _UNIQUE,
-        "cap_drop": _UNIQUE,
+        "cap_add": UNIQUE,
+        "cap_drop": UNIQUE,
         "cgroup": one_of("host", "private"),
         "cgroup_parent": TEXT,
         "command": Words(),
@@ -50,10 +48,10 @@ SERVICE = Section(
         "depends_on": keys.DEPENDS_ON,
         "deploy": keys.DEPLOY,
         "develop": keys.DEVELOP,
-        "device_cgroup_rules": _UNIQUE,
+        "device_cgroup_rules": UNIQUE,
         "devices": ListOf(keys.DEVICE, key=lambda device: device.get("target")),
         "dns": ONE_OR_MANY,
-        "dns_opt": _UNIQUE,
+        "dns_opt": UNIQUE,
         "dns_search": ONE_OR_MANY,
         "domainname": TEXT,
         "entrypoint": Words(),
@@ -61,7 +59,7 @@ SERVICE = Section(
         "environment": Pairs(bare=True),
         "expose": ListOf(NUMBER_OR_TEXT, key=str),
         "extends": keys.EXTENDS,
-        "external_links": _UNIQUE,
+        "external_links": UNIQUE,
         "extra_hosts": keys.HOSTS,
         "gpus": Changed(shorts.all_gpus, keys.GPUS, str),
         "group_add": ListOf(NUMBER_OR_TEXT, key=str),
@@ -73,7 +71,7 @@ SERVICE = Section(
         "isolation": TEXT,
         "label_file": ListOf(PathOf(), single=True),
         "labels": Pairs(),
-        "links": _UNIQUE,
+        "links": UNIQUE,
         "logging": keys.LOGGING,
         "mac_address": TEXT,
         "mem_limit": SIZE,
@@ -96,7 +94,7 @@ SERVICE = Section(
         "post_start": ListOf(keys.HOOK),
         "pre_stop": ListOf(keys.HOOK),
         "privileged": BOOL,
-        "profiles": _UNIQUE,
+        "profiles": UNIQUE,
         "provider": keys.PROVIDER,
         "pull_policy": TEXT,
         "pull_refresh_after": TEXT,
@@ -105,7 +103,7 @@ SERVICE = Section(
         "runtime": TEXT,
         "scale": INT,
         "secrets": keys.SECRETS,
-        "security_opt": _UNIQUE,
+        "security_opt": UNIQUE,
         "shm_size": SIZE,
         "stdin_open": BOOL,
         "stop_grace_period": DURATION,
@@ -120,7 +118,7 @@ SERVICE = Section(
         "userns_mode": TEXT,
         "uts": TEXT,
         "volumes": ListOf(keys.MOUNT, key=lambda volume: volume.get("target")),
-        "volumes_from": _UNIQUE,
+        "volumes_from": UNIQUE,
         "working_dir": TEXT,
     }
 )

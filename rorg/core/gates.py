@@ -13,6 +13,7 @@ from rorg.core.plan import Waiting
 from rorg.core.steps import Step
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
 Passage = tuple[tuple[str, ...], Waiting | None]
@@ -102,6 +103,8 @@ def _start(view: View, service: Service, earlier: Earlier) -> Passage:
         if earlier.moving(need):
             after.append(need)
         reason = earlier.unready(need)
+        if not reason and need not in after and need in ends_with(service.joins) and not _alive(view, need):
+            reason = "has ended, and with it what would be joined"
         if reason:
             return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
@@ -116,6 +119,11 @@ def _start(view: View, service: Service, earlier: Earlier) -> Passage:
             return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
         after += holders
     return tuple(after), None
+
+
+def _alive(view: View, name: str) -> bool:
+    current = view.current(name)
+    return current is not None and current.alive
 
 
 def _ready_at(view: View, need: str) -> float | None:

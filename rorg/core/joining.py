@@ -98,9 +98,10 @@ def _current(view: View, name: str) -> str:
 
 
 def _coming(view: View, service: Service, name: str) -> str:
-    """The new container of a service that changes together with this one: both are made before any of both is used."""
+    """The container that a service is about to have: the one before, where it goes back to that; the new one, where it
+    changes together with this service: then both are made before any of both is used."""
     update = view.s.memory.of(name).update
-    if update.failed or not _together(view, service, name):
-        return ""
     pair = candidate(view.of(name), update)
-    return pair[0].id if pair else ""
+    if pair is None or not (update.failed or _together(view, service, name)):
+        return ""
+    return pair[1].id if update.failed else pair[0].id

@@ -12,7 +12,9 @@ and what Docker Compose 2.26 answers.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from rorg.manifest.template import Lookup, Refused, interpolate
 
@@ -45,9 +47,12 @@ class Mistake:
     variable: str = ""
 
 
-def read_dotenv(text: str, lookup: Lookup) -> tuple[list[Entry], list[Mistake]]:
-    """All entries in order, and all mistakes; reading goes on with the line after a mistake."""
-    reader = _Reader(text.removeprefix("\ufeff"), lookup)
+def read_dotenv(
+    text: str, lookup: Lookup, before: Mapping[str, str] = MappingProxyType({})
+) -> tuple[list[Entry], list[Mistake]]:
+    """All entries in order, and all mistakes; reading goes on with the line after a mistake. `before`: what counts as
+    if lines before the first one said so."""
+    reader = _Reader(text.removeprefix("\ufeff"), lookup, before)
     while reader.to_statement():
         try:
             reader.statement()
@@ -68,11 +73,11 @@ class _Wrong(Exception):
 
 
 class _Reader:
-    def __init__(self, text: str, lookup: Lookup) -> None:
+    def __init__(self, text: str, lookup: Lookup, before: Mapping[str, str]) -> None:
         self.text, self.at, self.given = text, 0, lookup
         self.entries: list[Entry] = []
         self.mistakes: list[Mistake] = []
-        self.before: dict[str, str] = {}
+        self.before = dict(before)
 
     def lookup(self, name: str) -> str | None:
         value = self.given(name)

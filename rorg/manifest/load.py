@@ -23,6 +23,7 @@ from rorg.manifest.references import check_conflicts, check_container_names, che
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, objects_of
+from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import stems
@@ -83,7 +84,7 @@ def _load(
     diagnostics += more + check_spelling(sources)
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
-    diagnostics += more
+    diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))

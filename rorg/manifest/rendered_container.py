@@ -45,7 +45,7 @@ def container_of(
     if "volumes" in options:
         options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
     if "env_file" in options:
-        said, of_files = options.get("environment", {}), env_files(source, options, wrong)
+        said, of_files = options.get("environment", {}), env_files(source, options, wrong, diagnostics)
         options["environment"] = {**of_files, **said}
         of_files = {k: v for k, v in of_files.items() if k not in said}
         del options["env_file"]
@@ -160,14 +160,15 @@ def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, cl
     """At its place in the manifest, or where that names the profile which brought it."""
     option, below = str(clash.path[0]), clash.path[1:]
     spec: Any = source.spec
-    own = declared(spec.container)
+    own, ours = declared(spec.container), False
     if option == "volumes" and below:  # the list began with the profile's
         place = mounted_at(options["volumes"][below[0]])
         below = tuple(i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place)[-1:]
-    elif isinstance(options[option], list) and below and option in own:
-        below = tuple(i for i, item in enumerate(own[option]) if item == options[option][below[0]])[:1]
-        option = option if below else ""
-    names = origins.get(clash.other or str(clash.path[0]), ())
-    by = f", which {names[0]} declares" if names and names[0].profile else ""
+    elif isinstance(options.get(option), list) and below:
+        item = options[option][below[0]]
+        below = tuple(index for index, said in enumerate(own.get(option, ())) if said == item)[:1]
+        ours, option = bool(below), option if below else ""
+    names = [name for name in origins.get(clash.other or str(clash.path[0]), ()) if name.profile or clash.other]
+    by = f", which {names[-1]} declares" if names and names[-1].profile and not ours else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
     return Diagnostic(where, clash.message + by, clash.remedy)

@@ -18,6 +18,7 @@ from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_label
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
+from rorg.model.joining import NAMESPACES
 from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
 from rorg.model.units import stamp
@@ -83,6 +84,8 @@ class SimEngine:
         self._output: dict[str, bytes] = {}
         self._run_from: dict[str, int] = {}
         """Container -> where the output of its run of now begins."""
+        self._joined: dict[str, list[str]] = {}
+        """Container -> ids of those whose namespaces it has."""
         self._ran: dict[str, tuple[float, float | None]] = {}
         """Container -> seconds that its run of now has run, up to a pause; and since when it runs again."""
         self._followers: list[queue.SimpleQueue[str]] = []
@@ -136,6 +139,7 @@ class SimEngine:
             raise EngineError(f"create {name}", f"the name {name} is already in use", kind="name_taken")
         container = next(self._ids)
         live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
+        self._joined[container] = self._joins(name, spec)
         assert labels[LABEL_OWNER] == self.owner
         joins = {n: "" for n in spec.get("networks", {}) if subject("network", n) in self.objects}
         self.containers[container] = Container(
@@ -179,8 +183,20 @@ class SimEngine:
             raise EngineError(f"remove the {kind} {name}", f"connected to it: {', '.join(users)}", kind="in_use")
         del self.objects[one.key]
 
+    def _joins(self, name: str, spec: Mapping[str, Any]) -> builtins.list[str]:
+        """As Docker, which knows those that a container is joined to by their ids."""
+        found = [v.removeprefix("container:") for o in NAMESPACES if (v := spec.get(o, "")).startswith("container:")]
+        others = [v.partition(":")[0] for v in spec.get("volumes_from", ()) if not v.startswith("container:")]
+        lost = [c for c in [*found, *others] if c not in self.containers]
+        if lost:
+            raise EngineError(f"create {name}", f"No such container: {lost[0]}")
+        return found
+
     def start(self, container: str) -> None:
         self._join(container)
+        for other in self._joined.get(container, ()):
+            if other not in self.containers or not self.containers[other].alive:
+                raise EngineError(f"start {container[:12]}", f"cannot join a container that does not run: {other}")
         if self.faults.bad.get(self._get(container).digest) == "start":
             raise EngineError(f"start {container[:12]}", "no such program")
         self._change(
