@@ -18,7 +18,7 @@ from rorg.importing.yaml_text import Inline, Noted
 
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
-UNSET = "Compose restarts nothing unless it is told to; `always` is what rorg does otherwise"
+UNSET = "as Compose does where nothing is said; rorg would restart it always"
 LONGEST = "3650d"
 """What does not count as ready while it runs: it does once it has ended well."""
 INTERVAL, TIMEOUT, RETRIES = 30.0, 30.0, 3
