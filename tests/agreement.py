@@ -114,6 +114,8 @@ def _named(containers: Tree) -> Tree:
         for name, endpoint in data.get("Networks", {}).items():
             for link in endpoint.pop("links", ()):
                 other, _, alias = link.partition(":")
+                if other not in containers:
+                    continue  # another project's: rorg refuses these
                 there = containers[other]["Networks"][name]
                 there["aliases"] = sorted({*there.get("aliases", ()), alias})
     return containers

@@ -6,12 +6,11 @@ import json
 import os
 import shutil
 import time
-from itertools import pairwise
 from pathlib import Path
 
-import agreement
 import commands
 import pytest
+from compose_cases import CASES, environment_of, load_from
 from conftest import ROOT
 
 from rorg.compose.load import load as read_project
@@ -23,7 +22,6 @@ from rorg.manifest.load import load
 from rorg.manifest.models import ImageSpec
 
 NOT_YET = set() if "cache_from" in ImageSpec.model_fields else {"build_stages"}
-CASES = ROOT / "tests/cases/compose"
 NAMES = sorted(path.parent.name for path in CASES.glob("*/inspect.json") if path.parent.name not in NOT_YET)
 
 
@@ -328,19 +326,9 @@ def test_the_command_writes_what_validate_takes_and_says_what_is_otherwise(tmp_p
 def test_a_robot_of_the_cases_imports_and_validates(name, tmp_path):
     folder = tmp_path / name
     shutil.copytree(CASES / name, folder)
-    words = agreement.options(folder)
-    options = {flag: [w for f, w in pairwise(words) if f == flag] for flag in set(words[::2])}
-    paths = [folder / f for f in options.get("-f", [])] or [folder]
-    environment = agreement.environment(folder)
-    loaded = read_project(
-        paths,
-        environment,
-        env_files=[folder / f for f in options.get("--env-file", [])] or None,
-        profiles=options.get("--profile", ()),
-        name=(options.get("-p") or [None])[0],
-    )
+    loaded = load_from(folder)
     assert loaded.project, loaded.diagnostics
-    found = from_compose(loaded.project, folder / "manifests", folder, environment, text_of)
+    found = from_compose(loaded.project, folder / "manifests", folder, environment_of(folder), text_of)
     assert not found.errors
     assert found.manifests
     assert not load(write(found, folder / "manifests")).errors
