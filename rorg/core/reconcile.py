@@ -50,7 +50,9 @@ class _Reconciled:
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale], _changed(stale))
+        # What cannot start any more is nothing to go back to.
+        before = [c for c, _ in stale if not self.on_another(c)]
+        swap = Swap(self.view, self.service, current and current[0], before, _changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
@@ -84,13 +86,14 @@ class _Reconciled:
     def difference(self, container: Container, spec: Spec) -> Difference:
         """One that is at rest cannot start on a network that is another one by now, though it is called the same."""
         found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
-        if container.alive or not container.networks or not self.on_another(container):
+        if not self.on_another(container):
             return found
         return replace(found, recreate=(*found.recreate, "networks"))
 
     def on_another(self, container: Container) -> bool:
-        """Whether a network that it was joined to is not the one that is there now, or will not be."""
-        objects = self.s.observed.objects
+        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
+        be."""
+        objects = self.s.observed.objects if container.networks and not container.alive else None
         for name in self.desired.uses.get(self.name, ()) if objects else ():
             one = self.desired.objects[name]
             joined = container.networks.get(one.called, "") if one.kind == "network" else ""
