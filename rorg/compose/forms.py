@@ -196,6 +196,8 @@ class MapOf(Form):
     names: bool = False
     null: bool = False
     """A name may have no value, which is then None, or an empty mapping where the form is a section."""
+    extensible: bool = True
+    """Sections whose names begin with x- are not read; a service may be called so all the same."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -208,7 +210,7 @@ class MapOf(Form):
             return _wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
         found: dict[str, Node] = {}
         for key, value in entries.items():
-            if key.startswith("x-") and isinstance(self.item, Section):
+            if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
                 found[key] = value
                 continue
             one = self.item.read(value, f"{name}.{key}", context)
