@@ -135,13 +135,16 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
+LATER = ("stand_ins", "cache_from", "inline")
+"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
 def fingerprint(catalog: Catalog) -> str:
     """Of all that a tree declares, wherever it is written."""
 
     def content(value: Any) -> dict[str, Any]:
-        return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
+        found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
+        return {name: said for name, said in found.items() if said or name not in LATER}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -219,7 +222,7 @@ def _catalog(
 def _images(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}))
+    images, diagnostics = images_of(by_kind.get("Image", {}), services)
     images, found = secrets_of(services, images, by_kind.get("Service", {}))
     return images, [*diagnostics, *found]
 
