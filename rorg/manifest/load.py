@@ -131,6 +131,8 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes")
+"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
 def fingerprint(catalog: Catalog) -> str:
@@ -138,8 +140,7 @@ def fingerprint(catalog: Catalog) -> str:
 
     def content(value: Any) -> dict[str, Any]:
         found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
-        # A tree without any is the same as it was to an rorg that knew of none.
-        return {k: v for k, v in found.items() if v or k not in ("networks", "volumes")}
+        return {name: said for name, said in found.items() if said or name not in LATER}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -234,7 +235,7 @@ def _objects(
 def _images(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}))
+    images, diagnostics = images_of(by_kind.get("Image", {}), services)
     images, found = secrets_of(services, images, by_kind.get("Service", {}))
     return images, [*diagnostics, *found]
 
