@@ -36,17 +36,7 @@ TEXTS = ListOf(TEXT)
 UNIQUE = ListOf(TEXT, key=lambda text: text)
 ONE_OR_MANY = ListOf(TEXT, single=True, key=lambda text: text)
 OPTIONS = MapOf(NUMBER_OR_TEXT)
-_NOT_HERE = (
-    "http://",
-    "https://",
-    "git://",
-    "ssh://",
-    "git@",
-    "github.com/",
-    "docker-image://",
-    "oci-layout://",
-    "service:",
-)
+_NOT_HERE = ("git@", "github.com/", "docker-image://", "oci-layout://", "service:")
 
 
 def is_remote(text: str) -> bool:
