@@ -111,7 +111,7 @@ class Planner:
             waitings=waitings,
             notes=found.notes,
             alarm=found.alarm,
-            unready=unready(view, service, blocked, bool(actions)) if needed else "",
+            unready=unready(view, service, blocked, [a.verb for a in actions]) if needed else "",
             restless=view.restless,
         )
 
