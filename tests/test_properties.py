@@ -324,7 +324,7 @@ def at_rest(robot: SimRobot, world: World) -> None:
     for name in robot.states():
         known = [c for c in robot.engine.list() if c.service == name]
         assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
-    for name in robot.active():
+    for name in robot.active() - loops:
         run = next(c for c in robot.engine.list() if c.service == name and c.active)
         for id in joined_of(run.joined).values():
             other = robot.engine.inspect(id)

@@ -141,7 +141,9 @@ class Planner:
                 waitings[waiting] = None
                 if step.verb in ("update", "rename", "signal"):
                     continue
-                return tuple(actions), tuple(waitings), waiting.reason
+                # While it has to wait for another container, those that need it have the one that runs.
+                goes_on = step.verb == "create" and view.active(service.name)
+                return tuple(actions), tuple(waitings), "" if goes_on else waiting.reason
             own = (service.name,) if actions else ()
             actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
         return tuple(actions), tuple(waitings), ""
