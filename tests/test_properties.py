@@ -196,6 +196,19 @@ def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
 
 
+@settings(
+    max_examples=EXAMPLES // 2,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+@given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
+def test_what_is_joined_follows_what_it_joins(specs, option, events):
+    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
+    second |= {"container": joined(option, NAMES[0]), "always_on": True}
+    live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
+
+
 def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
     specs = {
         "lidar": {"always_on": True, "exclusive": ["can"], "interlock": {"file": "/allow"}},
