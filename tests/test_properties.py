@@ -231,6 +231,19 @@ def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
     live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
+@settings(
+    max_examples=EXAMPLES // 2,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+@given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
+def test_what_is_joined_follows_what_it_joins(specs, option, events):
+    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
+    second |= {"container": joined(option, NAMES[0]), "always_on": True}
+    live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
+
+
 def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
     specs = {
         "lidar": {"always_on": True, "exclusive": ["can"], "interlock": {"file": "/allow"}},
@@ -370,7 +383,7 @@ def at_rest(robot: SimRobot, world: World) -> None:
     for name in robot.states():
         known = [c for c in robot.engine.list() if c.service == name]
         assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
-    for name in robot.active():
+    for name in robot.active() - loops:
         run = next(c for c in robot.engine.list() if c.service == name and c.active)
         for id in joined_of(run.joined).values():
             other = robot.engine.inspect(id)
