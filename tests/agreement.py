@@ -16,8 +16,6 @@ from typing import Any
 Tree = dict[str, Any]
 BASE = "agreement-base"
 """The image that all others of the cases are tags of: it has a command, so that services need none."""
-HOME = "/home/robot"
-"""Of whoever runs Compose, or rorg, in a case."""
 FOREIGN = ("com.docker.compose.", "rorg.io/")
 LEFT_OUT = {
     *("ContainerIDFile", "ConsoleSize", "RestartPolicy", "Binds", "Mounts", "NetworkMode", "PidMode", "IpcMode"),
@@ -25,20 +23,6 @@ LEFT_OUT = {
 }
 """Of HostConfig: compared in another form, or no matter of either."""
 NOTHING = (None, "", 0, False, [], {})
-
-
-def environment(case: Path) -> dict[str, str]:
-    """The variables that a case is read with: those of its file `environment`, and no other of this machine's."""
-    file = case / "environment"
-    said = file.read_text().splitlines() if file.exists() else []
-    own = dict(line.split("=", 1) for line in said if "=" in line and not line.startswith("#"))
-    return {"PATH": os.environ["PATH"], "HOME": HOME, **own}
-
-
-def options(case: Path) -> list[str]:
-    """The words of a case for `docker compose`, such as -f and --env-file: those of its file `options`."""
-    file = case / "options"
-    return file.read_text().split() if file.exists() else []
 
 
 def needed(config: Mapping[str, Any]) -> Tree:
@@ -94,11 +78,11 @@ def project(api: Any, names: Iterable[str], config: Mapping[str, Any], folder: P
     ids = {data["Id"]: name for name, data in found.items()}
     networks = {n["name"]: n for n in (config.get("networks") or {}).values()}
     volumes = [v["name"] for v in (config.get("volumes") or {}).values()]
-    there = {n["Name"] for n in api.networks()}
+    there = {n["Id"]: n["Name"] for n in api.networks()}
     known = {v["Name"] for v in api.volumes()["Volumes"] or ()}
     return {
-        "containers": _named({name: container(data, plain, ids, folder) for name, data in found.items()}),
-        "networks": {n: network(api.inspect_network(n), networks[n]) for n in sorted(networks) if n in there},
+        "containers": _named({name: container(data, plain, ids, there, folder) for name, data in found.items()}),
+        "networks": {n: network(api.inspect_network(n), networks[n]) for n in sorted(networks) if n in there.values()},
         "volumes": {n: volume(api.inspect_volume(n)) for n in sorted(volumes) if n in known},
     }
 
@@ -130,6 +114,8 @@ def _named(containers: Tree) -> Tree:
         for name, endpoint in data.get("Networks", {}).items():
             for link in endpoint.pop("links", ()):
                 other, _, alias = link.partition(":")
+                if other not in containers:
+                    continue  # another project's: rorg refuses these
                 there = containers[other]["Networks"][name]
                 there["aliases"] = sorted({*there.get("aliases", ()), alias})
     return containers
@@ -143,9 +129,15 @@ def _plain(api: Any) -> Mapping[str, Any]:
     return found
 
 
-def container(data: Mapping[str, Any], plain: Mapping[str, Any], ids: Mapping[str, str], folder: Path) -> Tree:
-    """A container. `plain`: HostConfig where nothing is said; `ids`: id -> name, of those of the project; `folder`:
-    that of the Compose file."""
+def container(
+    data: Mapping[str, Any],
+    plain: Mapping[str, Any],
+    ids: Mapping[str, str],
+    networks: Mapping[str, str],
+    folder: Path,
+) -> Tree:
+    """A container. `plain`: HostConfig where nothing is said; `ids`, `networks`: id -> name, of its containers
+    and of all networks; `folder`: that of the Compose file."""
     config, host = data["Config"], data["HostConfig"]
     name, short = data["Name"].lstrip("/"), data["Id"][:12]
     said = {key: config.get(key) for key in ("Cmd", "Entrypoint", "User", "WorkingDir", "Domainname", "Tty")}
@@ -161,7 +153,7 @@ def container(data: Mapping[str, Any], plain: Mapping[str, Any], ids: Mapping[st
     said["Ports"] = {
         k: sorted(f"{b['HostIp']}:{b['HostPort']}" for b in v) for k, v in (host["PortBindings"] or {}).items()
     }
-    said["NetworkMode"] = _joined(host["NetworkMode"], ids)
+    said["NetworkMode"] = networks.get(host["NetworkMode"], _joined(host["NetworkMode"], ids))
     for key in ("PidMode", "IpcMode"):
         said[key] = _joined(host.get(key) or "", ids) if host.get(key) != plain.get(key) else ""
     said["VolumesFrom"] = sorted(_of(v, ids) for v in host.get("VolumesFrom") or ())
@@ -249,3 +241,10 @@ def differences(compose: Tree, rorg: Tree, at: str = "") -> list[str]:
         keys = sorted({*compose, *rorg})
         return [d for k in keys for d in differences(compose.get(k), rorg.get(k), f"{at}/{k}")]
     return [] if compose == rorg else [f"{at}: Compose {json.dumps(compose)}, rorg {json.dumps(rorg)}"]
+
+
+def otherwise(case: Path) -> dict[str, str]:
+    """Where rorg means to do something else than Compose does: path -> why, from the case's file `otherwise`."""
+    file = case / "otherwise"
+    lines = file.read_text().splitlines() if file.exists() else []
+    return dict(line.split(": ", 1) for line in lines)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.compose import Loaded, Project, load
+from rorg.compose.checks import needed
 
 sys.path.insert(0, str(Path(__file__).parent / "cases/compose"))
 from record import arguments_of, environment_of
@@ -30,7 +31,11 @@ def cases() -> list[str]:
 
 
 def load_case(name: str) -> Loaded:
-    case = CASES / name
+    return load_from(CASES / name)
+
+
+def load_from(case: Path, profiles: tuple[str, ...] = ()) -> Loaded:
+    """A case that lies anywhere, with these profiles beside its own."""
     parser = ArgumentParser()
     parser.add_argument("-f", "--file", action="append", default=[])
     parser.add_argument("--profile", action="append", default=[])
@@ -43,7 +48,7 @@ def load_case(name: str) -> Loaded:
         environment_of(case),
         directory=case / said.project_directory if said.project_directory else None,
         env_files=[case / file for file in said.env_file] if said.env_file else None,
-        profiles=said.profile,
+        profiles=[*said.profile, *profiles],
         name=said.project_name,
     )
 
@@ -52,17 +57,32 @@ def theirs(name: str) -> dict[str, Any]:
     """What Compose says, in the common form."""
     text = (CASES / name / "config.json").read_text().replace("CASE", str(CASES / name))
     found = json.loads(text)
-    return {kind: _common(found.get(kind) or {}, dollars=True) for kind in SECTIONS} | {"name": found["name"]}
+    return {kind: _section(found.get(kind) or {}, dollars=True) for kind in SECTIONS} | {"name": found["name"]}
 
 
 def ours(project: Project) -> dict[str, Any]:
     """What we say, in the common form: without what nothing enables or uses."""
-    services = {name: service for name, service in project.services.items() if name in project.enabled}
+    services = {name: _implied(dict(project.services[name])) for name in project.services if name in project.enabled}
     found = {"services": services, **{kind: _used(project, kind, services) for kind in SECTIONS[1:]}}
-    return {kind: _common(entries) for kind, entries in found.items()} | {"name": project.name}
+    return {kind: _section(entries) for kind, entries in found.items()} | {"name": project.name}
+
+
+def _section(entries: dict[str, Any], dollars: bool = False) -> dict[str, Any]:
+    """By name, whatever the names begin with."""
+    common = {name: _common(value, dollars=dollars) for name, value in entries.items()}
+    return {name: value for name, value in common.items() if value not in (None, {}, [], "", False)}
 
 
 SECTIONS = ("services", "networks", "volumes", "configs", "secrets")
+
+
+def _implied(service: dict[str, Any]) -> dict[str, Any]:
+    """With the dependencies that Compose adds of itself."""
+    found = dict(service.get("depends_on", {}))
+    for other, path in needed(service):
+        again = {"restart": True} if path[0] != "volumes_from" else {}
+        found.setdefault(other, {"condition": "service_started", "required": True, **again})
+    return {**service, "depends_on": found}
 
 
 def _used(project: Project, kind: str, services: dict[str, Any]) -> dict[str, Any]:
@@ -79,11 +99,15 @@ def _seconds(text: str) -> float:
     return sum(float(n) * SECONDS[unit] for n, unit in re.findall(r"([0-9.]+)(h|ms|us|µs|ns|m|s)", text))
 
 
+def _key(key: str, dollars: bool) -> str:
+    """As the specification writes it; Compose's answer has a few with capitals."""
+    key = key.lower() if key in ("Path", "Rate", "Weight") else key
+    return key.replace("$$", "$") if dollars else key
+
+
 def _common(value: Any, key: str = "", dollars: bool = False) -> Any:
     if isinstance(value, dict):
-        inner = {
-            (k.lower() if k in ("Path", "Rate", "Weight") else k): _common(v, k, dollars) for k, v in value.items()
-        }
+        inner = {_key(k, dollars): _common(v, k, dollars) for k, v in value.items()}
         if key in OPEN:
             return inner
         inner = {k: v for k, v in inner.items() if k not in OWN and not k.startswith("x-")}

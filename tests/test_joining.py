@@ -161,6 +161,7 @@ def test_what_cannot_be_joined_is_told_at_its_place(tmp_path, options, said):
 
 
 def test_on_the_process_engine_shared_memory_is_the_machines_anyway(tmp_path):
-    write_tree(tmp_path, {"base": {}, "it": {"container": {"ipc": "service:base"}}})
+    write_tree(tmp_path, {"base": {}, "it": {"container": {"ipc": "service:base", "volumes_from": ["base"]}}})
     assert [d.message for d in load(tmp_path, engine="docker").errors]
-    assert load(tmp_path, engine="process").errors == []
+    (told,) = (d for d in load(tmp_path, engine="process").diagnostics if "mounts nothing" in d.message)
+    assert (told.severity, told.where.line) == ("warning", 21)

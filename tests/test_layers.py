@@ -68,7 +68,6 @@ LOADED: dict[str, set[str]] = {
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
     "compose": {"pydantic", "re2", "yaml"},
-    "importing": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""

@@ -26,6 +26,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
+from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
@@ -154,6 +155,8 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
         tried = {verb: Attempt(**attempt) for verb, attempt in known.get("attempts", {}).items()}
         known = {**known, "attempts": tried} if tried else known
+        if "counted_on" in known:
+            known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
         name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()

@@ -185,8 +185,8 @@ def _tell(imported: Imported, output: Path, form: str) -> None:
     from rorg.model.units import counted
 
     _notes(imported, form)
-    rows = [{"kind": m.kind, "name": m.name, "file": str(output / m.path)} for m in imported.manifests]
-    print_rows(rows, form, ("kind", "name", "file"), full=_whole(imported, output))
+    rows = [{"file": str(output / m.path), "kind": m.kind, "name": m.name} for m in imported.manifests]
+    print_rows(rows, form, ("file", "kind", "name"), full=_whole(imported, output))
     kinds = Counter(m.kind.lower() for m in imported.manifests)
     told = [d.severity for d in imported.diagnostics]
     counts = [counted(n, kind) for kind, n in kinds.items()]

@@ -9,7 +9,7 @@ from pathlib import Path
 from rorg.compose.forms import Context, kept, without
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
-from rorg.compose.variables import Files, Variables, fill
+from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
@@ -105,7 +105,7 @@ class Assembler:
             return own
         found = self.base(name, target, extends, layer, directory, variables)
         if found is None:
-            return own
+            return node
         base_layer, base_directory = found
         trail = (*trail, (layer.path, name))
         base = self.service(target.value, base_layer, base_directory, variables, trail)
@@ -127,7 +127,9 @@ class Assembler:
                 return None
         found = next((one for one in layers if one.service(target.value) is not None), None)
         if found is None:
-            known = [known for one in layers for known in one.tree.mapping.get("services", target).mapping]
+            known = [
+                known for one in layers for known in one.tree.mapping.get("services", target).mapping if known != name
+            ]
             inside = f" in {layers[0].path}" if file else ""
             message = f"service '{name}' extends '{target.value}', which there is not{inside}"
             self.diagnostics.append(Diagnostic(target.where, message, nearest(target.value, known)))
@@ -157,7 +159,8 @@ class Assembler:
                 self.env_file(Path(context.path(one.value)), one.where, inner)
         elif self.files.there(base / ".env"):
             self.env_file(base / ".env", entry.where, inner)
-        return self.joined(total, self.tree(paths, base, inner, entry.where, trail))
+        tree = self.tree(paths, base, inner, entry.where, trail)
+        return self.joined(total, _with_bare_names(tree, inner))
 
     def env_file(self, path: Path, where: Where, variables: Variables) -> None:
         text = self.files.text(path, where, "the env file")
@@ -183,3 +186,20 @@ class Assembler:
                 ours.setdefault(name, node)
             entries[section] = (entries.get(section) or brought).but(ours)
         return total.but(entries)
+
+
+def _with_bare_names(tree: Node, variables: Variables) -> Node:
+    """Bare names in environments of an included file take what its own env files say, too."""
+    services = tree.mapping.get("services")
+    if services is None:
+        return tree
+    entries = dict(services.mapping)
+    for name, service in entries.items():
+        environment = service.mapping.get("environment")
+        if environment:
+            filled = {
+                key: bare(key, node, variables) if variables.get(key) is not None else node
+                for key, node in environment.mapping.items()
+            }
+            entries[name] = service.but({**service.mapping, "environment": environment.but(filled)})
+    return tree.but({**tree.mapping, "services": services.but(entries)})

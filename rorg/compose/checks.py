@@ -60,7 +60,7 @@ class _Checks:
 
     def service(self, name: str, service: Mapping[str, Any]) -> None:
         here = ("services", name)
-        if not {"image", "build", "provider"} & set(service):
+        if not {"image", "build", "provider", "extends"} & set(service):
             self.error(
                 f"service '{name}' has neither an image nor a build", "image: REFERENCE, or build: DIRECTORY", *here
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from os.path import normpath
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ class Context:
         """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
         if text == "~" or text.startswith("~/"):
             text = self.home + text[1:]
-        return str(self.directory.joinpath(text)) if not text.startswith("/") else text
+        return normpath(self.directory / text)
 
 
 class Form:
@@ -195,6 +196,8 @@ class MapOf(Form):
     names: bool = False
     null: bool = False
     """A name may have no value, which is then None, or an empty mapping where the form is a section."""
+    extensible: bool = True
+    """Sections whose names begin with x- are not read; a service may be called so all the same."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -207,7 +210,7 @@ class MapOf(Form):
             return _wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
         found: dict[str, Node] = {}
         for key, value in entries.items():
-            if key.startswith("x-") and isinstance(self.item, Section):
+            if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
                 found[key] = value
                 continue
             one = self.item.read(value, f"{name}.{key}", context)
@@ -329,7 +332,7 @@ def without(base: Node, resets: Node) -> Node:
     for key, value in resets.mapping.items():
         if value.tag and key in entries:
             del entries[key]
-        elif key in entries and isinstance(value.value, dict):
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
             entries[key] = without(entries[key], value)
     return base.but(entries)
 

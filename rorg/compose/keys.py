@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from posixpath import normpath
 from typing import Any
 
 from rorg.compose import shorts
@@ -32,19 +33,10 @@ from rorg.compose.forms import (
 from rorg.compose.nodes import Node
 
 TEXTS = ListOf(TEXT)
-ONE_OR_MANY = ListOf(TEXT, single=True)
+UNIQUE = ListOf(TEXT, key=lambda text: text)
+ONE_OR_MANY = ListOf(TEXT, single=True, key=lambda text: text)
 OPTIONS = MapOf(NUMBER_OR_TEXT)
-_NOT_HERE = (
-    "http://",
-    "https://",
-    "git://",
-    "ssh://",
-    "git@",
-    "github.com/",
-    "docker-image://",
-    "oci-layout://",
-    "service:",
-)
+_NOT_HERE = ("git@", "github.com/", "docker-image://", "oci-layout://", "service:")
 
 
 def is_remote(text: str) -> bool:
@@ -107,8 +99,11 @@ def _source(node: Node, name: str, context: Context) -> Node:
             context.error(node, f"{name} is a bind without a source", "source: PATH")
         elif not (source.value.startswith("/") and ":" not in source.value):
             entries["source"] = source.but(context.path(source.value))
-    if entries.get("target") is None:
+    target = entries.get("target")
+    if target is None:
         context.error(node, f"{name} has no target", "target: PATH in the container")
+    else:
+        entries["target"] = target.but(normpath(target.value))
     return node.but(entries)
 
 
@@ -171,7 +166,7 @@ BUILD = Section(
         "isolation": TEXT,
         "privileged": BOOL,
         "secrets": SECRETS,
-        "tags": TEXTS,
+        "tags": UNIQUE,
         "ulimits": ULIMITS,
         "platforms": TEXTS,
     },

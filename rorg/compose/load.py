@@ -9,14 +9,16 @@ from pathlib import Path
 
 from rorg.compose.assemble import Assembler
 from rorg.compose.checks import check
+from rorg.compose.nodes import read_nodes
 from rorg.compose.normalise import normalised
 from rorg.compose.project import Loaded
-from rorg.compose.variables import Files, Variables
+from rorg.compose.variables import Files, Variables, fill
 from rorg.model.diagnostics import Diagnostic, Where
 
 Read = Callable[[Path], str]
 """The text of a file; OSError or UnicodeDecodeError where there is none."""
 FILE_NAMES = ("compose.yaml", "compose.yml", "docker-compose.yaml", "docker-compose.yml")
+NAME = "COMPOSE_PROJECT_NAME"
 OVERRIDE_NAMES = tuple(name.replace("compose.", "compose.override.") for name in FILE_NAMES)
 
 
@@ -42,25 +44,37 @@ def load(
     assembler = Assembler(files, environment.get("HOME", ""), files.diagnostics)
     found = [Path(os.path.abspath(path)) for path in _files(paths, files)]
     base = Path(os.path.abspath(directory)) if directory else found[0].parent
-    variables = Variables(environment)
+    outside = dict(environment)
+    variables = Variables(outside)
     if env_files is None and files.there(base / ".env"):
         env_files = [base / ".env"]
     for path in env_files or ():
         assembler.env_file(Path(os.path.abspath(path)), Where(str(path)), variables)
+    known = name or variables.get(NAME) or _said_name(found, files, variables) or project_name(base)
+    outside[NAME] = known
     tree = assembler.tree(found, base, variables, Where(str(found[0])))
-    wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
-    known = name or variables.get("COMPOSE_PROJECT_NAME")
-    if not known and "name" in tree.mapping:
-        known = tree.mapping["name"].value
-    if known and not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
+    if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
         where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(found[0]))
         remedy = "lower-case letters, digits, - and _, first a letter or digit"
         files.diagnostics.append(Diagnostic(where, f"'{known}' is no name of a project", remedy))
-    project = normalised(tree, known or project_name(base), base, assembler, variables, wanted)
+    wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
+    project = normalised(tree, known, base, assembler, variables, wanted)
     files.diagnostics += check(project)
     diagnostics = tuple(sorted(set(files.diagnostics)))
     refused = any(d.severity == "error" for d in diagnostics)
     return Loaded(None if refused else project, diagnostics)
+
+
+def _said_name(paths: Sequence[Path], files: Files, variables: Variables) -> str:
+    """What the last file says that says one; it is needed before files are read, since they may ask for it."""
+    for path in reversed(paths):
+        line = re.search(r"^name:.*$", files.texts.get(path) or "", re.MULTILINE) if files.there(path) else None
+        documents = read_nodes(line[0], str(path))[0] if line else []
+        for document in documents:
+            value = fill(document, variables, []).mapping["name"].value
+            if isinstance(value, str):
+                return value
+    return ""
 
 
 def _files(paths: Sequence[Path], files: Files) -> list[Path]:

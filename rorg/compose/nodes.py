@@ -155,6 +155,8 @@ class _Reader:
                 continue
             key = str(key_node.value)
             value = self.read(value_node)
+            if not key_node.style and not isinstance(scalar(key), str):
+                self.error(key_node, f"key {key} is not a text", f'"{key}"')
             if key in found:
                 line = found[key].place.line
                 self.error(key_node, f"key '{key}' appears twice in one mapping", f"dropping it here or in line {line}")

@@ -11,7 +11,7 @@ from typing import Any
 from rorg.compose.assemble import RESOURCES, Assembler
 from rorg.compose.nodes import Node
 from rorg.compose.project import Place, Project
-from rorg.compose.variables import Variables, read_env_file
+from rorg.compose.variables import Variables, bare, read_env_file
 from rorg.model.diagnostics import Where
 
 
@@ -22,9 +22,7 @@ def normalised(
     sections: dict[str, dict[str, Node]] = {
         key: dict(tree.mapping[key].mapping) if key in tree.mapping else {} for key in RESOURCES
     }
-    services = {
-        key: _service(node, assembler, variables) for key, node in sections["services"].items() if not _extension(key)
-    }
+    services = {key: _service(node, assembler, variables) for key, node in sections["services"].items()}
     sections["services"] = services
     if any("default" in node.mapping["networks"].mapping for node in services.values() if "networks" in node.mapping):
         sections["networks"].setdefault("default", Node({}, tree.where))
@@ -94,7 +92,8 @@ def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
         entries["secrets"] = entries["secrets"].but([_mounted(one) for one in entries["secrets"].items])
     if "build" in entries:
         entries["build"] = _build(entries["build"], variables)
-    if "networks" not in entries and "network_mode" not in entries and "provider" not in entries:
+    joins = "networks" in entries and entries["networks"].mapping
+    if not joins and "network_mode" not in entries and "provider" not in entries:
         entries["networks"] = Node({"default": Node({}, node.where)}, node.where)
     return node.but(entries)
 
@@ -113,15 +112,8 @@ def _build(build: Node, variables: Variables) -> Node:
         entries.setdefault("dockerfile", Node("Dockerfile", build.where))
     args = entries.get("args")
     if args:
-        entries["args"] = args.but({key: _bare(key, one, variables) for key, one in args.mapping.items()})
+        entries["args"] = args.but({key: bare(key, one, variables) for key, one in args.mapping.items()})
     return build.but(entries)
-
-
-def _bare(name: str, node: Node, variables: Variables) -> Node:
-    """A name without a value has that from outside."""
-    if node.value is not None:
-        return node
-    return node.but(variables.take(name), taken=(name,))
 
 
 def _environment(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
@@ -131,13 +123,13 @@ def _environment(entries: dict[str, Node], assembler: Assembler, variables: Vari
         return None
     found: dict[str, Node] = {}
     for file in files.items if files else ():
-        found |= _of_file(file, assembler, variables)
+        found |= _of_file(file, assembler, variables, found)
     for name, node in (said.mapping if said else {}).items():
-        found[name] = _bare(name, node, variables)
+        found[name] = bare(name, node, variables)
     return (said or files or Node({}, Where(""))).but(found)
 
 
-def _of_file(file: Node, assembler: Assembler, variables: Variables) -> dict[str, Node]:
+def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dict[str, Node]) -> dict[str, Node]:
     named = file.mapping["path"]
     path = Path(named.value)
     required = file.mapping.get("required")
@@ -148,10 +140,11 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables) -> dict[str
         return {}
     assembler.paths[path] = None
     raw = "format" in file.mapping
-    read = read_env_file(path, text, variables, assembler.diagnostics, raw)
+    earlier = {name: node.value for name, node in before.items() if node.value is not None}
+    read = read_env_file(path, text, variables, assembler.diagnostics, raw, earlier)
     made: dict[str, Any] = {}
-    for name, (value, where, bare) in read.items():
-        made[name] = Node(value, where, where, taken=(name,) if bare else ())
+    for name, (value, where, alone) in read.items():
+        made[name] = Node(value, where, where, taken=(name,) if alone else ())
     return made
 
 

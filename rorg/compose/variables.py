@@ -80,13 +80,19 @@ class Variables:
 
 
 def read_env_file(
-    path: Path, text: str, variables: Variables, diagnostics: list[Diagnostic], raw: bool = False
+    path: Path,
+    text: str,
+    variables: Variables,
+    diagnostics: list[Diagnostic],
+    raw: bool = False,
+    before: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[str | None, Where, bool]]:
     """Of each name the value, its place, and whether it is a bare name. `raw`: lines NAME=value as they stand, as
-    Docker reads them (`format: raw`)."""
+    Docker reads them (`format: raw`). `before`: what earlier files of the same service say."""
     if raw:
         return _raw(path, text, variables)
-    entries, mistakes = read_dotenv(text, variables.take)
+    earlier = before or {}
+    entries, mistakes = read_dotenv(text, lambda name: _either(variables.take(name), earlier.get(name)))
     for mistake in mistakes:
         where = Where(str(path), mistake.line, mistake.column)
         diagnostics.append(Diagnostic(where, mistake.message, mistake.remedy))
@@ -97,6 +103,10 @@ def read_env_file(
         if not entry.bare or entry.value is not None:
             found[entry.name] = (entry.value, where, entry.bare)
     return found
+
+
+def _either(value: str | None, other: str | None) -> str | None:
+    return other if value is None else value
 
 
 def _raw(path: Path, text: str, variables: Variables) -> dict[str, tuple[str | None, Where, bool]]:
@@ -134,3 +144,10 @@ def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Nod
         return node
     diagnostics += [unset(name, node.where) for name in found.unset]
     return node.but(found.text, taken=found.used, exact=node.exact and not found.used)
+
+
+def bare(name: str, node: Node, variables: Variables) -> Node:
+    """A name without a value has that from outside."""
+    if node.value is not None:
+        return node
+    return node.but(variables.take(name), taken=(name,))

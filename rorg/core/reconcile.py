@@ -89,13 +89,14 @@ class _Reconciled:
     def difference(self, container: Container, spec: Spec) -> Difference:
         """One that is at rest cannot start on a network that is another one by now, though it is called the same."""
         found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
-        if container.alive or not container.networks or not self.on_another(container):
+        if not self.on_another(container):
             return found
         return replace(found, recreate=(*found.recreate, "networks"))
 
     def on_another(self, container: Container) -> bool:
-        """Whether a network that it was joined to is not the one that is there now, or will not be."""
-        objects = self.s.observed.objects
+        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
+        be."""
+        objects = self.s.observed.objects if container.networks and not container.alive else None
         for name in self.desired.uses.get(self.name, ()) if objects else ():
             one = self.desired.objects[name]
             joined = container.networks.get(one.called, "") if one.kind == "network" else ""

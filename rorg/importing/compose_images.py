@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from rorg.importing.compose_keys import BUILD
@@ -63,6 +64,7 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
         work.refuse(
             f"rorg builds nothing from {context}", *place, "context", remedy="a clone of it beside the manifests"
         )
+    _holds_the_tree(work, image, context, place)
     spec: dict[str, Any] = {"context": work.local(context, "images")}
     dockerfile = _dockerfile(work, image, context, said)
     spec |= {"dockerfile": dockerfile} if dockerfile not in ("", "Dockerfile") else {}
@@ -77,6 +79,17 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
         work.refuse(message, *place, "platforms", remedy="the robot's, or none for that of the machine")
     spec |= {"platform": platforms[0]} if len(platforms) == 1 else {}
     return Made("Image", image, spec, (f"From {work.origin(*place)}, service {name}.",))
+
+
+def _holds_the_tree(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:
+    """That a change of a manifest is a change of the image."""
+    if context != str(work.tree) and not f"{work.tree}/".startswith(f"{context}/"):
+        return
+    inside = os.path.relpath(work.tree, context)
+    ignored = (work.read(Path(context) / ".dockerignore") or "").split()
+    if not {inside, f"{inside}/", f"/{inside}", f"**/{inside}"} & set(ignored):
+        message = f"the manifests lie in the context of {image}, so that each change of them builds it anew"
+        work.warn(message, *place, "context", remedy=f"a line '{inside}' in {context}/.dockerignore")
 
 
 def _dockerfile(work: Work, image: str, context: str, said: Mapping[str, Any]) -> str:

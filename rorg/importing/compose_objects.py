@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.importing.compose_keys import NETWORK, VOLUME, Row
+from rorg.importing.compose_options import OF_THE_ENGINE
 from rorg.importing.compose_work import SOUND, Work
 from rorg.importing.manifests import Made
 from rorg.importing.yaml_text import Noted
@@ -18,6 +19,8 @@ def networks(work: Work) -> list[Made]:
     used = {n for said in work.project.services.values() for n in said.get("networks") or ()}
     found = []
     for name, said in work.project.networks.items():
+        if name in used and work.known("networks", name) in OF_THE_ENGINE:
+            continue
         if name in used:
             found.append(_object(work, "Network", "networks", name, said, NETWORK))
         else:

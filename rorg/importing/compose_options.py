@@ -13,6 +13,11 @@ from rorg.importing.compose_work import Work, duration, size
 ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
 """Carried over beside the others, since more than one key makes them."""
 
+OF_THE_ENGINE = frozenset(("host", "none", "bridge"))
+"""Networks that are always there, which are joined by network_mode."""
+WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
+"""Options that the engine takes no notice of, by the kind of network."""
+
 
 def options(work: Work, name: str) -> dict[str, Any]:
     """All that is carried over of a service, in the order of the table."""
@@ -23,7 +28,21 @@ def options(work: Work, name: str) -> dict[str, Any]:
             value = _formed(work, name, key, said[key])
             if value not in ({}, []) or key == "entrypoint":
                 found[key] = value
-    return found
+    return _on_its_network(work, name, found)
+
+
+def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, Any]:
+    """Without what has no effect on a network that is not the container's own."""
+    own = {work.known("networks", n) for n in work.project.services[name].get("networks") or ()} & OF_THE_ENGINE
+    if own:
+        del found["networks"]
+        found["network_mode"] = min(own)
+    mode = found.get("network_mode", "")
+    without = WITHOUT.get("service" if mode.startswith(("service:", "container:")) else mode, ())
+    for key in without:
+        if key in found:
+            work.note(f"{key} has no effect under network_mode: {mode}", "services", name, key)
+    return {key: value for key, value in found.items() if key not in without}
 
 
 def _formed(work: Work, name: str, key: str, value: Any) -> Any:

@@ -18,7 +18,7 @@ from rorg.importing.yaml_text import Inline, Noted
 
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
-UNSET = "Compose restarts nothing unless it is told to; `always` is what rorg does otherwise"
+UNSET = "as Compose does where nothing is said; rorg would restart it always"
 LONGEST = "3650d"
 """What does not count as ready while it runs: it does once it has ended well."""
 INTERVAL, TIMEOUT, RETRIES = 30.0, 30.0, 3
@@ -100,12 +100,21 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
     if labels := _labels(work, name):
         container["labels"] = labels
     container |= {k: v for k, v in options(work, name).items() if k != "container_name"}
+    if "ipc" not in container and (users := _users_of_memory(work, name)):
+        container["ipc"] = "shareable"
+        message = f"ipc: shareable is added, without which the engine lets nobody join: {', '.join(users)} does"
+        work.warn(message, "services", users[0], "ipc")
     container |= limits
     mounts = [m for section in ("configs", "secrets") for m in files_of(work, name, section)]
     if mounts:
         container["volumes"] = [*container.get("volumes", ()), *mounts]
     spec["container"] = container
     return spec
+
+
+def _users_of_memory(work: Work, name: str) -> list[str]:
+    """Services that join the shared memory of this one."""
+    return [other for other, said in work.project.services.items() if said.get("ipc") == f"service:{name}"]
 
 
 def _needs(work: Work, name: str) -> list[Any]:

@@ -75,6 +75,14 @@ def place_of(source: Source, option: str, index: int | None = None) -> Where:
     return source.where("spec", "container", option, *(() if index is None else (index,)))
 
 
+def told_of_processes(services: Mapping[str, Service], sources: Mapping[str, Source]) -> Iterator[Diagnostic]:
+    """Network, shared memory and processes are those of the machine for every process, so these joins hold anyway."""
+    for name, source in sources.items():
+        for other in (n for n, options in services[name].joins.items() if VOLUMES in options):
+            message = f"the process engine mounts nothing, so {VOLUMES} '{other}' brings nothing along"
+            yield Diagnostic(place_of(source, VOLUMES), message, "paths of this machine", "warning")
+
+
 def check_shared_memory(services: Mapping[str, Service], sources: Mapping[str, Source]) -> Iterator[Diagnostic]:
     """An engine gives a container its shared memory for itself alone, unless that says otherwise. Docker refuses the
     start of the other container ("non-shareable IPC")."""

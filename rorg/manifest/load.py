@@ -16,7 +16,7 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
-from rorg.manifest.joining import check_shared_memory, join
+from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
@@ -131,6 +131,8 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes")
+"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
 def fingerprint(catalog: Catalog) -> str:
@@ -138,8 +140,7 @@ def fingerprint(catalog: Catalog) -> str:
 
     def content(value: Any) -> dict[str, Any]:
         found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
-        # A tree without any is the same as it was to an rorg that knew of none.
-        return {k: v for k, v in found.items() if v or k not in ("networks", "volumes")}
+        return {name: said for name, said in found.items() if said or name not in LATER}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -234,7 +235,7 @@ def _objects(
 def _images(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}))
+    images, diagnostics = images_of(by_kind.get("Image", {}), services)
     images, found = secrets_of(services, images, by_kind.get("Service", {}))
     return images, [*diagnostics, *found]
 
@@ -259,7 +260,8 @@ def _resolve_all(
         joined, of_joins = join(source, services[name], services, groups, known)
         services[name], found = _resolve(source, joined, groups, known)
         diagnostics += of_joins + found
-    return diagnostics if engine == PROCESS else [*diagnostics, *check_shared_memory(services, sources)]
+    more = told_of_processes if engine == PROCESS else check_shared_memory
+    return [*diagnostics, *more(services, sources)]
 
 
 def _resolve(

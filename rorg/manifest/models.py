@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
 from rorg.manifest.objects import NetworkSpec, VolumeSpec
-from rorg.manifest.option_forms import Pairs, Strict, Words
+from rorg.manifest.option_forms import Many, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
 from rorg.manifest.scalars import ImageName, Name
@@ -57,6 +57,17 @@ class ImageSpec(Strict):
     target: Annotated[str, Field(min_length=1)] | None = field(
         "The stage of the Dockerfile that is built.", "runtime", unset="the last one"
     )
+    additional_contexts: Pairs = field(
+        "What the Dockerfile uses by a name (FROM, COPY --from, RUN --mount): a directory relative to this file, "
+        "docker-image://REFERENCE, service:NAME for the image of a service, or the name of an Image.",
+        {"maps": "../../maps", "tools": "docker-image://debian:12"},
+        dict,
+    )
+    cache_from: Many[str] = field(
+        "Images whose layers the build may use, as far as they are on the machine; no part of what the image is.",
+        ["lab/navigation:latest"],
+        list,
+    )
     platform: Annotated[str, Field(pattern=PLATFORM), Written("OS/ARCHITECTURE[/VARIANT]")] | None = field(
         "What the image is built for.", "linux/arm64", unset="the engine's own"
     )
@@ -72,6 +83,8 @@ class ImageSpec(Strict):
             raise ValueError("exactly one of context, import must be given")
         if self.context is None and (self.target or self.platform):
             raise ValueError("target and platform say how a context is built, and nothing is built here")
+        if self.context is None and (self.additional_contexts or self.cache_from):
+            raise ValueError("additional_contexts and cache_from are of a build, and nothing is built here")
         return self
 
 

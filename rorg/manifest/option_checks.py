@@ -153,7 +153,8 @@ def _working_dir(value: str) -> None:
         )
 
 
-def _image(value: str) -> None:
+def check_image(value: str) -> None:
+    """Raises ValueError for what is no reference of an image."""
     part = r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*"
     domain = r"(?=localhost/|[^/]*[.:])(?:[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?|\[[0-9a-fA-F:]+\])(?::[0-9]+)?"
     digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
@@ -231,7 +232,7 @@ def _key(name: str) -> None:
 
 
 CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
-CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(_image), checked(_word)
+CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(check_image), checked(_word)
 NETWORK_MODE, SECURITY, VOLUMES_FROM = checked(_network_mode), checked(_security), checked(_volumes_from)
 IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "container:"))
 PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))

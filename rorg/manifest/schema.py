@@ -94,6 +94,9 @@ _WRITTEN: dict[str, list[Any]] = {
         {"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"}, {"$ref": "#/$defs/Ulimit"}]}}
     ],
 }
+_PLAIN = ("integer", "number", "boolean")
+_VARIABLE = {"type": "string", "pattern": r"\$\{.+\}"}
+_TOLD = ("description", "default", "examples", "title", "x-rorg-change")
 _PAIRS = ("environment", "labels", "annotations", "sysctls", "storage_opt", "options", "args", "driver_opts")
 
 
@@ -116,11 +119,21 @@ def _loosen(value: Any) -> Any:
                 {"type": "array", "items": {"type": "string"}},
             ]
         if written:
-            kept = {
-                k: v for k, v in field.items() if k in ("description", "default", "examples", "title", "x-rorg-change")
-            }
+            kept = {k: v for k, v in field.items() if k in _TOLD}
             properties[name] = {"anyOf": [*written, {"type": "null"}], **kept}
+        properties[name] = _or_variable(properties[name])
     return found
+
+
+def _or_variable(field: dict[str, Any]) -> dict[str, Any]:
+    """A number or a boolean, or a variable of robot.env that has one."""
+    if field.get("type") in _PLAIN:
+        kept = {k: v for k, v in field.items() if k in _TOLD}
+        return {"anyOf": [{k: v for k, v in field.items() if k not in _TOLD}, _VARIABLE], **kept}
+    forms = field.get("anyOf", ())
+    if any(form.get("type") in _PLAIN for form in forms) and not any(form.get("type") == "string" for form in forms):
+        return {**field, "anyOf": [*forms, _VARIABLE]}
+    return field
 
 
 def write(folder: Path, check: bool) -> list[str]:

@@ -178,6 +178,12 @@ class Image:
     bases: tuple[str, ...] = ()
     """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
     RUN --mount=from that names no stage of its own."""
+    stand_ins: Mapping[str, str] = field(default_factory=dict)
+    """Reference in its Dockerfile -> what stands for it by `additional_contexts`: that is in `bases`."""
+    cache_from: tuple[str, ...] = ()
+    """References of images whose layers may be used: no part of what it is."""
+    inline: str = ""
+    """Its Dockerfile, where that is no file: then `dockerfile` only says which .dockerignore counts."""
     secrets: tuple[str, ...] = ()
     """Arguments whose values are secret."""
     reference: str = ""

@@ -22,6 +22,7 @@ sys.path.insert(0, str(CASES.parent.parent))
 
 import agreement  # noqa: E402
 from dockerd import Dockerd, import_base  # noqa: E402
+from record import arguments_of, environment_of  # noqa: E402
 
 
 def record(case: Path, host: str, work: Path) -> str:
@@ -30,8 +31,8 @@ def record(case: Path, host: str, work: Path) -> str:
 
     folder = work / case.name
     shutil.copytree(case, folder)
-    variables = {**agreement.environment(case), "DOCKER_HOST": host}
-    words = [os.environ.get("COMPOSE", "docker-compose"), *agreement.options(case)]
+    variables = {**environment_of(case), "PATH": os.environ["PATH"], "DOCKER_HOST": host}
+    words = [os.environ.get("COMPOSE", "docker-compose"), *arguments_of(case)]
 
     def compose(*more: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([*words, *more], cwd=folder, env=variables, capture_output=True, text=True)
@@ -59,7 +60,7 @@ def record(case: Path, host: str, work: Path) -> str:
 
 def main(names: list[str]) -> None:
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
-    cases = [CASES / name for name in names] or sorted(p.parent for p in CASES.glob("*/compose.yaml"))
+    cases = [CASES / name for name in names] or sorted(p for p in CASES.iterdir() if (p / "config.json").exists())
     work = Path(tempfile.mkdtemp(prefix="rorg-record."))
     daemon = Dockerd(Path(tempfile.mkdtemp(prefix="rorg-dockerd.", dir="/tmp")))
     try:
