@@ -98,10 +98,10 @@ class Assembler:
             return node
         own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
         if (layer.path, name) in trail:
-            ring = " -> ".join([*(one for _, one in trail[trail.index((layer.path, name)) :]), name])
-            self.diagnostics.append(
-                Diagnostic(target.where, f"services extend each other: {ring}", "dropping one extends")
-            )
+            ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
+            if name == min(ring):  # each ring is met once from each of its services
+                message = f"services extend each other: {' -> '.join([*ring, name])}"
+                self.diagnostics.append(Diagnostic(target.where, message, "dropping one extends"))
             return own
         found = self.base(name, target, extends, layer, directory, variables)
         if found is None:

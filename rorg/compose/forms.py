@@ -69,7 +69,7 @@ class Scalar(Form):
         if value is None:
             return None
         if not isinstance(value, self.types) or (isinstance(value, bool) and bool not in self.types):
-            remedy = f'"{value}"' if isinstance(value, int | float | bool) and str in self.types else ""
+            remedy = self.otherwise(value)
             context.error(node, f"{name} is {node.kind()}, and must be {self.wanted}", remedy)
             return None
         try:
@@ -81,6 +81,12 @@ class Scalar(Form):
             context.error(node, f"{name}: '{value}' is not known", nearest(str(value), self.one_of))
             return None
         return node.but(value)
+
+    def otherwise(self, value: object) -> str:
+        """A remedy for a value of another type."""
+        if str not in self.types or not isinstance(value, int | float | bool):
+            return ""
+        return self.wanted if self.convert is units.duration else f'"{units.shown(value)}"'
 
 
 def _size(value: Any) -> int:
