@@ -28,6 +28,8 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
     for row in client.get("/volumes")["Volumes"] or ():
         rows.append(found_object("volume", row["Name"], row["Name"], row.get("Labels") or {}))
     asked = frozenset(keys)
+    # Two networks may be called the same: ours is the one that counts.
+    rows.sort(key=lambda one: one.owner == owner)
     found = {one.key: one for one in rows if one.owner == owner or one.key in asked}
     return FoundObjects(found, asked, complete=True)
 
