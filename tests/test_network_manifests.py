@@ -12,7 +12,7 @@ from robots import write_tree
 from rorg.core.desired import desire
 from rorg.core.found_objects import FoundObjects
 from rorg.core.objects import changed_options, declared_options, found_object, object_labels
-from rorg.engines.docker.objects import network_body, volume_body
+from rorg.engines.docker.objects import find, network_body, volume_body
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.errors import EngineError
 from rorg.manifest.load import load
@@ -203,6 +203,20 @@ def test_a_pass_asks_nothing_where_all_is_known():
         assert observer.looks <= looks + 1, "the one with which the stream of events begins"
     finally:
         observer.stop()
+
+
+def test_a_driver_of_volumes_that_hangs_holds_up_no_network():
+    class Hanging:
+        def get(self, path, timeout=None):
+            if path == "/volumes":
+                assert timeout, "it would wait for ever"
+                raise TimeoutError
+            return [{"Name": "ros", "Id": "n1", "Labels": {}}]
+
+    found = find(Hanging(), "me", {"network/ros", "volume/maps"})
+    assert found.complete
+    assert found.found.keys() == found.asked == {"network/ros"}
+    assert "volumes" in found.error
 
 
 def test_an_engine_that_cannot_say_holds_nobody_else_up():
