@@ -91,6 +91,16 @@ def test_the_default_network_takes_options_where_it_is_declared(tmp_path):
     assert loaded(tmp_path / "declared", {"nav": service}, networks={"default": {}}).catalog
 
 
+def test_a_name_that_is_almost_declared_is_a_warning(tmp_path):
+    service = {"container": {"networks": ["roz"], "volumes": ["map:/maps", "data:/data"]}}
+    kinds = {"networks": {"ros": {}, "hosts": {}}, "volumes": {"maps": {"name": "lab_maps"}}}
+    found = loaded(tmp_path, {"nav": service, "plain": {}}, **kinds)
+    assert found.catalog
+    assert [(d.message, d.remedy) for d in found.diagnostics if d.severity == "warning"] == [
+        ("no Volume is called 'map'", "'maps'")
+    ]
+
+
 def test_the_process_engine_says_once_what_it_leaves_out(tmp_path):
     kinds = {"networks": {"ros": {}, "can": {}}, "volumes": {"maps": {}}}
     found = loaded(tmp_path, {"nav": {"command": "python3"}}, "process", **kinds)
