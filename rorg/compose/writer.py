@@ -90,6 +90,10 @@ def _ordered(section: Mapping[str, Any]) -> dict[str, Any]:
     return {k: section[k] for k in (*FIRST, *sorted(section.keys() - set(FIRST))) if k in section}
 
 
+CONDITIONS = {"engine": "service_healthy", "completed": "service_completed_successfully"}
+"""What dependants wait for, by the form of `ready`; of all others a start is all that Compose can wait for."""
+
+
 def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
     """Its needs; for a meta-service, which is no container, what that needs."""
     found: dict[str, Any] = {}
@@ -103,9 +107,9 @@ def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
         if other.spec is None:
             pending += other.needs
             continue
-        healthy = other.ready is not None and other.ready.kind == "engine"
+        kind = other.ready.kind if other.ready is not None else ""
         restart = {"restart": True} if name in service.restarts_with else {}
-        found[name] = {"condition": "service_healthy" if healthy else "service_started", **restart}
+        found[name] = {"condition": CONDITIONS.get(kind, "service_started"), **restart}
     return dict(sorted(found.items()))
 
 

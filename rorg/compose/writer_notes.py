@@ -26,7 +26,7 @@ def _idle(service: Service) -> str:
 
 
 def _ready(service: Service) -> str:
-    if service.ready is None or service.ready.kind == "engine":
+    if service.ready is None or service.ready.kind in ("engine", "completed"):
         return ""
     return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
 
