@@ -139,13 +139,15 @@ def _ready_at(view: View, need: str) -> float | None:
 
 def unready(view: View, service: Service, blocked: str, planned: Collection[str]) -> str:
     """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
-    after the verbs that are `planned`. What is ready and goes on stays so, whatever a change of it waits for."""
+    after the verbs that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
+    it waits for."""
     step = view.s.memory.of(service.name)
-    if step.ready and not ENDING & {*planned}:
+    goes_on = view.active(service.name) and not ENDING & {*planned}
+    if step.ready and goes_on:
         return ""
-    if blocked:
+    if blocked and not goes_on:
         return f"waits: {blocked}"
-    if planned or _completed(view, service, step):
+    if (planned and not blocked) or _completed(view, service, step):
         return ""
     if step.running_since is None:
         return f"is not running ({step.error or 'ended'})"

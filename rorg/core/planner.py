@@ -129,10 +129,7 @@ class Planner:
                 waitings[waiting] = None
                 if step.verb in ("update", "rename", "signal"):
                     continue
-                # Who needs it goes on with what runs: a change that is left for later may never come, and another
-                # container is waited for.
-                goes_on = (waiting.code == "deferred" or step.verb == "create") and view.active(service.name)
-                return tuple(actions), tuple(waitings), "" if goes_on else waiting.reason
+                return tuple(actions), tuple(waitings), waiting.reason
             own = (service.name,) if actions else ()
             actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
         return tuple(actions), tuple(waitings), ""
