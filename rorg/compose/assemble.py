@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rorg.compose.forms import Context, kept, without
-from rorg.compose.nodes import Node, read_nodes
+from rorg.compose.forms import Context
+from rorg.compose.nodes import Node, kept, read_nodes, without
 from rorg.compose.sections import FILE, SERVICE
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
+MOST_INCLUDES = 50
+"""Files on the way to an included one."""
 RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
 
 
@@ -98,10 +100,10 @@ class Assembler:
             return node
         own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
         if (layer.path, name) in trail:
-            ring = " -> ".join([*(one for _, one in trail[trail.index((layer.path, name)) :]), name])
-            self.diagnostics.append(
-                Diagnostic(target.where, f"services extend each other: {ring}", "dropping one extends")
-            )
+            ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
+            if name == min(ring):  # each ring is met once from each of its services
+                message = f"services extend each other: {' -> '.join([*ring, name])}"
+                self.diagnostics.append(Diagnostic(target.where, message, "dropping one extends"))
             return own
         found = self.base(name, target, extends, layer, directory, variables)
         if found is None:
@@ -141,8 +143,9 @@ class Assembler:
     ) -> Node:
         """A tree and what one entry of `include` brings."""
         context = Context(directory, self.home)
-        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items if "path" in entry.mapping]
-        if not paths:
+        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items]
+        if not paths or len(trail) > MOST_INCLUDES:
+            self.diagnostics.append(Diagnostic(entry.where, "an include without a path, or too deep", "path: FILE"))
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))

@@ -69,7 +69,7 @@ class Scalar(Form):
         if value is None:
             return None
         if not isinstance(value, self.types) or (isinstance(value, bool) and bool not in self.types):
-            remedy = f'"{value}"' if isinstance(value, int | float | bool) and str in self.types else ""
+            remedy = self.otherwise(value)
             context.error(node, f"{name} is {node.kind()}, and must be {self.wanted}", remedy)
             return None
         try:
@@ -81,6 +81,12 @@ class Scalar(Form):
             context.error(node, f"{name}: '{value}' is not known", nearest(str(value), self.one_of))
             return None
         return node.but(value)
+
+    def otherwise(self, value: object) -> str:
+        """A remedy for a value of another type."""
+        if str not in self.types or not isinstance(value, int | float | bool):
+            return ""
+        return self.wanted if self.convert is units.duration else f'"{units.shown(value)}"'
 
 
 def _size(value: Any) -> int:
@@ -289,8 +295,22 @@ class Section(Form):
             long = self.short(node, name, context)
         if long is None:
             return None
+        found = self.entries(long, name, context)
+        missing = [key for key in self.required if key not in found]
+        for key in missing:
+            if key not in long.mapping or long.mapping[key].value is None:
+                context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
+        if missing:
+            return None
+        for key, value in self.defaults.items():
+            found.setdefault(key, Node(value, node.where))
+        made = long.but(found)
+        return self.finish(made, name, context) if self.finish else made
+
+    def entries(self, node: Node, name: str, context: Context) -> dict[str, Node]:
+        """What it says, without keys that there are not."""
         found: dict[str, Node] = {}
-        for key, value in long.mapping.items():
+        for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible:
                 found[key] = value
             elif key in self.keys:
@@ -300,13 +320,7 @@ class Section(Form):
             else:
                 inside = f"in {name}" if name else "at the top"
                 context.error(value, f"unknown key '{key}' {inside}", nearest(key, self.keys), key=True)
-        for key in self.required:
-            if key not in long.mapping:
-                context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
-        for key, value in self.defaults.items():
-            found.setdefault(key, Node(value, node.where))
-        made = long.but(found)
-        return self.finish(made, name, context) if self.finish else made
+        return found
 
     def merge(self, base: Node, over: Node) -> Node:
         ours, theirs = (node.mapping.get(self.same) for node in (base, over))
@@ -324,23 +338,3 @@ def _merged(base: Node, over: Node, form: Callable[[str], Form]) -> Node:
         else:
             entries[key] = form(key).merge(before, value)
     return base.but(entries)
-
-
-def without(base: Node, resets: Node) -> Node:
-    """What is left of what files before say once `!reset` and `!override` of a later one have taken theirs away."""
-    entries = dict(base.mapping)
-    for key, value in resets.mapping.items():
-        if value.tag and key in entries:
-            del entries[key]
-        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
-            entries[key] = without(entries[key], value)
-    return base.but(entries)
-
-
-def kept(node: Node) -> Node:
-    """Without what is only there to take something away (`!reset`)."""
-    if isinstance(node.value, dict):
-        return node.but({k: kept(v) for k, v in node.value.items() if v.tag != "reset"})
-    if isinstance(node.value, list):
-        return node.but([kept(v) for v in node.value if v.tag != "reset"])
-    return node
