@@ -31,7 +31,11 @@ def cases() -> list[str]:
 
 
 def load_case(name: str) -> Loaded:
-    case = CASES / name
+    return load_from(CASES / name)
+
+
+def load_from(case: Path, profiles: tuple[str, ...] = ()) -> Loaded:
+    """A case that lies anywhere, with these profiles beside its own."""
     parser = ArgumentParser()
     parser.add_argument("-f", "--file", action="append", default=[])
     parser.add_argument("--profile", action="append", default=[])
@@ -44,7 +48,7 @@ def load_case(name: str) -> Loaded:
         environment_of(case),
         directory=case / said.project_directory if said.project_directory else None,
         env_files=[case / file for file in said.env_file] if said.env_file else None,
-        profiles=said.profile,
+        profiles=[*said.profile, *profiles],
         name=said.project_name,
     )
 
@@ -53,14 +57,20 @@ def theirs(name: str) -> dict[str, Any]:
     """What Compose says, in the common form."""
     text = (CASES / name / "config.json").read_text().replace("CASE", str(CASES / name))
     found = json.loads(text)
-    return {kind: _common(found.get(kind) or {}, dollars=True) for kind in SECTIONS} | {"name": found["name"]}
+    return {kind: _section(found.get(kind) or {}, dollars=True) for kind in SECTIONS} | {"name": found["name"]}
 
 
 def ours(project: Project) -> dict[str, Any]:
     """What we say, in the common form: without what nothing enables or uses."""
     services = {name: _implied(dict(project.services[name])) for name in project.services if name in project.enabled}
     found = {"services": services, **{kind: _used(project, kind, services) for kind in SECTIONS[1:]}}
-    return {kind: _common(entries) for kind, entries in found.items()} | {"name": project.name}
+    return {kind: _section(entries) for kind, entries in found.items()} | {"name": project.name}
+
+
+def _section(entries: dict[str, Any], dollars: bool = False) -> dict[str, Any]:
+    """By name, whatever the names begin with."""
+    common = {name: _common(value, dollars=dollars) for name, value in entries.items()}
+    return {name: value for name, value in common.items() if value not in (None, {}, [], "", False)}
 
 
 SECTIONS = ("services", "networks", "volumes", "configs", "secrets")

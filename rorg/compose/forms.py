@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.compose import units
+from rorg.compose.command_line import split
 from rorg.compose.nodes import Node
 from rorg.model.diagnostics import Diagnostic, nearest
 
@@ -25,6 +26,9 @@ class Context:
 
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
         self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
+
+    def warn(self, node: Node, message: str, remedy: str) -> None:
+        self.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
 
     def path(self, text: str) -> str:
         """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
@@ -135,10 +139,13 @@ class Words(Form):
             return node  # takes away what files before say
         if isinstance(node.value, str):
             try:
-                return node.but([Node(word, node.where, taken=node.taken) for word in units.words(node.value)])
+                words, rest = split(node.value)
             except ValueError as error:
                 context.error(node, f"{name}: {error}", "quotes that are closed, or a list")
                 return None
+            if rest:
+                context.warn(node, f"{name}: Compose leaves away '{rest}', since it runs no shell", "sh -c '...'")
+            return node.but([Node(word, node.where, taken=node.taken) for word in words])
         if not isinstance(node.value, list):
             return _wrong(node, name, context, "text or a list")
         return node.but(_read_all(node.value, TEXT, name, context))
@@ -195,6 +202,8 @@ class MapOf(Form):
     names: bool = False
     null: bool = False
     """A name may have no value, which is then None, or an empty mapping where the form is a section."""
+    extensible: bool = True
+    """Sections whose names begin with x- are not read; a service may be called so all the same."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -207,7 +216,7 @@ class MapOf(Form):
             return _wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
         found: dict[str, Node] = {}
         for key, value in entries.items():
-            if key.startswith("x-") and isinstance(self.item, Section):
+            if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
                 found[key] = value
                 continue
             one = self.item.read(value, f"{name}.{key}", context)

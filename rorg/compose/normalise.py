@@ -22,9 +22,7 @@ def normalised(
     sections: dict[str, dict[str, Node]] = {
         key: dict(tree.mapping[key].mapping) if key in tree.mapping else {} for key in RESOURCES
     }
-    services = {
-        key: _service(node, assembler, variables) for key, node in sections["services"].items() if not _extension(key)
-    }
+    services = {key: _service(node, assembler, variables) for key, node in sections["services"].items()}
     sections["services"] = services
     if any("default" in node.mapping["networks"].mapping for node in services.values() if "networks" in node.mapping):
         sections["networks"].setdefault("default", Node({}, tree.where))

@@ -160,7 +160,7 @@ FILE = Section(
         "version": NUMBER_OR_TEXT,
         "name": TEXT,
         "include": ListOf(INCLUDE),
-        "services": MapOf(SERVICE, null=True),
+        "services": MapOf(SERVICE, null=True, extensible=False),
         "networks": MapOf(NETWORK, null=True),
         "volumes": MapOf(VOLUME, null=True),
         "configs": MapOf(CONFIG),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from decimal import Decimal, InvalidOperation
 
 _SIZE = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?|-?\.[0-9]+) ?([kKmMgGtTpP]?)(?:i?[bB])?$")
@@ -79,11 +78,3 @@ def _float(value: float) -> str:
         mantissa, _, power = f"{value:e}".partition("e")
         return f"{mantissa.rstrip('0').rstrip('.')}e{int(power):+03d}"
     return format(Decimal(text), "f").removesuffix(".0")
-
-
-def words(text: str) -> list[str]:
-    """A command line as words, as a shell splits it. Raises ValueError."""
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise ValueError(f"not a command line: {str(error).lower()}") from error

@@ -12,7 +12,9 @@ and what Docker Compose 2.26 answers.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from rorg.manifest.template import Lookup, Refused, interpolate
 
@@ -45,9 +47,12 @@ class Mistake:
     variable: str = ""
 
 
-def read_dotenv(text: str, lookup: Lookup) -> tuple[list[Entry], list[Mistake]]:
-    """All entries in order, and all mistakes; reading goes on with the line after a mistake."""
-    reader = _Reader(text.removeprefix("\ufeff"), lookup)
+def read_dotenv(
+    text: str, lookup: Lookup, before: Mapping[str, str] = MappingProxyType({})
+) -> tuple[list[Entry], list[Mistake]]:
+    """All entries in order, and all mistakes; reading goes on with the line after a mistake. `before`: what counts as
+    if lines before the first one said so."""
+    reader = _Reader(text.removeprefix("\ufeff"), lookup, before)
     while reader.to_statement():
         try:
             reader.statement()
@@ -68,11 +73,12 @@ class _Wrong(Exception):
 
 
 class _Reader:
-    def __init__(self, text: str, lookup: Lookup) -> None:
+    def __init__(self, text: str, lookup: Lookup, before: Mapping[str, str]) -> None:
         self.text, self.at, self.given = text, 0, lookup
         self.entries: list[Entry] = []
         self.mistakes: list[Mistake] = []
-        self.before: dict[str, str] = {}
+        self.before = dict(before)
+        self.line, self.line_at, self.seen = 1, 0, 0
 
     def lookup(self, name: str) -> str | None:
         value = self.given(name)
@@ -81,6 +87,16 @@ class _Reader:
     def end_of_line(self, at: int) -> int:
         end = self.text.find("\n", at)
         return len(self.text) if end < 0 else end
+
+    def place(self, at: int) -> tuple[int, int]:
+        """Line and column of an offset. Places are asked for from the front to the end, so each line is counted once,
+        however many there are."""
+        if at >= self.seen:
+            self.line += self.text.count("\n", self.seen, at)
+            self.line_at = max(self.line_at, self.text.rfind("\n", self.seen, at) + 1)
+            self.seen = at
+            return self.line, at - self.line_at + 1
+        return self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at)
 
     def blanks(self, at: int) -> int:
         while at < len(self.text) and self.text[at] in _BLANKS:
@@ -99,14 +115,13 @@ class _Reader:
         return False
 
     def wrong(self, at: int, message: str, remedy: str, variable: str = "") -> _Wrong:
-        line = self.text.count("\n", 0, at) + 1
-        return _Wrong(Mistake(line, at - self.text.rfind("\n", 0, at), message, remedy, variable))
+        return _Wrong(Mistake(*self.place(at), message, remedy, variable))
 
     def statement(self) -> None:
         export = re.compile(rf"export[{_BLANKS}]+(?=[^=:\s])").match(self.text, self.at)
         begin = export.end() if export else self.at
         name, end = self.name(begin)
-        line, column = self.text.count("\n", 0, begin) + 1, begin - self.text.rfind("\n", 0, begin)
+        line, column = self.place(begin)
         if self.text[end : end + 1] not in ("=", ":"):
             self.at = end
             value = self.given(name)

@@ -92,6 +92,14 @@ def interpolate(text: str, lookup: Lookup) -> Filled | Refused:
         return wrong.refused
 
 
+def reference_at(text: str, offset: int) -> Variable | Refused:
+    """The reference in braces that begins at an offset, whatever follows it."""
+    try:
+        return _Parser(text).braced(offset, 0)[0]
+    except _Wrong as wrong:
+        return wrong.refused
+
+
 def variables(pieces: tuple[Piece, ...]) -> Iterator[Variable]:
     """All references, those in texts of operators too."""
     for piece in pieces:
