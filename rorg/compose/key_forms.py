@@ -8,17 +8,7 @@ from dataclasses import dataclass
 from rorg.compose.forms import Context, Form, Pairs
 from rorg.compose.nodes import Node
 
-_NOT_HERE = (
-    "http://",
-    "https://",
-    "git://",
-    "ssh://",
-    "git@",
-    "github.com/",
-    "docker-image://",
-    "oci-layout://",
-    "service:",
-)
+_NOT_HERE = ("git@", "github.com/", "docker-image://", "oci-layout://", "service:")
 
 
 def is_remote(text: str) -> bool:
