@@ -23,7 +23,8 @@ PAGES = [
 BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```", re.M | re.S)
 PART = re.compile(r"# part of an? (\w+)\n")
 """The first line of a snippet that is only a part of a manifest."""
-REST = {"Service": "spec:\n  image: robot\n", "Policy": "", "Group": "", "Image": "", "Profile": "", "Request": ""}
+KINDS = ("Policy", "Group", "Image", "Network", "Volume", "Profile", "Request")
+REST = {"Service": "spec:\n  image: robot\n", **dict.fromkeys(KINDS, "")}
 
 
 class Snippet(NamedTuple):

@@ -30,9 +30,30 @@ class Earlier(Protocol):
     def unready(self, name: str) -> str:
         """Why it is not ready and nothing in the plan will make it so; empty otherwise."""
 
+    def code(self, name: str) -> str:
+        """That of what it waits for."""
+
 
 def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     """`leaving` are unwanted services that do not linger."""
+    made, waiting = _objects(view, service.name, step, earlier)
+    if waiting:
+        return (), waiting
+    after, waiting = _gate(view, service, step, earlier, leaving)
+    return (*made, *after), waiting
+
+
+def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
+    """The networks and volumes that a container uses are there before it is made, and before it starts."""
+    uses = view.desired.uses.get(name, ()) if step.verb in ("create", "start") else ()
+    for one in uses:
+        reason = earlier.unready(one)
+        if reason:
+            return (), Waiting(name, f"{one} {reason}", code=earlier.code(one))
+    return tuple(one for one in uses if earlier.moving(one)), None
+
+
+def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
     if step.verb == "create":
         held = held_back(view, service, step.fields)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 from rorg.core.changes import changed_items
+from rorg.core.found_objects import FoundObjects
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
@@ -81,6 +82,8 @@ class Container:
     """What it is to be stopped with, by the engine: declared when made, or its image's; empty where not known."""
     image: str = ""
     """What the engine calls the image that it was made from (its id); empty where there are none, or not known."""
+    networks: Mapping[str, str] = field(default_factory=dict)
+    """The engine's name of each network that it joins -> that network's id, "" before its first start."""
 
     @property
     def incarnation(self) -> str:
@@ -106,6 +109,8 @@ class Observed:
     containers: tuple[Container, ...] = ()
     complete: bool = True
     error: str = ""
+    objects: FoundObjects | None = None
+    """Networks and volumes; None where the engine has none to be made."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:

@@ -16,7 +16,7 @@ from rorg.core.plan import Waiting
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.view import View
-from rorg.model.catalog import Service
+from rorg.model.catalog import Service, Spec
 from rorg.model.units import format_seconds
 
 
@@ -50,10 +50,7 @@ class _Reconciled:
     def steps(self) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
         name, spec = self.name, self.service.spec or {}
-        pairs = [
-            (c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
-            for c in self.view.of(name)
-        ]
+        pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
@@ -89,6 +86,26 @@ class _Reconciled:
             return [replace(s, part_of="replace") for s in steps]
         return restarting(current and current[0], steps)
 
+    def difference(self, container: Container, spec: Spec) -> Difference:
+        """One that is at rest cannot start on a network that is another one by now, though it is called the same."""
+        found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
+        if not self.on_another(container):
+            return found
+        return replace(found, recreate=(*found.recreate, "networks"))
+
+    def on_another(self, container: Container) -> bool:
+        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
+        be."""
+        objects = self.s.observed.objects if container.networks and not container.alive else None
+        for name in self.desired.uses.get(self.name, ()) if objects else ():
+            one = self.desired.objects[name]
+            joined = container.networks.get(one.called, "") if one.kind == "network" else ""
+            there = objects.found.get(one.key) if objects else None
+            known = there is not None or (objects is not None and one.key in objects.asked)
+            if joined and known and (there is None or there.id != joined or self.moving(name)):
+                return True
+        return False
+
     def stay(
         self,
         swap: Swap,
@@ -119,11 +136,14 @@ class _Reconciled:
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
-        """Those that may be gone back to. One that would only be joined to others is what the new one is."""
+        """Those that may be gone back to. One that would only be joined to others is what the new one is; what cannot
+        start any more is nothing to go back to."""
         return [
             c
             for c, diff in stale
-            if (diff.recreate or c.id not in self.moved) and can_return(self.view, self.service, c)
+            if (diff.recreate or c.id not in self.moved)
+            and can_return(self.view, self.service, c)
+            and not self.on_another(c)
         ]
 
     def nothing_to_join(self) -> bool:

@@ -14,6 +14,7 @@ from rorg.engines.execute import is_missing, perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.model.objects import is_object
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
@@ -81,7 +82,9 @@ class Workers:
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
-            if action.container and not error:
+            if is_object(action.service):
+                self.observer.refresh_objects()
+            elif action.container and not error:
                 self.observer.done(action.container, AFTER.get(action.verb, ""))
             elif made or action.container:
                 self.observer.refresh(made or action.container)

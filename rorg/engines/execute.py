@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from rorg.core.plan import Action
-from rorg.engines.protocol import Lifecycle
+from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError
+from rorg.model.objects import is_object
 
 
 def said_no(error: RorgError) -> bool:
@@ -20,6 +21,8 @@ def is_missing(error: RorgError) -> bool:
 def perform(engine: Lifecycle, action: Action) -> str:
     """Does what the action says and returns the id of the container that it was done to."""
     args = action.args
+    if is_object(action.service):
+        return _perform_on_object(engine, action)
     match action.verb:
         case "create":
             return engine.create(
@@ -44,3 +47,14 @@ def perform(engine: Lifecycle, action: Action) -> str:
         case _:
             raise AssertionError(f"no such verb: {action.verb}")
     return action.container
+
+
+def _perform_on_object(engine: Lifecycle, action: Action) -> str:
+    """The same of a network or volume; no container is touched, so there is no id."""
+    args = action.args
+    assert isinstance(engine, Objects)
+    if action.verb == "create":
+        engine.make_object(args["object"], args["name"], args["spec"], args["labels"])
+    else:
+        engine.remove_object(args["object"], args["name"])
+    return ""

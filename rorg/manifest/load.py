@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -22,17 +22,12 @@ from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
-from rorg.model.catalog import (
-    DEVELOPER,
-    EVERY,
-    Catalog,
-    Group,
-    Image,
-    Policy,
-    Service,
-)
+from rorg.manifest.used_objects import check_default, joined, objects_of
+from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import stems
+from rorg.model.objects import EngineObject
+from rorg.model.policy import Policy
 from rorg.model.units import counted
 
 
@@ -135,7 +130,7 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
-LATER = ("stand_ins", "cache_from", "inline")
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes")
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
@@ -199,24 +194,41 @@ def _catalog(
     diagnostics += _same_container(services, by_kind.get("Service", {}))
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
-    for name, source in by_kind.get("Service", {}).items():
-        for field in ("may_request", "may_restart", "may_act_for"):
-            for index, other in enumerate(getattr(services[name], field)):
-                if other not in known and (field, other) != ("may_act_for", EVERY):
-                    diagnostics.append(
-                        Diagnostic(
-                            source.where("spec", field, index), f"unknown service '{other}'", nearest(other, known)
-                        )
-                    )
+    diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images, of_images = _images(by_kind, services)
-    catalog = Catalog(services, groups, images, requests, policy_of(policy) if policy else Policy())
+    services, networks, volumes, found = _objects(by_kind, services, engine)
+    diagnostics += found
+    stated = policy_of(policy) if policy else Policy()
+    catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
     if not any(d.severity == "error" for d in diagnostics):
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
+
+
+def _unknown_permitted(
+    services: Mapping[str, Service], sources: Mapping[str, Source], known: set[str]
+) -> Iterator[Diagnostic]:
+    """Names that mean nothing, in what services may do."""
+    for name, source in sources.items():
+        for field in ("may_request", "may_restart", "may_act_for"):
+            for index, other in enumerate(getattr(services[name], field)):
+                if other not in known and (field, other) != ("may_act_for", EVERY):
+                    where = source.where("spec", field, index)
+                    yield Diagnostic(where, f"unknown service '{other}'", nearest(other, known))
+
+
+def _objects(
+    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service], engine: str
+) -> tuple[dict[str, Service], dict[str, EngineObject], dict[str, EngineObject], list[Diagnostic]]:
+    """The services by what the engine calls their networks and volumes; and these."""
+    networks, found = objects_of("network", by_kind.get("Network", {}), engine)
+    volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
+    found += [*more, *check_default(services, by_kind.get("Service", {}), networks)]
+    return {n: joined(s, networks, volumes) for n, s in services.items()}, networks, volumes, found
 
 
 def _images(

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
+from rorg.manifest.objects import NetworkSpec, VolumeSpec
 from rorg.manifest.option_forms import Many, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
@@ -119,7 +120,7 @@ class Manifest(Strict):
     """The envelope of every manifest."""
 
     apiVersion: Literal["rorg/v1"] = field("The version of this form of manifests.", "rorg/v1", ...)
-    kind: str = field("Service, Group, Image, Profile, Policy or Request.", "Service", ...)
+    kind: str = field("Service, Group, Image, Network, Volume, Profile, Policy or Request.", "Service", ...)
     metadata: Metadata = field("What it is called.", {"name": "navigation"}, ...)
     spec: Any = field("What it declares, by its kind.", {"image": "fetch-navigation"}, ...)
 
@@ -134,6 +135,8 @@ SPECS: dict[str, type[Strict]] = {
     "Service": ServiceSpec,
     "Group": GroupSpec,
     "Image": ImageSpec,
+    "Network": NetworkSpec,
+    "Volume": VolumeSpec,
     "Profile": ProfileSpec,
     "Policy": PolicySpec,
     "Request": RequestSpec,
@@ -148,6 +151,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "Group": {"services": ["navigation", "camera"]},
     "Image": {"context": "../../images/navigation"},
+    "Network": {"ipam": {"config": [{"subnet": "172.28.0.0/16"}]}},
+    "Volume": {"name": "fetch_maps"},
     "Profile": {"extends": ["ros1"], "idle": {"action": "pause", "linger": "20s"}},
     "Policy": {"budget": {"cpu": 3.2, "memory": "6Gi"}, "pressure": {"high": 1.0, "low": 0.85}},
     "Request": {"services": ["navigation"], "reason": "the robot guides visitors"},
@@ -157,6 +162,8 @@ FOLDERS = {
     "services": "Service",
     "groups": "Group",
     "images": "Image",
+    "networks": "Network",
+    "volumes": "Volume",
     "profiles": "Profile",
     "policies": "Policy",
     "requests": "Request",

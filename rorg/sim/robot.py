@@ -12,6 +12,7 @@ from rorg.core.cache import Cache
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
+from rorg.core.found_objects import FoundObjects
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
@@ -55,6 +56,7 @@ class SimRobot:
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
+        self._found = FoundObjects()
         self._asked: Mapping[tuple[str, str], Target] = {}
         """What the last pass wanted to be probed."""
         self._told: Mapping[tuple[str, str], ProbeResult] = {}
@@ -131,10 +133,9 @@ class SimRobot:
     def inputs(self) -> Inputs:
         """What a pass would read now."""
         if not self.faults.unreachable:
-            self._seen = tuple(self.engine.list())
-        observed = Observed(
-            self._seen, not self.faults.unreachable, "the engine does not answer" if self.faults.unreachable else ""
-        )
+            self._seen, self._found = tuple(self.engine.list()), self.engine.find_objects(self.desired.keys)
+        unanswered = "the engine does not answer" if self.faults.unreachable else ""
+        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found)
         return Inputs(
             desired=self.desired,
             requests=self.document.requests,
