@@ -29,6 +29,7 @@ ROOMS = [
     "history",
     "host",
     "store",
+    "compose",
     "manifest",
     "core",
     "model",
@@ -51,6 +52,7 @@ DIRECT: dict[str, set[str]] = {
     "history": set(),
     "host": {"psutil", "watchfiles"},
     "store": {"yaml"},
+    "compose": {"yaml"},
     "manifest": {"pydantic", "re2", "yaml"},
     "core": set(),
     "model": set(),
@@ -62,6 +64,7 @@ LOADED: dict[str, set[str]] = {
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
+    "compose": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""

@@ -12,10 +12,10 @@ from pydantic import Field
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, live, recreate
+from rorg.manifest.long_forms import Device, EnvFiles, PortForm
 from rorg.manifest.option_forms import (
     Bytes,
     Cores,
-    Device,
     Labels,
     Limit,
     Limitless,
@@ -72,7 +72,8 @@ class ContainerOptions(Strict):
         "Classes of devices that the container may use, beside `devices`.", ["c 188:* rw"]
     )
     devices: list[Device] | None = recreate(
-        "Devices of the host: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm. For hardware, write `driver`.",
+        "Devices of the host: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm, or a mapping. For hardware, "
+        "write `driver`.",
         ["/dev/video0:/dev/camera"],
     )
     dns: Many[Annotated[str, check.IP]] | None = recreate("Name servers.", ["192.168.1.1"], unset="the host's")
@@ -84,8 +85,9 @@ class ContainerOptions(Strict):
     entrypoint: Words | None = recreate(
         "Replaces the entry point of the image; the command follows it.", "/ros_entrypoint.sh", unset="the image's"
     )
-    env_file: Many[Annotated[str, check.WORD]] | None = recreate(
-        "Files of KEY=VALUE lines, relative to the manifest; `environment` wins over them.", ["./robot.env"]
+    env_file: EnvFiles | None = recreate(
+        "Files of variables, relative to the manifest, written as Compose reads them; `environment` wins over them.",
+        ["./arm.env"],
     )
     environment: Annotated[Pairs, check.VARIABLES] | None = recreate(
         "Environment variables.", {"ROS_MASTER_URI": "http://localhost:11311"}
@@ -158,9 +160,9 @@ class ContainerOptions(Strict):
     platform: Annotated[str, check.PLATFORM] | None = recreate(
         "Platform of the image, where it has several.", "linux/arm64", unset="the machine's"
     )
-    ports: list[Annotated[Text, check.PORTS]] | None = recreate(
-        "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP. Not under network_mode: "
-        "host.",
+    ports: list[PortForm] | None = recreate(
+        "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP, or a mapping. Not under "
+        "network_mode: host.",
         ["8080:80"],
     )
     privileged: bool | None = recreate(

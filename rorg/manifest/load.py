@@ -19,10 +19,11 @@ from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import PROCESS, check_programs
-from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
+from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, objects_of
+from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import stems
@@ -80,10 +81,10 @@ def _load(
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
-    diagnostics += more
+    diagnostics += more + check_spelling(sources)
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
-    diagnostics += more
+    diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
@@ -191,7 +192,7 @@ def _catalog(
     diagnostics += found
     known = {*services, *groups, *broken}
     diagnostics += _resolve_all(by_kind.get("Service", {}), services, groups, known, engine)
-    diagnostics += _same_container(services, by_kind.get("Service", {}))
+    diagnostics += check_container_names(services, by_kind.get("Service", {}))
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
     diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
@@ -287,23 +288,3 @@ def _resolve(
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
     needs, conflicts = resolved["needs"], resolved["conflicts"]
     return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
-
-
-def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Two services can have no container of the same name."""
-    owners: dict[str, str] = {}
-    diagnostics = []
-    for name in sources:
-        service = services[name]
-        first = owners.setdefault(service.container_name, name)
-        if first != name:
-            both = sorted((first, name), key=lambda n: services[n].container_name == n)
-            where = sources[both[0]].where("spec", "container", "container_name")
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the container of '{both[1]}' is called '{service.container_name}' too",
-                    "another container_name",
-                )
-            )
-    return diagnostics

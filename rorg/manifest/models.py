@@ -23,7 +23,10 @@ class Metadata(Strict):
     """What a manifest is called."""
 
     name: Name = field(
-        "What it is called, in its kind: 2 to 63 small letters, digits, -, _ and dots.", "navigation", ...
+        "What it is called, in its kind: up to 63 letters, digits, -, _ and dots; no other name may differ "
+        "by case alone.",
+        "navigation",
+        ...,
     )
     description: str | None = field("What it is for.", "Drives the robot to a place on the map.")
     labels: Pairs = field("Keys and values of your own; `rorg get -l` selects by them.", {"team": "navigation"}, dict)

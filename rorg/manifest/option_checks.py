@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import AfterValidator, ValidationInfo
 
-from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.ports import check_published, check_target, parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
@@ -238,6 +238,7 @@ IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "co
 PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))
 VOLUME, DEVICE, TMPFS = checked(parse_volume), checked(parse_device), checked(parse_tmpfs)
 PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
+TARGET, PUBLISHED = checked(check_target), checked(check_published)
 DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
 HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
 DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")
