@@ -7,8 +7,8 @@ import re
 
 import commands
 import pytest
-from conftest import wait_for
-from robots import write_tree
+from conftest import BASE_IMAGE, wait_for
+from robots import WORK, write_tree
 
 from rorg.core.objects import LABELS
 from rorg.core.observed import LABEL_OWNER
@@ -180,3 +180,20 @@ def test_down_keeps_volumes(docker_robot, client):
     assert "stays; --volumes removes it" in told
     assert named(client, "network", "t15_ros") is None
     assert named(client, "volume", "t15_maps")
+
+
+def test_a_network_that_somebody_else_uses_holds_nothing_up(docker_robot, client):
+    """It stays, and that is told."""
+    robot = docker_robot
+    robot.declare({"base": SERVICE}, networks=NETWORKS, volumes=VOLUMES)
+    robot.wait(lambda: robot.active() == {"base"})
+    body = {"Image": BASE_IMAGE, "Cmd": WORK, "HostConfig": {"NetworkMode": "t15_ros"}}
+    other = client.post("/containers/create", body, name="t15_other")["Id"]
+    try:
+        client.post(f"/containers/{other}/start")
+        robot.stop()
+        assert "connected to it: t15_other" in down(robot, "--volumes")
+        assert named(client, "network", "t15_ros")
+        assert named(client, "volume", "t15_maps") is None
+    finally:
+        client.delete(f"/containers/{other}", force=True)

@@ -120,8 +120,8 @@ def container_of(entry: dict, catalog) -> Container:
         live={**live, **entry.get("live", {})},
         oom_killed=entry.get("oom_killed", False),
         previous=entry.get("previous", ""),
-        joined=canonical(entry["joined"]) if "joined" in entry else "",
         networks=entry.get("networks", {}),
+        joined=canonical(entry["joined"]) if "joined" in entry else "",
         created_at=entry.get("created_at", ""),
     )
 
@@ -153,10 +153,10 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             said, edition = dict(known["update"]), editions[name]  # an error is that of what the manifest says now
             quarantined = {edition: said.pop("error")} if "error" in said else {}
             known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
-        if "counted_on" in known:
-            known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         tried = {verb: Attempt(**attempt) for verb, attempt in known.get("attempts", {}).items()}
         known = {**known, "attempts": tried} if tried else known
+        if "counted_on" in known:
+            known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
         name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()

@@ -226,11 +226,9 @@ TURNS = st.lists(
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
-@given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
-def test_what_is_joined_follows_what_it_joins(specs, option, events):
-    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
-    second |= {"container": joined(option, NAMES[0]), "always_on": True}
-    live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
+@given(services(), USES, TURNS)
+def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
+    live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
 @settings(
@@ -239,9 +237,11 @@ def test_what_is_joined_follows_what_it_joins(specs, option, events):
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
-@given(services(), USES, TURNS)
-def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
-    live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
+@given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
+def test_what_is_joined_follows_what_it_joins(specs, option, events):
+    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
+    second |= {"container": joined(option, NAMES[0]), "always_on": True}
+    live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
 
 
 def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):

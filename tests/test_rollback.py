@@ -34,8 +34,8 @@ def git(robot, *words: str) -> str:
 
 def commit(robot, message: str, services: dict) -> str:
     """Manifests that are committed; the commit."""
-    write_tree(robot.tree, services)
-    git(robot, "add", "services")
+    write_tree(robot.tree, services, policies={"robot": {"updates": {"bake": "100ms"}}})
+    git(robot, "add", "services", "policies")
     git(robot, "commit", "--quiet", "--message", message)
     return git(robot, "rev-parse", "HEAD")
 

@@ -19,6 +19,8 @@ from rorg.model.units import format_seconds
 Passage = tuple[tuple[str, ...], Waiting | None]
 """Services whose actions the step must follow, or what it waits for."""
 FREE: Passage = (), None
+ENDING = frozenset({"stop", "pause"})
+"""After these a service is not ready any more."""
 
 
 class Earlier(Protocol):
@@ -135,12 +137,17 @@ def _ready_at(view: View, need: str) -> float | None:
     return None
 
 
-def unready(view: View, service: Service, blocked: str, moving: bool) -> str:
-    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short."""
-    if blocked:
-        return f"waits: {blocked}"
+def unready(view: View, service: Service, blocked: str, planned: Collection[str]) -> str:
+    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
+    after the verbs that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
+    it waits for."""
     step = view.s.memory.of(service.name)
-    if moving or step.ready or _completed(view, service, step):
+    goes_on = view.active(service.name) and not ENDING & {*planned}
+    if step.ready and goes_on:
+        return ""
+    if blocked and not goes_on:
+        return f"waits: {blocked}"
+    if (planned and not blocked) or _completed(view, service, step):
         return ""
     if step.running_since is None:
         return f"is not running ({step.error or 'ended'})"

@@ -111,7 +111,7 @@ class Planner:
             waitings=waitings,
             notes=found.notes,
             alarm=found.alarm,
-            unready=unready(view, service, blocked, bool(actions)) if needed else "",
+            unready=unready(view, service, blocked, [a.verb for a in actions]) if needed else "",
             restless=view.restless,
         )
 
@@ -129,9 +129,7 @@ class Planner:
                 waitings[waiting] = None
                 if step.verb in ("update", "rename", "signal"):
                     continue
-                # While it has to wait for another container, those that need it have the one that runs.
-                goes_on = step.verb == "create" and view.active(service.name)
-                return tuple(actions), tuple(waitings), "" if goes_on else waiting.reason
+                return tuple(actions), tuple(waitings), waiting.reason
             own = (service.name,) if actions else ()
             actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
         return tuple(actions), tuple(waitings), ""

@@ -53,7 +53,7 @@ class _Reconciled:
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
+        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
@@ -120,15 +120,16 @@ class _Reconciled:
         if not (self.name in self.s.wanted or self.keeps(True)):
             return self.clear([p for p in (*stale, current) if p], False)
         why = f"back to the one before: {swap.update.failed}" if swap.failed else "changed"
-        steps = [stop(new, why, self.service)] if new and new.alive else []
+        others = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
+        steps = [stop(c, why, self.service) for c in others if c.alive]
         steps += [
             s
             for s in adjust(self.view, self.service, self.moving, old, Difference())
-            if new is None or s.verb != "rename"
+            if not others or s.verb != "rename"
         ]
         steps += self.run(old, steps)
-        left = [c for c, _ in stale if c not in (old, swap.spare)] + ([] if new is None else [new])
-        steps += [s for c in left for s in away(c, why, self.service) if s.verb == "remove" or c is not new]
+        left = [c for c in others if c is not swap.spare]
+        steps += [s for c in left for s in away(c, why, self.service) if s.verb == "remove"]
         steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
         if left:
             return [replace(s, part_of="replace", reason=why) for s in steps]
@@ -247,6 +248,8 @@ class _Reconciled:
             return []
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
+        if self.step.spent(container):
+            return [Step("remove", container, "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation:

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from rorg.core.masking import Masker
 from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
+from rorg.host.file_stats import Stats, below, contexts, stats
 from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp, refusal
 from rorg.images.references import Content, References
 from rorg.manifest.documents import beside, manifest_files, manifest_folders, stray_files, tree_files, unexpected
@@ -31,11 +32,7 @@ CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
 MOUNTS_REST = 0.5
 """Seconds for which what services mount must be left alone before its change counts: it may never be still."""
-Stats = tuple[tuple[str | int, ...], ...]
-"""Of files: name, time, size and inode."""
 Stamp = tuple[Stats, Stats, Stats]
-MOST_CONTEXT_FILES = 20_000
-"""Of all contexts together that are looked at for changes; a change behind them is seen with the next one before."""
 MOST_FOLDERS = 4000
 """Directories that are watched: the kernel has few watches, and others need some too."""
 
@@ -145,9 +142,9 @@ class Tree:
             manifests = tree_files(self.root, self.robot)
             strays = stray_files(self.root)
         return (
-            _stats(manifests),
-            _stats(sorted(self._inputs.files)),
-            _stats([*strays, *_below(sorted(self._inputs.mounted)), *self._built_from()]),
+            stats(manifests),
+            stats(sorted(self._inputs.files)),
+            stats([*strays, *below(sorted(self._inputs.mounted)), *self._built_from()]),
         )
 
     def folders(self) -> list[Path]:
@@ -160,7 +157,7 @@ class Tree:
             found += manifest_folders(self.root / FOLDER / self.robot)
             found += sorted({beside(path, self.root) for path in manifest_files(self.root)})
         found += sorted(path.parent for path in self._inputs.files)
-        found += [p for p in _below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
+        found += [p for p in below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
         found += sorted(path.parent for path in self._inputs.mounted)
         contexts = [path for path in self._built_from() if os.path.isdir(path)]
         contexts += [self._git / "logs"] if self._git and os.path.isdir(self._git / "logs") else []
@@ -170,7 +167,7 @@ class Tree:
         return list(itertools.islice(itertools.chain(inside, contexts), MOST_FOLDERS))
 
     def _built_from(self) -> Iterator[Path]:
-        return _contexts(self._inputs.contexts if self.references and self.references.by_content else ())
+        return contexts(self._inputs.contexts if self.references and self.references.by_content else ())
 
     def read(self) -> tuple[bool, bool]:
         """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
@@ -279,36 +276,3 @@ class Tree:
             return Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),)), None, images
         except Exception as bug:
             return Loaded(None, (unexpected(Where(str(self.root)), bug),)), None, images
-
-
-def _below(places: Iterable[Path]) -> Iterator[Path]:
-    """Files and directories, and all that is in these."""
-    for place in places:
-        yield place
-        for folder, folders, files in os.walk(place):
-            folders[:] = sorted(f for f in folders if not f.startswith("."))
-            yield from (Path(folder, name) for name in (*folders, *sorted(files)))
-
-
-def _contexts(places: Iterable[Path]) -> Iterator[Path]:
-    """What images are built from, as far as it can be watched; version control is no part of it."""
-    return itertools.islice((path for place in sorted(places) for path in _context(place)), MOST_CONTEXT_FILES)
-
-
-def _context(place: Path) -> Iterator[Path]:
-    yield place
-    for folder, folders, files in os.walk(place):
-        folders[:] = sorted(f for f in folders if not (f == ".git" and folder == str(place)))
-        yield from (Path(folder, name) for name in (*folders, *sorted(files)))
-
-
-def _stats(paths: Iterable[Path]) -> Stats:
-    found = []
-    for path in paths:
-        try:
-            # A link that leads nowhere is of the tree too.
-            stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
-        except OSError:
-            continue
-        found.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
-    return tuple(found)

@@ -10,7 +10,7 @@ from contextlib import nullcontext, suppress
 from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
-from rorg.engines.execute import is_missing, perform, said_no
+from rorg.engines.execute import is_missing, is_spent, perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
@@ -71,14 +71,14 @@ class Workers:
         self.wake()
 
     def _work(self, action: Action) -> None:
-        began, error, made, refused, missing = self.clock(), "", "", False, False
+        began, error, made, refused, missing, spent = self.clock(), "", "", False, False, False
         self._last_words(action)
         try:
             with self.observer.acting(action.container) if action.container else nullcontext():
                 made = perform(self.engine, action)
         except RorgError as failed:
             error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
-            missing = is_missing(failed)
+            missing, spent = is_missing(failed), is_spent(failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
@@ -90,7 +90,7 @@ class Workers:
                 self.observer.refresh(made or action.container)
             self.recorder.outcome(action, error, self.clock() - began)
         finally:
-            self._finished(Outcome(action, error, refused, missing))
+            self._finished(Outcome(action, error, refused, missing, spent))
         if action.verb == "pause" and not error:
             self.paused(action.service)
 

@@ -10,12 +10,17 @@ from rorg.model.objects import is_object
 
 def said_no(error: RorgError) -> bool:
     """Whether the engine refused what was asked; not that it gave no answer, or found another state than it thought."""
-    return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken")
+    return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken", "spent")
 
 
 def is_missing(error: RorgError) -> bool:
     """Whether the image, or the program, that was to be run is not on this machine."""
     return isinstance(error, EngineError) and error.kind == "missing_image"
+
+
+def is_spent(error: RorgError) -> bool:
+    """Whether the engine will never start that container again, though nothing is wrong with what it is made from."""
+    return isinstance(error, EngineError) and error.kind == "spent"
 
 
 def perform(engine: Lifecycle, action: Action) -> str:

@@ -7,16 +7,15 @@ import contextlib
 import errno
 import os
 import sqlite3
-import stat
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from rorg.errors import Invalid
 from rorg.history.checkpoints import Checkpoints
+from rorg.history.reader import Reader, check_regular
 from rorg.history.schema import STEPS
 from rorg.store.files import open_private
 
@@ -26,8 +25,6 @@ PAGE = 1024
 """Bytes of a page. Each change writes the pages that it touches, so small ones spare the disk."""
 PATIENCE = 0.2
 """Seconds for which a change waits for another process that holds the file, as a tool of SQLite's may."""
-READING = 5.0
-"""The same for a question."""
 DAMAGED = "journal.damaged-*.db"
 KEPT_DAMAGED = 2
 """Files that were moved aside, of which the newest stay."""
@@ -55,10 +52,10 @@ class Database:
         """Set when there is something for maintenance to do."""
         self.generation = 0
         """Another one with every new file: what was written is not in it."""
-        self._lock, self._reading = threading.RLock(), threading.Lock()
-        """Who needs both takes them in this order."""
+        self._lock = threading.RLock()
+        """Who needs the reader's too takes this one first."""
         self._writer: sqlite3.Connection | None = None
-        self._reader: sqlite3.Connection | None = None
+        self._reader = Reader(path)
         self._checkpoints: Checkpoints | None = None
         self._at_work = False
         """Whether they are being used."""
@@ -138,7 +135,7 @@ class Database:
         if self.wall is None:
             raise OSError(errno.EBADF, "it was opened for reading")
         self.close()  # locks of ours on the file end with every descriptor of it that we close
-        _check_regular(self.path)
+        check_regular(self.path)
         os.close(open_private(self.path, os.O_RDWR))
         try:
             self._writer = self._opened()
@@ -253,13 +250,11 @@ class Database:
         if self.wall is not None:
             self._make()
         try:
-            with self._reading:
-                self._reader = self._reader or self._open_reader()
-                return self._reader.execute(sql, args).fetchall()
+            return self._reader.rows(sql, args)
         except FileNotFoundError:
             return []
         except (sqlite3.Error, OSError) as error:
-            self._close_reader()
+            self._reader.close()
             if self.wall is not None:
                 return []
             raise Invalid("read the journal", f"{self.path}: {error}", f"fixing or moving {self.path}") from error
@@ -270,31 +265,12 @@ class Database:
             if self._writer is None and not self.trouble:
                 self._carry_out([])
 
-    def _open_reader(self) -> sqlite3.Connection:
-        _check_regular(self.path)
-        os.stat(self.path)
-        # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
-        alone = not os.path.exists(f"{self.path}-wal")
-        place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
-        connection = sqlite3.connect(place, READING, isolation_level=None, check_same_thread=False, uri=True)
-        if not connection.execute("PRAGMA user_version").fetchone()[0]:
-            connection.close()
-            raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))
-        return connection
-
     # -- the end -----------------------------------------------------------------------------------------------
-
-    def _close_reader(self) -> None:
-        with self._reading:
-            connection, self._reader = self._reader, None
-            if connection is not None:
-                with contextlib.suppress(sqlite3.Error):
-                    connection.close()
 
     def close(self) -> None:
         """Until it is used again."""
         with self._lock:
-            self._close_reader()
+            self._reader.close()
             writer, self._writer = self._writer, None
             checkpoints, self._checkpoints = self._checkpoints, None
             with contextlib.suppress(sqlite3.Error):
@@ -313,14 +289,6 @@ class _Spoilt(sqlite3.DatabaseError):
 
 def _spoilt(error: Exception) -> bool:
     return isinstance(error, _Spoilt) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
-
-
-def _check_regular(path: Path) -> None:
-    """Raises OSError where something else lies in the place of one of its files: to open a pipe would wait."""
-    for end in ("", "-wal", "-shm"):
-        with contextlib.suppress(FileNotFoundError):
-            if not stat.S_ISREG(os.stat(f"{path}{end}").st_mode):
-                raise OSError(errno.EINVAL, "it is not a regular file", f"{path}{end}")
 
 
 @contextlib.contextmanager

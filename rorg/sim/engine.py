@@ -51,6 +51,8 @@ class Faults:
     """Extra seconds that a call takes."""
     fail: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     """Messages of the next failures, used up one by one."""
+    spent: set[str] = field(default_factory=set)
+    """Containers that cannot be started any more."""
     crash_after: dict[str, float] = field(default_factory=dict)
     """Service -> seconds after each start until it exits."""
     exit_code: int = 1
@@ -193,12 +195,14 @@ class SimEngine:
         return found
 
     def start(self, container: str) -> None:
+        self._join(container)
         for other in self._joined.get(container, ()):
             if other not in self.containers or not self.containers[other].alive:
                 raise EngineError(f"start {container[:12]}", f"cannot join a container that does not run: {other}")
-        self._join(container)
         if self.faults.bad.get(self._get(container).digest) == "start":
             raise EngineError(f"start {container[:12]}", "no such program")
+        if container in self.faults.spent:
+            raise EngineError(f"start {container[:12]}", f"task {container}: already exists", kind="spent")
         self._change(
             "start", container, ("created", "exited"), state="running", started_at=iso(self.clock()), exit_code=None
         )

@@ -19,7 +19,7 @@ from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
 from rorg.core.schedule import Target
-from rorg.engines.execute import perform, said_no
+from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
@@ -111,14 +111,14 @@ class SimRobot:
         self.memory, self.cache = memory, None
 
     def _finish(self, action: Action, life: int) -> None:
-        error, refused = "", False
+        error, refused, spent = "", False, False
         try:
             perform(self.engine, action)
         except RorgError as failed:
-            error, refused = failed.why, said_no(failed)
+            error, refused, spent = failed.why, said_no(failed), is_spent(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         if life == self.life:
-            self.memory = finish(self.memory, [Outcome(action, error, refused)], self.now)
+            self.memory = finish(self.memory, [Outcome(action, error, refused, spent=spent)], self.now)
         if action.verb == "start" and not error:
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)

@@ -1,0 +1,61 @@
+"""Questions to the file of the history, beside whoever writes it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sqlite3
+import stat
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+PATIENCE = 5.0
+"""Seconds for which a question waits for another process that holds the file."""
+
+
+class Reader:
+    """One connection, opened by the first question and by the first one after close()."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = threading.Lock()
+        self._connection: sqlite3.Connection | None = None
+
+    def rows(self, sql: str, args: Sequence[Any]) -> list[tuple[Any, ...]]:
+        """What the file answers. Raises FileNotFoundError where there is none, or none with tables; OSError and
+        sqlite3.Error where it cannot be read."""
+        with self._lock:
+            self._connection = self._connection or self._open()
+            return self._connection.execute(sql, args).fetchall()
+
+    def _open(self) -> sqlite3.Connection:
+        check_regular(self.path)
+        os.stat(self.path)
+        # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
+        alone = not os.path.exists(f"{self.path}-wal")
+        place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
+        connection = sqlite3.connect(place, PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
+        if not connection.execute("PRAGMA user_version").fetchone()[0]:
+            connection.close()
+            raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))
+        return connection
+
+    def close(self) -> None:
+        """Until the next question."""
+        with self._lock:
+            connection, self._connection = self._connection, None
+            if connection is not None:
+                with contextlib.suppress(sqlite3.Error):
+                    connection.close()
+
+
+def check_regular(path: Path) -> None:
+    """Raises OSError where something else lies in the place of one of its files: to open a pipe would wait."""
+    for end in ("", "-wal", "-shm"):
+        with contextlib.suppress(FileNotFoundError):
+            if not stat.S_ISREG(os.stat(f"{path}{end}").st_mode):
+                raise OSError(errno.EINVAL, "it is not a regular file", f"{path}{end}")

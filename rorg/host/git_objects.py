@@ -1,0 +1,124 @@
+"""What a repository of git holds: its commits, the entries of a commit, and what files have in them. Asked of git as
+the owner of the repository, never written."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import tempfile
+import uuid
+from collections.abc import Iterator, Sequence
+from itertools import compress
+from operator import not_
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from rorg.errors import Unreachable
+from rorg.host.commands import end
+from rorg.host.git_process import begin_git, owner_of, repository
+
+PATIENCE = 60.0
+"""Seconds for one question to git: it may be about all files."""
+LINK, MODULE = "120000", "160000"
+"""Modes of git: a symbolic link, and the place of another repository."""
+
+
+class Entry(NamedTuple):
+    """A file of a commit."""
+
+    mode: str
+    object: str
+    path: str
+
+
+def said(directory: Path, *args: str) -> str:
+    """One word of it; empty where it says no."""
+    try:
+        return read(directory, *args).decode(errors="surrogateescape").rstrip("\n")
+    except Unreachable:
+        return ""
+
+
+def read(directory: Path, *args: str, stdin: int | IO[bytes] = subprocess.DEVNULL) -> bytes:
+    """All that it prints. Raises Unreachable where it says no, or nothing in time."""
+    with _asked(directory, args, stdin) as file:
+        return file.read()
+
+
+@contextlib.contextmanager
+def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iterator[IO[bytes]]:
+    """A file with all that it prints."""
+    what = f"ask git in {directory}"
+    found = repository(directory)
+    owner = owner_of(found) if found else None
+    with tempfile.TemporaryFile() as file:
+        try:
+            process = begin_git(["-C", str(directory), *args], owner, stdin=stdin, stdout=file)
+        except OSError as error:
+            raise Unreachable(what, f"git: {error.strerror}", "installing git") from error
+        try:
+            code = process.wait(PATIENCE)
+        except subprocess.TimeoutExpired as error:
+            end(process, signal.SIGTERM)
+            raise Unreachable(what, f"no answer to `git {args[0]}` within {PATIENCE:g} s") from error
+        if code:
+            raise Unreachable(what, f"`git {' '.join(args)}` fails", f"it in {directory}")
+        file.seek(0)
+        yield file
+
+
+def words(output: bytes) -> list[str]:
+    """Of an output of `-z`."""
+    return [os.fsdecode(word) for word in output.split(b"\0") if word]
+
+
+def entries(output: bytes) -> list[Entry]:
+    """Of `git ls-tree -z`: MODE TYPE OBJECT, a tabulator, PATH. Raises ValueError for what no checkout has: a path that
+    leads elsewhere, or that a link may lead elsewhere."""
+    found = []
+    for line in words(output):
+        about, _, path = line.partition("\t")
+        mode, _, name = about.split(" ")
+        if path.startswith("/") or {".", "..", ".git", ""} & set(path.split("/")):
+            raise ValueError(f"the commit has a file '{path}'")
+        found.append(Entry(mode, name, path))
+    files = {entry.path for entry in found}
+    if twice := next((e.path for e in found if not files.isdisjoint(map(str, Path(e.path).parents))), ""):
+        raise ValueError(f"the commit has '{twice}' below what is a file too")
+    return found
+
+
+def contents(top: Path, entries: Sequence[Entry]) -> Iterator[tuple[Entry, bytes]]:
+    """What files have in them, as they would be checked out. Paths with a line's end are read as they are kept."""
+    plain = [entry.mode != LINK and "\n" not in entry.path for entry in entries]
+    filtered, others = list(compress(entries, plain)), list(compress(entries, map(not_, plain)))
+    yield from zip(filtered, _batch(top, ["--filters"], [f"{e.object} {e.path}\n" for e in filtered]), strict=True)
+    yield from zip(others, _batch(top, [], [f"{e.object}\n" for e in others]), strict=True)
+
+
+def _batch(top: Path, args: list[str], lines: list[str]) -> Iterator[bytes]:
+    """Of `git cat-file --batch`: OBJECT TYPE SIZE, a line's end, the content, a line's end. SIZE is as before filters,
+    so that after each object one is asked for that nobody has: the answer to that is the end."""
+    if not lines:
+        return
+    nobody = uuid.uuid4().hex
+    mark = f"{nobody} missing\n".encode()
+    with tempfile.TemporaryFile() as asked:
+        asked.write(os.fsencode("".join(f"{line}{nobody}{' -' * len(args)}\n" for line in lines)))
+        asked.seek(0)
+        with _asked(top, ["cat-file", "--batch", *args], asked) as file:
+            for _ in lines:
+                file.readline()
+                yield from _until(mark, file)
+
+
+def _until(mark: bytes, file: IO[bytes]) -> Iterator[bytes]:
+    """All before the line's end before a mark, which are read too."""
+    found = []
+    while (line := file.readline()) != mark:
+        if not line:
+            raise ValueError("git ends amid a file")
+        found.append(line)
+    yield b"".join(found).removesuffix(b"\n")
