@@ -53,7 +53,7 @@ class _Reconciled:
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
+        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
@@ -137,14 +137,11 @@ class _Reconciled:
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
-        """Those that may be gone back to. One that would only be joined to others is what the new one is; what cannot
-        start any more is nothing to go back to."""
+        """Those that may be gone back to. One that would only be joined to others is what the new one is."""
         return [
             c
             for c, diff in stale
-            if (diff.recreate or c.id not in self.moved)
-            and can_return(self.view, self.service, c)
-            and not self.on_another(c)
+            if (diff.recreate or c.id not in self.moved) and can_return(self.view, self.service, c)
         ]
 
     def changed(self, stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:
