@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rorg.compose.forms import Context, kept, without
+from rorg.compose.forms import Context
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
+from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
