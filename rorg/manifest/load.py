@@ -21,6 +21,7 @@ from rorg.manifest.programs import check_programs
 from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
+from rorg.manifest.validation.run import validate
 from rorg.model.catalog import (
     DEVELOPER,
     EVERY,
@@ -88,12 +89,25 @@ def _load(
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics += more
+    diagnostics += _validated(catalog, by_kind, refused=any(d.severity == "error" for d in diagnostics))
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
     return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog)
+
+
+def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
+    """What the checks of the whole say; only errors of a tree that is refused anyway: who is missing in it may be
+    what its others need."""
+    try:
+        found = validate(catalog, by_kind)
+    except Exception as bug:
+        if refused:
+            return []
+        return [replace(unexpected(next(iter(catalog.services.values())).where, bug), severity="warning")]
+    return [d for d in found if d.severity == "error"] if refused else found
 
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:

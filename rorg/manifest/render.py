@@ -33,6 +33,7 @@ ROS_MASTER = "http://localhost:11311"
 """Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
 
 
+MISSING = "missing-mount-source"
 INTERVALS = {"ready": 0.25, "live": 10.0, "interlock": 0.25}
 """Seconds between two probes, where the manifest does not say. An exec costs the engine 50 ms, so it waits longer."""
 EXEC_INTERVAL = 1.0
@@ -222,7 +223,9 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not os.path.exists(source.directory / local):
-            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "creating it"))
+            diagnostics.append(
+                Diagnostic(where, f"'{local}' does not exist beside this manifest", "creating it", code=MISSING)
+            )
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes
@@ -284,7 +287,7 @@ def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, cl
     names = origins.get(clash.other or str(option), ())
     by = f", which {names[0]} declares" if names and names[0].profile else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
-    return Diagnostic(where, clash.message + by, clash.remedy)
+    return Diagnostic(where, clash.message + by, clash.remedy, code=clash.code)
 
 
 def _env_files(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, str]:

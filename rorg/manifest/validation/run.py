@@ -1,0 +1,38 @@
+"""All checks of a tree: `check(robot)`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from rorg.manifest.documents import Source
+from rorg.manifest.validation import devices, idle, limits, mounts, networks, programs, ros1, ros2, stopping
+from rorg.manifest.validation.allowing import allowed
+from rorg.manifest.validation.codes import CODES
+from rorg.manifest.validation.finding import Check, Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.manifest.yaml_source import Allow
+from rorg.model.catalog import Catalog
+from rorg.model.diagnostics import Diagnostic
+
+FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, limits, programs)
+CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
+
+
+def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> list[Diagnostic]:
+    """What is wrong with a tree whose manifests are right one by one, without what comments let pass. `sources`: by
+    kind and name, those that the Catalog was made of."""
+    robot = Robot(catalog, sources)
+    return allowed(diagnostics(f for check in CHECKS for f in check(robot)), allows_of(sources), machine=False)
+
+
+def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
+    """With what the table says of their codes."""
+    for found in findings:
+        code = CODES[found.code]
+        remedy, severity = found.remedy or code.remedy, found.severity or code.severity
+        yield Diagnostic(found.where, found.message, remedy, severity, found.code)
+
+
+def allows_of(sources: Mapping[str, Mapping[str, Source]]) -> list[Allow]:
+    """What comments of these files let pass."""
+    return [allow for found in sources.values() for source in found.values() for allow in source.document.allows]
