@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
-from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+
+SARIF = "sarif"
 
 
 def command(
-    directory: Directory = None, engine: EngineName = None, output: Output = "table", state_dir: StateDirectory = None
+    directory: Directory = None,
+    engine: EngineName = None,
+    output: Annotated[
+        str,
+        Option(
+            names=("-o", "--output"),
+            help="table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
+            completes=(*FORMS, SARIF),
+        ),
+    ] = "table",
+    state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
     overlay, or for the one of --robot. With --engine also what that one cannot do: on process, directories and programs
     that are missing. Where there are no manifests, the running rorg tells what is
-    wrong with its own.
+    wrong with its own. What is found has a code in brackets: docs/reference/findings.md says what it does to a robot,
+    and how a comment lets it pass.
 
     Example: rorg validate manifests
     """
@@ -23,7 +36,7 @@ def command(
     from rorg.cli.output import check_form
     from rorg.manifest.documents import manifest_files
 
-    check_form(output)
+    check_form(output, (*FORMS, SARIF))
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
@@ -72,7 +85,7 @@ def _followed(told: dict[str, Any], output: str) -> None:
     """By the word of the running rorg, which has looked at its tree anew."""
     from rorg.cli.output import note
 
-    _tell(told["errors"], output)
+    _tell([*told["errors"], *told.get("warnings", ())], output)
     if told["errors"]:
         _refuse(len(told["errors"]))
     note(f"ok: {told['root']}, as the running rorg reads it")
@@ -80,10 +93,16 @@ def _followed(told: dict[str, Any], output: str) -> None:
 
 def _tell(found: list[dict[str, Any]], output: str) -> None:
     from rorg.cli.differences import line
-    from rorg.cli.output import note, print_rows
+    from rorg.cli.output import dump, note, print_rows
 
+    if output == SARIF:
+        from rorg import __version__
+        from rorg.cli.sarif import sarif
+        from rorg.manifest.validation.codes import CODES
+
+        return dump(sarif(found, CODES, __version__), "json")
     if output != "table":
-        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy"))
+        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy", "code"))
     for diagnostic in found if output == "table" else ():
         note(line(diagnostic))
 

@@ -55,9 +55,8 @@ def _sources(robot: Robot) -> Iterator[Finding]:
 
 def _of_tree(subject: Subject) -> Iterator[Mount]:
     """Mounts whose source is in the tree, or is written relative to it."""
-    top = str(real(subject.source.root))
     for mount in subject.mounts:
-        if mount.path.startswith(f"{top}/") or (mount.path and _relative(subject, mount)):
+        if mount in subject.mounts_of_tree or (mount.path and _relative(subject, mount)):
             yield mount
 
 
@@ -104,15 +103,15 @@ def _files(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         starts = {command[0] for command in subject.commands if command}
         for word, path in named_files(subject):
-            shown = os.path.relpath(path, real(subject.source.directory))
             if not os.path.lexists(path):
+                shown = os.path.relpath(path, real(subject.source.directory))
                 if not any(
                     m.path == path or (not m.read_only and path.startswith(f"{m.path}/")) for m in subject.mounts
                 ):
                     message = f"{word} would be {shown}, which does not exist"
                     yield Finding("missing-file", subject.command(), message)
             elif word in starts and os.path.isfile(path):
-                yield from _program(subject, path, shown)
+                yield from _program(subject, path, os.path.relpath(path, real(subject.source.directory)))
 
 
 def _program(subject: Subject, path: str, shown: str) -> Iterator[Finding]:

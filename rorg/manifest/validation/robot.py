@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from rorg.manifest.documents import Source
+from rorg.manifest.files import real
 from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import Catalog
 from rorg.model.graph import closure
@@ -24,7 +25,10 @@ class Robot:
     def subjects(self) -> tuple[Subject, ...]:
         services = self.catalog.services
         written = self.sources.get("Service", {})
-        return tuple(Subject(services[n], s) for n, s in sorted(written.items()) if services[n].spec is not None)
+        tops = {root: str(real(root)) for root in {s.root for s in written.values()}}
+        return tuple(
+            Subject(services[n], s, tops[s.root]) for n, s in sorted(written.items()) if services[n].spec is not None
+        )
 
     @cached_property
     def ros1(self) -> tuple[Subject, ...]:
@@ -44,9 +48,16 @@ class Robot:
 
     def needs(self, name: str) -> set[str]:
         """All that a service needs, with itself."""
-        if name not in self._needed:
-            self._needed[name] = closure(self.catalog.services, [name])
-        return self._needed[name]
+        known = self._needed.get(name)
+        if known is None:
+            direct = self.catalog.services[name].needs if name in self.catalog.services else ()
+            known = {name}.union(*(self._needed[n] if n in self._needed else self._closure(n) for n in direct))
+            self._needed[name] = known
+        return known
+
+    def _closure(self, name: str) -> set[str]:
+        found = self._needed[name] = closure(self.catalog.services, [name])
+        return found
 
     def apart(self, one: Subject, other: Subject) -> bool:
         """Whether they are never active at once: they conflict, or want the same of what there is too little."""

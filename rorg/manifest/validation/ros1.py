@@ -12,7 +12,7 @@ from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import names_of_nodes, text_of
 from rorg.model.diagnostics import Where
 
-CLOCKS = ("gazebo", "gzserver", "stageros", "--clock", "/clock", "webots", "ign", "gz")
+CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
 """Words by which programs are known that give simulated time."""
 SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
 NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
@@ -79,13 +79,12 @@ def _unprobed(robot: Robot) -> Iterator[Finding]:
 
 def _times(robot: Robot) -> Iterator[Finding]:
     """All that asks for the time waits for ever where nobody gives it."""
-    texts = {s.name: text_of(s) for s in robot.ros1}
-    if any(re.search(rf"(?<![\w-]){re.escape(word)}\b", text) for text in texts.values() for word in CLOCKS):
+    simulated = [s for s in robot.ros1 if "use_sim_time" in (text := text_of(s)) and SIM_TIME.search(text)]
+    if not simulated or any(CLOCKS.search(text_of(s)) for s in robot.subjects):
         return
-    for subject in robot.ros1:
-        if SIM_TIME.search(texts[subject.name]):
-            message = f"'{subject.name}' uses simulated time, and no service of this robot gives it"
-            yield Finding("sim-time-without-clock", subject.command(), message)
+    for subject in simulated:
+        message = f"'{subject.name}' uses simulated time, and no service of this robot gives it"
+        yield Finding("sim-time-without-clock", subject.command(), message)
 
 
 def _hidden(robot: Robot) -> Iterator[Finding]:

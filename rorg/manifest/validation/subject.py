@@ -49,7 +49,9 @@ class Subject:
 
     service: Service
     source: Source
-    memo: dict[str, dict[str, str]] = field(default_factory=dict)
+    top: str = ""
+    """The directory of the tree, without links."""
+    memo: dict[str, Any] = field(default_factory=dict)
     """What was read for it once."""
 
     @property
@@ -129,6 +131,11 @@ class Subject:
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:
         return tuple(_mount(v, i) for i, v in enumerate(self.options.get("volumes") or ()))
+
+    @cached_property
+    def mounts_of_tree(self) -> tuple[Mount, ...]:
+        """Those whose source lies in the tree."""
+        return tuple(m for m in self.mounts if m.path and (m.path == self.top or m.path.startswith(f"{self.top}/")))
 
     @cached_property
     def devices(self) -> tuple[tuple[str, str], ...]:

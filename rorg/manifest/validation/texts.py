@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
-from rorg.manifest.files import read_text, real
+from rorg.manifest.files import read_text
 from rorg.manifest.validation.subject import Subject
 
 MOST = 128 << 10
@@ -40,10 +40,7 @@ def read(path: str, root: Path) -> str:
 
 def inside(subject: Subject, word: str) -> str:
     """Where on the machine a path of the container is, by what is mounted from the tree; empty where it is not."""
-    top = str(real(subject.source.root))
-    for mount in subject.mounts:
-        if not mount.path or not (mount.path == top or mount.path.startswith(f"{top}/")):
-            continue
+    for mount in subject.mounts_of_tree:
         if word == mount.target:
             return mount.path
         if word.startswith(f"{mount.target}/"):
@@ -51,8 +48,14 @@ def inside(subject: Subject, word: str) -> str:
     return ""
 
 
-def named_files(subject: Subject) -> Iterator[tuple[str, str]]:
+def named_files(subject: Subject) -> list[tuple[str, str]]:
     """(word, path on the machine) of each file of the tree that the command names by its path in the container."""
+    if "named" not in subject.memo:
+        subject.memo["named"] = list(_named_files(subject)) if subject.mounts_of_tree else []
+    return list(subject.memo["named"])
+
+
+def _named_files(subject: Subject) -> Iterator[tuple[str, str]]:
     seen: set[str] = set()
     for command in subject.commands:
         for word in command:
@@ -66,7 +69,7 @@ def files_of(subject: Subject) -> dict[str, str]:
     """The texts of the tree that a service is started with, by their paths."""
     if "files" not in subject.memo:
         subject.memo["files"] = _files_of(subject)
-    return subject.memo["files"]
+    return dict(subject.memo["files"])
 
 
 def _files_of(subject: Subject) -> dict[str, str]:
@@ -78,12 +81,20 @@ def _files_of(subject: Subject) -> dict[str, str]:
 
 def text_of(subject: Subject) -> str:
     """All words that a service is started with."""
-    values = (f"{name}={value}" for name, value in subject.env.items())
-    return "\n".join((" ".join(subject.words), *values, *files_of(subject).values()))
+    if "text" not in subject.memo:
+        values = (f"{name}={value}" for name, value in subject.env.items())
+        subject.memo["text"] = "\n".join((" ".join(subject.words), *values, *files_of(subject).values()))
+    return str(subject.memo["text"])
 
 
 def names_of_nodes(subject: Subject) -> set[str]:
     """Its nodes in the ROS graph, as far as its command, its launch files and its probes name them."""
+    if "nodes" not in subject.memo:
+        subject.memo["nodes"] = _names_of_nodes(subject)
+    return set(subject.memo["nodes"])
+
+
+def _names_of_nodes(subject: Subject) -> set[str]:
     found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if _NAMED.match(word)}
     for text in files_of(subject).values():
         found |= set(_NODE.findall(text))
