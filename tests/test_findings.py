@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 import yaml
+from commands import rorg
 from conftest import ROOT
 from finding_cases import build
+from robots import RealRobot
 
 from rorg.manifest.load import load
 from rorg.manifest.validation.codes import CODES
@@ -98,3 +101,39 @@ def test_a_comment_in_an_overlay_is_said_of_the_overlay(tmp_path, monkeypatch):
     assert load(Path("."), robot="lab").diagnostics == ()
     (tmp_path / "robots/lab/services/arm.yaml").write_text(over)
     assert [d.code for d in load(Path("."), robot="lab").diagnostics] == ["privileged"]
+
+
+def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
+    tree = build(
+        tmp_path, {"arm": "image: arm:1\ncontainer: {privileged: true}\n", "base": "image: base:1\nimage: b:1\n"}
+    )
+    (error,) = json.loads(rorg("validate", ".", "-o", "json", code=2, cwd=tree).stdout)
+    assert (error["code"], error["line"], error["column"]) == ("duplicate-key", 6, 3)
+    (tree / "services/base.yaml").unlink()
+    (found,) = json.loads(rorg("validate", ".", "-o", "json", cwd=tree).stdout)
+    (run,) = json.loads(rorg("validate", ".", "-o", "sarif", cwd=tree).stdout)["runs"]
+    (rule,), (result,) = run["tool"]["driver"]["rules"], run["results"]
+    assert (found["code"], rule["id"], result["ruleId"], result["ruleIndex"]) == (*["privileged"] * 3, 0)
+    (place,) = result["locations"]
+    region = place["physicalLocation"]["region"]
+    assert (region["startLine"], region["startColumn"]) == (found["line"], found["column"]) == (6, 27)
+    assert place["physicalLocation"]["artifactLocation"]["uri"] == found["file"] == "services/arm.yaml"
+    assert result["level"] == rule["defaultConfiguration"]["level"] == found["severity"] == "warning"
+    assert result["message"]["text"] == f"{found['message']}; try {found['remedy']}"
+
+
+def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):
+    """On standard error: what is to be done alone is data."""
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"}
+    try:
+        robot.declare({"arm": {"command": "sleep 60 && true"}})
+        robot.settle()
+        told = rorg("diff", **environment)
+        assert "[shell-words-without-shell]" in told.stderr
+        assert "[" not in told.stdout
+        warnings = robot.client().call("GET", "/v1/status")["tree"]["warnings"]
+        assert [w["code"] for w in warnings] == ["shell-words-without-shell"]
+    finally:
+        robot.close()
+    assert "[shell-words-without-shell]" in rorg("diff", str(robot.tree), code=1, **environment).stderr

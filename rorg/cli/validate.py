@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.manifest.load import Loaded
+    from rorg.model.diagnostics import Diagnostic
 
 SARIF = "sarif"
 
@@ -22,6 +26,13 @@ def command(
             completes=(*FORMS, SARIF),
         ),
     ] = "table",
+    machine: Annotated[
+        bool,
+        Option(
+            names=("--machine",),
+            help="Also against this machine and its engine: devices, paths, ports, limits, runtimes.",
+        ),
+    ] = False,
     state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
@@ -40,13 +51,24 @@ def command(
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
+    if client and machine:
+        root, client = _here(client.call("GET", "/v1/diff")["root"]), None
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output, Context(state_dir, engine, root).named_robot)
+        _read(root, engine, output, Context(state_dir, engine, root).named_robot, machine)
 
 
-def _read(root: Path, engine: str, output: str, robot: str) -> None:
+def _here(root: str) -> Path:
+    """The tree of the running rorg, where that runs on this machine."""
+    from rorg.errors import Invalid
+
+    if not Path(root).is_dir():
+        raise Invalid("look at that machine", f"{root} is not on this one", "`rorg validate --machine` there")
+    return Path(root)
+
+
+def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
     """By the files of a directory: for one robot, or for all and the base."""
     from rorg.cli.output import note
     from rorg.cli.terminal import hide
@@ -60,12 +82,13 @@ def _read(root: Path, engine: str, output: str, robot: str) -> None:
     masker.learn(loaded.read)
     hide(masker)
     robots = [] if robot else robots_of(root)
-    told = list(loaded.diagnostics)
+    told = [*loaded.diagnostics, *(_on_this_machine(loaded, engine) if machine else ())]
     known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
     for name in robots:
         found = load(root, engine=engine, robot=name)
         masker.learn(found.read)
-        told += [d.on(name) for d in found.diagnostics if (d.where, d.message) not in known]
+        here = _on_this_machine(found, engine) if machine else ()
+        told += [d.on(name) for d in (*found.diagnostics, *here) if (d.where, d.message) not in known]
     _tell([d.as_json() for d in sorted(told)], output)
     if errors := sum(d.severity == "error" for d in told):
         _refuse(errors)
@@ -79,6 +102,27 @@ def _read(root: Path, engine: str, output: str, robot: str) -> None:
         "robot": len(robots),
     }
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
+
+
+def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
+    """What these manifests want and this machine, or its engine, does not have."""
+    from dataclasses import replace
+
+    from rorg.cli.output import note
+    from rorg.engines.facts import engine_facts
+    from rorg.host.machine import gather
+    from rorg.manifest.validation.machine import check_machine, named_paths
+
+    if loaded.catalog is None or loaded.sources is None:
+        return []
+    found = gather(named_paths(loaded.catalog, loaded.sources))
+    if engine != "process":
+        facts = engine_facts()
+        if facts.error:
+            note(f"the engine at {facts.host} does not answer, and is not checked: {facts.error}")
+        else:
+            found = replace(found, runtimes=facts.runtimes)
+    return check_machine(loaded.catalog, loaded.sources, found)
 
 
 def _followed(told: dict[str, Any], output: str) -> None:

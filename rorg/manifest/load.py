@@ -44,6 +44,8 @@ class Loaded:
     diagnostics: tuple[Diagnostic, ...] = ()
     read: Catalog | None = None
     """As much of it as could be read, whether it is good or not: its secrets are in no message either."""
+    sources: Mapping[str, Mapping[str, Source]] | None = None
+    """The manifests that the Catalog was made of, by kind and name."""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -95,7 +97,7 @@ def _load(
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
-    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog)
+    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog, by_kind)
 
 
 def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:

@@ -120,7 +120,18 @@ PROGRAMS = {
     ),
 }
 MACHINE = {
-    "missing-group": Code(WARNING, "The container cannot start: no such group.", "its number", machine=True),
+    "device-of-other-group": Code(
+        WARNING, "The device is there, and may not be opened.", "its group, by number", machine=True
+    ),
+    "missing-host-path": Code(
+        WARNING,
+        "The engine makes an empty directory in its place, and the program fails unseen.",
+        "creating it",
+        machine=True,
+    ),
+    "missing-runtime": Code(
+        WARNING, "The container cannot be made.", "installing it, or another runtime", machine=True
+    ),
     "port-in-use": Code(
         WARNING,
         "The container cannot start while another program has the port.",
@@ -143,5 +154,4 @@ MACHINE = {
         "kernel.sched_rt_runtime_us as the kernel has it: 950000",
         machine=True,
     ),
-    "missing-image": Code(WARNING, "It cannot start until the image was pulled.", "rorg build", machine=True),
 }
