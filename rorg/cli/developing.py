@@ -35,6 +35,7 @@ from rorg.images.devcontainer import document, ours
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog, Service, Spec
 from rorg.model.dev import DevContainer
+from rorg.model.joining import resolved
 from rorg.store.files import locked, make_directory, write_atomic
 
 NAME = re.compile(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+")
@@ -89,7 +90,9 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
     services = {n: (s, s.spec) for n, s in rendered.items() if s.spec is not None}
     images = {*catalog.images, *(content.named(spec["image"]) for _, spec in services.values())}
     if (short := name.removeprefix("service/")) in services:
-        service, spec = services[short]
+        service, declared = services[short]
+        # Joined to what goes by that name when it is made, whether the service itself runs or not.
+        spec = resolved(declared, service.joins, {n: rendered[n].container_name for n in service.joins})
         return short, spec, service, content.named(str(spec["image"]))
     if (short := name.removeprefix("image/")) in images:
         return f"image/{short}", plain_spec(content.references.get(short, short)), None, short

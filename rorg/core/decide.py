@@ -65,6 +65,8 @@ class Inputs:
     """Service -> when somebody asked that what failed of it be tried again."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    purge: bool = False
+    """A person has said that volumes of ours go too."""
     cache: Cache | None = None
     """Of the last pass; whatever has changed since is found anew."""
 
@@ -191,6 +193,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         closed=eviction.closed,
         suspended=suspended,
         images=inputs.images,
+        purge=inputs.purge,
         withheld=withheld,
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)

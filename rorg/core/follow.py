@@ -18,6 +18,7 @@ from rorg.core.seen import Seen
 from rorg.core.transitions import advanced
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
+from rorg.model.objects import is_object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +55,8 @@ def follow(
         kept, names = None, set(desired.digests)
     else:
         names = _to_look_at(kept, memory, desired, results, touched)
-    progress = {**memory.progress}
-    for name in memory.progress.keys() - desired.digests.keys() - by_service.keys():
-        del progress[name]
+    gone = memory.progress.keys() - desired.digests.keys() - by_service.keys()
+    progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     restless = set(kept.restless) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
     for name in names:

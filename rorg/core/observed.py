@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 from rorg.core.changes import changed_items
+from rorg.core.found_objects import FoundObjects
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
@@ -15,6 +16,7 @@ LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
+LABEL_JOINED = "rorg.io/joined"
 SERVICE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
 """What a service may be called, in any version."""
 
@@ -27,6 +29,7 @@ class Labelled(TypedDict):
     declared: str
     rules: str
     previous: str
+    joined: str
 
 
 def from_labels(labels: Mapping[str, str]) -> Labelled:
@@ -38,6 +41,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
         "declared": labels.get(LABEL_DECLARED, ""),
         "rules": labels.get(LABEL_RULES, ""),
         "previous": labels.get(LABEL_PREVIOUS, ""),
+        "joined": labels.get(LABEL_JOINED, ""),
     }
 
 
@@ -63,6 +67,8 @@ class Container:
     """The label rorg.io/rules: what of its manifest still counts when no manifest declares it any more."""
     previous: str = ""
     """The label rorg.io/previous: id of the container that it takes the place of, kept until this one is proven."""
+    joined: str = ""
+    """The label rorg.io/joined: JSON of the services whose containers it is joined to, each with the id of its one."""
     created_at: str = ""
     """When it was made, as started_at."""
     live: Mapping[str, Any] = field(default_factory=dict)
@@ -76,6 +82,8 @@ class Container:
     """What it is to be stopped with, by the engine: declared when made, or its image's; empty where not known."""
     image: str = ""
     """What the engine calls the image that it was made from (its id); empty where there are none, or not known."""
+    networks: Mapping[str, str] = field(default_factory=dict)
+    """The engine's name of each network that it joins -> that network's id, "" before its first start."""
 
     @property
     def incarnation(self) -> str:
@@ -101,6 +109,8 @@ class Observed:
     containers: tuple[Container, ...] = ()
     complete: bool = True
     error: str = ""
+    objects: FoundObjects | None = None
+    """Networks and volumes; None where the engine has none to be made."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:

@@ -10,12 +10,13 @@ from rorg.core.adjust import adjust, passing_name
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
+from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.view import View
-from rorg.model.catalog import Service
+from rorg.model.catalog import Service, Spec
 from rorg.model.units import format_seconds
 
 
@@ -41,23 +42,24 @@ class _Reconciled:
         self.view, self.service, self.moving = view, service, moving
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
+        self.moved = {c.id: other for c in view.of(service.name) if (other := moved(view, service, c))}
+        """Container -> a service that has another container than the one that it was joined to."""
         self.notes: list[Waiting] = []
         self.alarm: float | None = None
 
     def steps(self) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
         name, spec = self.name, self.service.spec or {}
-        pairs = [
-            (c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
-            for c in self.view.of(name)
-        ]
-        current = next(((c, d) for c, d in pairs if not d.recreate), None)
+        pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
+        current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale], _changed(stale))
+        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
+        if current is None and self.nothing_to_join():
+            return []
         steps: list[Step] = []
         new_name = ""
         if current is None:
@@ -80,9 +82,29 @@ class _Reconciled:
             steps = [replace(s, args={**s.args, **trial}) if s.verb == "start" else s for s in steps]
         if swap.under_way:
             self.notes += [swap.note()] if name in self.s.wanted else []
-        elif swap.old or any(diff.recreate for _, diff in stale):
+        elif swap.old or any(diff.recreate or c.id in self.moved for c, diff in stale):
             return [replace(s, part_of="replace") for s in steps]
         return restarting(current and current[0], steps)
+
+    def difference(self, container: Container, spec: Spec) -> Difference:
+        """One that is at rest cannot start on a network that is another one by now, though it is called the same."""
+        found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
+        if not self.on_another(container):
+            return found
+        return replace(found, recreate=(*found.recreate, "networks"))
+
+    def on_another(self, container: Container) -> bool:
+        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
+        be."""
+        objects = self.s.observed.objects if container.networks and not container.alive else None
+        for name in self.desired.uses.get(self.name, ()) if objects else ():
+            one = self.desired.objects[name]
+            joined = container.networks.get(one.called, "") if one.kind == "network" else ""
+            there = objects.found.get(one.key) if objects else None
+            known = there is not None or (objects is not None and one.key in objects.asked)
+            if joined and known and (there is None or there.id != joined or self.moving(name)):
+                return True
+        return False
 
     def stay(
         self,
@@ -114,6 +136,23 @@ class _Reconciled:
         steps = restarting(old, steps)
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
+    def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
+        """Those that may be gone back to. One that would only be joined to others is what the new one is."""
+        return [
+            c
+            for c, diff in stale
+            if (diff.recreate or c.id not in self.moved) and can_return(self.view, self.service, c)
+        ]
+
+    def nothing_to_join(self) -> bool:
+        """Nobody wants it, and what its container would be joined to is not there."""
+        other = missing(self.view, self.service)
+        if not other or self.name in self.s.wanted:
+            return False
+        if other in self.s.wanted or is_made_ahead(self.view, other):
+            self.notes.append(Waiting(self.name, f"waits for a container of {other}"))
+        return True
+
     def run(self, container: Container | None, steps: list[Step]) -> list[Step]:
         """What makes it active, or ceases it."""
         if self.name in self.s.wanted:
@@ -141,15 +180,15 @@ class _Reconciled:
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """`old` is to be gone back to if the new one does not come up."""
-        spec = self.service.spec or {}
-        made_from = self.desired.digests[self.name]
+        declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
+        spec, joined = with_ids(self.view, self.service)
         previous, secrets = old.id if old else "", self.service.secrets
-        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), previous, secrets)
+        marks = labels(self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined)
         before = old or next((c for c, _ in stale), None)
         return Step(
             "create",
             None,
-            "changed" if stale else "no container",
+            self.why_stale(stale) if stale else "no container",
             _changed(stale),
             {
                 "name": name,
@@ -161,6 +200,10 @@ class _Reconciled:
             },
         )
 
+    def why_stale(self, stale: list[tuple[Container, Difference]]) -> str:
+        others = [self.moved[c.id] for c, diff in stale if c.id in self.moved and not diff.recreate]
+        return f"{others[0]} has another container" if len(others) == len(stale) else "changed"
+
     def rules(self) -> Rules:
         return Rules(self.service.interlock, self.service.exclusive, self.desired.conflicts[self.name])
 
@@ -168,12 +211,16 @@ class _Reconciled:
         """The way out for containers that are not (or no longer) the service's one."""
         steps: list[Step] = []
         for container, diff in stale:
-            reason = "changed" if diff.recreate else "a second container of this service"
+            another = diff.recreate or container.id in self.moved
+            reason = self.why_stale([(container, diff)]) if another else "a second container of this service"
             way = away(container, reason if keep else "not wanted", self.service, volumes=not keep)
-            steps += [replace(step, surplus=keep and not diff.recreate) for step in way]
+            steps += [replace(step, surplus=keep and not another) for step in way]
         return steps
 
     def wake(self, container: Container | None, steps: list[Step]) -> list[Step]:
+        if container and (other := self.moved.get(container.id)):
+            self.notes.append(Waiting(self.name, f"{other} has another container than the one that it is joined to"))
+            return []
         why = str(self.s.wanted[self.name][0])
         runs = {
             n: found.incarnation
@@ -191,6 +238,8 @@ class _Reconciled:
             return []
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
+        if self.step.spent(container):
+            return [Step("remove", container, "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation:

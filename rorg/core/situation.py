@@ -49,5 +49,7 @@ class Situation:
     """Why nothing is done at all now."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    purge: bool = False
+    """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

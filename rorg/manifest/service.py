@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.option_forms import Device, Strict, Text, Words
+from rorg.manifest.long_forms import Device
+from rorg.manifest.option_forms import Strict, Text, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -31,7 +32,7 @@ class Driver(Strict):
     """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
 
     devices: list[Device] = recreate(
-        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm.",
+        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm, or a mapping.",
         ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
         list,
     )
@@ -176,7 +177,7 @@ class ServiceSpec(Strict):
         ["*"],
         list,
     )
-    may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = recreate(
+    may_manage: list[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.*?-]{1,64}$")]] = recreate(
         "Patterns of names, such as lab-*: services that it may create, change, remove, request and restart, within "
         "what it may itself. Gives it rorg's socket.",
         ["lab-*"],

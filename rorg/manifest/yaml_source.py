@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -55,6 +55,13 @@ class Allow:
     """From the first line that it is said of to the last."""
 
 
+class Use(NamedTuple):
+    """A variable that a text names, and where its value is declared: None where a default of the text holds."""
+
+    name: str
+    where: Where | None
+
+
 @dataclass
 class Document:
     """One YAML document: its value, and where each key and each value stands."""
@@ -67,6 +74,8 @@ class Document:
     """The file of those that stand in another one, which was laid over this."""
     allows: tuple[Allow, ...] = ()
     """What comments of its files let pass."""
+    filled: dict[Path, tuple[Use, ...]] = field(default_factory=dict)
+    """The variables that were filled into texts."""
 
     def where(self, path: Path, key: bool = False) -> Where:
         """The place of a value (or of its key); of its nearest ancestor where the path itself is not there."""
@@ -207,3 +216,10 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
     except (yaml.YAMLError, RecursionError, UnicodeError) as error:
         return None, [Diagnostic(Where(file), f"not valid YAML: {error}")]
     return reader.document, reader.diagnostics
+
+
+def as_scalar(text: str) -> str | int | float | bool:
+    """The number or the boolean that a text is in YAML, or the text."""
+    document, found = read_yaml(text, "")
+    value = document.value if document and not found else None
+    return value if isinstance(value, bool | int | float) else text
