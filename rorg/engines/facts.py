@@ -19,6 +19,8 @@ class EngineFacts:
 
     host: str
     error: str = ""
+    denied: bool = False
+    """It is there, and this user may not use it."""
     version: str = ""
     runtimes: frozenset[str] = frozenset()
     cgroup: str = ""
@@ -35,7 +37,8 @@ def engine_facts(host: str | None = None) -> EngineFacts:
     try:
         info: dict[str, Any] = client.get("/info", timeout=PATIENCE)
     except (OSError, HTTPException, EngineError, ValueError) as error:
-        return EngineFacts(where, getattr(error, "strerror", None) or str(error) or type(error).__name__)
+        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        return EngineFacts(where, why, denied=isinstance(error, PermissionError))
     finally:
         client.close()
     return EngineFacts(
