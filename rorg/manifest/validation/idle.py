@@ -16,6 +16,8 @@ ACTUATORS = re.compile(
     re.IGNORECASE,
 )
 """Words by which programs are known that move something."""
+NEVER = 86_400.0
+"""Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
 
 
@@ -76,7 +78,7 @@ def _lingering(robot: Robot) -> Iterator[Finding]:
         idle, ready = subject.service.idle, subject.service.ready
         if ready is None or ready.delay is None:
             continue
-        if ready.delay >= ready.timeout:
+        if ready.timeout <= ready.delay < NEVER:
             message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
             yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
         if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:

@@ -41,7 +41,7 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
         )
         name = subject.env.get("ROS_IP") or subject.env.get("ROS_HOSTNAME", "")
         if beside:
-            message = f"'{subject.name}' is on another network ({subject.network}) than '{beside.name}' (host)"
+            message = f"'{subject.name}' is on another network ({_shown(subject)}) than '{beside.name}' (host)"
         elif subject.ros1 and name in LOCAL and (name or subject.network in ("bridge", "default")):
             said = f"says '{name}'" if name else "is not said"
             message = f"ROS 1 on {subject.network}, and the address at which others reach it {said}"
@@ -49,6 +49,10 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
             continue
         remedy = "network_mode: host for all of them, or ROS_IP with the container's address"
         yield Finding("mixed-networks", subject.option("network_mode"), message, remedy)
+
+
+def _shown(subject: Subject) -> str:
+    return ", ".join(subject.options.get("networks") or ()) or subject.network
 
 
 def _talk(one: Subject, other: Subject) -> bool:

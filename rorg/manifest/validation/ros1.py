@@ -71,7 +71,7 @@ def _unprobed(robot: Robot) -> Iterator[Finding]:
         if subject.name not in needed or subject.service.ready is not None:
             continue
         what = next((INFRASTRUCTURE[p] for p in sorted(subject.programs) if p in INFRASTRUCTURE), "")
-        if what or subject.options.get("ports"):
+        if what or any(not str(port).endswith("/udp") for port in subject.options.get("ports") or ()):
             who = f"'{subject.name}' is {what}" if what else f"'{subject.name}' has ports that others reach"
             message = f"{who}, and those that need it start before it answers"
             yield Finding("needed-without-ready", subject.source.where("metadata", "name"), message)

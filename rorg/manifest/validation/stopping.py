@@ -54,7 +54,7 @@ def _python(subject: Subject) -> bool:
 def _shells(robot: Robot) -> Iterator[Finding]:
     """A shell that does not hand on the signal. With an init that signals the whole group all get it, and what is left
     is that the shell's own exit code hides that of its program."""
-    for subject in (s for s in robot.subjects if s.script):
+    for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
         commands = [c for c in subject.commands if c]
         last = commands[-1] if commands else ()
         group = subject.options.get("init") and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
