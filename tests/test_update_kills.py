@@ -63,7 +63,9 @@ class Watch(threading.Thread):
         """Service -> digests of what runs of it was made from. Each is asked for again: a list is no one moment."""
         found: dict[str, list[str]] = {}
         for row in self.api.containers(filters={"label": f"{LABEL_OWNER}={self.owner}"}):
-            if self.api.inspect_container(row["Id"])["State"]["Running"]:
+            with contextlib.suppress(docker.errors.NotFound):  # it has gone since the list
+                if not self.api.inspect_container(row["Id"])["State"]["Running"]:
+                    continue
                 found.setdefault(row["Labels"][LABEL_SERVICE], []).append(row["Labels"][LABEL_SPEC])
         return found
 
