@@ -53,6 +53,9 @@ _NETWORKS = {
     "ros-masters-differ": Code(
         WARNING, "Nodes at different masters do not see each other.", "one ROS_MASTER_URI for all"
     ),
+    "ros2-local-on-bridge": Code(
+        WARNING, "On a network of its own a container is a machine of its own.", "network_mode: host"
+    ),
     "port-taken-twice": Code(WARNING, "The second one cannot start.", "another port, or conflicts between the two"),
     "port-probed-twice": Code(
         WARNING,
@@ -152,6 +155,7 @@ _ROS2 = {
     "ros2-daemon": Code(
         WARNING, "The daemon remembers nodes that are gone, and is killed with the container.", "--no-daemon"
     ),
+    "misspelt-rmw": Code(WARNING, "Every program of ROS 2 ends at once.", "rmw_fastrtps_cpp"),
     "shm-too-small": Code(WARNING, "A participant that gets no shared memory sends nothing.", "shm_size: 256Mi"),
 }
 

@@ -25,6 +25,7 @@ DEVICES = {
         "plugging it in, or its name in /dev/serial/by-id",
         machine=True,
     ),
+    "device-as-volume": Code(WARNING, "Operation not permitted, also for root.", "driver: {devices: [...]}"),
     "device-shared": Code(WARNING, "Two programs at one port get half of the data each.", "conflicts between the two"),
     "device-without-group": Code(WARNING, "The device is there, and may not be opened.", "driver: {groups: [dialout]}"),
     "realtime-without-sys-nice": Code(
@@ -68,6 +69,11 @@ MOUNTS = {
         "rorg splits a command into words and runs no shell.",
         'command: [bash, -c, "..."] with exec before the last program',
     ),
+    "program-in-background": Code(
+        WARNING,
+        "The container goes on, and counts as ready, when half of it is gone.",
+        "a Service of its own for each program",
+    ),
     "sudo-without-privileges": Code(WARNING, "The command fails at once.", "user: root, and no sudo"),
 }
 LIMITS = {
@@ -76,6 +82,14 @@ LIMITS = {
     ),
     "always-on-over-budget": Code(
         WARNING, "The machine is overloaded before anything was requested.", "fewer services that are always on"
+    ),
+    "budget-without-resources": Code(
+        WARNING,
+        "It is admitted whatever else runs: too much at once.",
+        "resources: {cpu: 0.5, memory: 100Mi}",
+    ),
+    "read-only-ros": Code(
+        WARNING, "It ends at once: cannot create a log directory.", "tmpfs: [/tmp], with ROS_LOG_DIR: /tmp/ros"
     ),
     "log-without-limits": Code(
         WARNING,
@@ -101,6 +115,8 @@ PROGRAMS = {
     "ros-entrypoint-replaced": Code(
         WARNING, "Nothing of ROS is on the path.", "/ros_entrypoint.sh as the first word of the entry point"
     ),
+    "misspelt-image": Code(WARNING, "The image cannot be had, and the service waits for ever.", "the Image's name"),
+    "misspelt-variable": Code(WARNING, "A variable with another name has no effect, in silence.", "its right name"),
     "costly-probe": Code(
         WARNING, "A dozen of these take a core.", "ros_node, ros_topic or ros_service, which cost 2 ms"
     ),

@@ -24,7 +24,7 @@ GROUPS = (
     (re.compile(r"/dev/(video|v4l/)"), "video"),
     (re.compile(r"/dev/input/"), "input"),
 )
-DISPLAYS = "/tmp/.X11-unix"
+DEVICE = re.compile(r"/dev/(?!shm|log|pts|mqueue|null$|zero$|random$|urandom$|full$|hugepages).+")
 NVIDIA = ("NVIDIA_VISIBLE_DEVICES", "NVIDIA_DRIVER_CAPABILITIES")
 
 
@@ -49,6 +49,19 @@ def _whole(robot: Robot) -> Iterator[Finding]:
             host = next(host for host, _ in subject.devices if host.rstrip("/") == "/dev")
             message = f"'{subject.name}' gets every device that is there when it is made"
             yield Finding("whole-dev-mounted", subject.device(host), message)
+
+
+def _bound(robot: Robot) -> Iterator[Finding]:
+    """A file of a device without the right to use it: the kernel asks the control group, not the file."""
+    for subject in robot.subjects:
+        if subject.options.get("privileged") or subject.options.get("device_cgroup_rules"):
+            continue
+        given = {host for host, _ in subject.devices}
+        for mount in subject.mounts:
+            if DEVICE.match(mount.path) and not any(mount.path == g or g.startswith(f"{mount.path}/") for g in given):
+                message = f"{mount.path} is mounted as a file, and opening it is not permitted"
+                remedy = f"driver: {{devices: [{mount.path}]}}"
+                yield Finding("device-as-volume", subject.volume(mount), message, remedy)
 
 
 def _privileges(robot: Robot) -> Iterator[Finding]:
@@ -113,4 +126,4 @@ def _screens(robot: Robot) -> Iterator[Finding]:
             yield Finding("gpu-variables-without-gpu", subject.variable(name), message)
 
 
-CHECKS = (_paths, _whole, _privileges, _shared, _groups, _realtime, _screens)
+CHECKS = (_paths, _whole, _bound, _privileges, _shared, _groups, _realtime, _screens)

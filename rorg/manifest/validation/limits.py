@@ -53,6 +53,26 @@ def _budgets(robot: Robot) -> Iterator[Finding]:
             yield Finding("always-on-over-budget", policy.where("spec", "budget", name), message)
 
 
+def _uncounted(robot: Robot) -> Iterator[Finding]:
+    """What a budget does not know of."""
+    budget = robot.catalog.policy.budget
+    if budget is None:
+        return
+    for subject in robot.subjects:
+        if not (subject.service.cpu or subject.service.memory):
+            message = f"the Policy has a budget, and '{subject.name}' counts for nothing in it"
+            yield Finding("budget-without-resources", subject.source.where("metadata", "name"), message)
+
+
+def _read_only(robot: Robot) -> Iterator[Finding]:
+    """ROS writes logs before it does anything else."""
+    for subject in (s for s in robot.subjects if s.ros and s.options.get("read_only")):
+        writes = subject.options.get("tmpfs") or any(not m.read_only for m in subject.mounts)
+        if not writes:
+            message = f"'{subject.name}' may write nowhere, and ROS begins with a log file"
+            yield Finding("read-only-ros", subject.option("read_only"), message)
+
+
 def _logs(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         logging = subject.options.get("logging") or {}
@@ -112,4 +132,4 @@ def _bags(robot: Robot) -> Iterator[Finding]:
                 yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_expected, _budgets, _logs, _terminals, _kernel, _zones, _bags)
+CHECKS = (_expected, _budgets, _uncounted, _read_only, _logs, _terminals, _kernel, _zones, _bags)

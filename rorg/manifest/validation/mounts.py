@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from rorg.manifest.files import real
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
-from rorg.manifest.validation.subject import SHELLS, Mount, Subject
+from rorg.manifest.validation.subject import Mount, Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN
 
@@ -125,25 +125,4 @@ def _program(subject: Subject, path: str, shown: str) -> Iterator[Finding]:
         yield Finding("script-with-crlf", subject.command(), message)
 
 
-def _syntax(robot: Robot) -> Iterator[Finding]:
-    """Words that only a shell understands, where none runs."""
-    shell = ("&&", "||", ";", "|", ">", ">>", "2>&1", "<", "&")
-    for subject in robot.subjects:
-        words = (
-            tuple(map(str, subject.options.get("command") or ()))
-            if isinstance(subject.options.get("command"), list | tuple)
-            else ()
-        )
-        if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
-            continue
-        found = "source" if words[0] in ("source", ".") else next((w for w in words if w in shell), "")
-        found = found or next((w for w in words if w.startswith(("$(", "`"))), "")
-        if found:
-            message = f"no shell runs this command, and '{found}' is handed to the program as it is"
-            yield Finding("shell-words-without-shell", subject.command(), message)
-        elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
-            message = "sudo gains nothing under no-new-privileges"
-            yield Finding("sudo-without-privileges", subject.command(), message)
-
-
-CHECKS = (_sockets, _sources, _hiding, _files, _syntax)
+CHECKS = (_sockets, _sources, _hiding, _files)

@@ -51,6 +51,16 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
         yield Finding("mixed-networks", subject.option("network_mode"), message, remedy)
 
 
+def _local_only(robot: Robot) -> Iterator[Finding]:
+    """ROS 2 that looks for others on its own machine alone, where each container counts as one."""
+    for subject in (s for s in robot.ros2 if s.network not in ("host", "none") and ":" not in s.network):
+        local = subject.env.get("ROS_LOCALHOST_ONLY") == "1"
+        name = "ROS_LOCALHOST_ONLY" if local else "ROS_AUTOMATIC_DISCOVERY_RANGE"
+        if len(robot.ros2) > 1 and (local or subject.env.get(name) == "LOCALHOST"):
+            message = f"{name} keeps '{subject.name}' within its own container"
+            yield Finding("ros2-local-on-bridge", subject.option("network_mode"), message)
+
+
 def _shown(subject: Subject) -> str:
     return ", ".join(subject.options.get("networks") or ()) or subject.network
 
@@ -138,4 +148,4 @@ def _probed(robot: Robot) -> Iterator[Finding]:
             yield Finding("port-probed-twice", subject.at("ready", "tcp"), message)
 
 
-CHECKS = (_host_names, _mixed, _alone, _masters, _differing, _ports, _probed)
+CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)

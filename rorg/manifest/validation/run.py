@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from rorg.manifest.documents import Source
-from rorg.manifest.validation import devices, idle, limits, mounts, networks, programs, ros1, ros2, stopping
+from rorg.manifest.validation import (
+    commands,
+    devices,
+    idle,
+    limits,
+    mounts,
+    networks,
+    programs,
+    ros1,
+    ros2,
+    stopping,
+    variables,
+)
 from rorg.manifest.validation.allowing import allowed
 from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.finding import Check, Finding
@@ -14,7 +26,7 @@ from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic
 
-FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, limits, programs)
+FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, commands, limits, programs, variables)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 
