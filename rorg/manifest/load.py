@@ -100,12 +100,7 @@ def _load(
 def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
     """What the checks of the whole say; only errors of a tree that is refused anyway: who is missing in it may be
     what its others need."""
-    try:
-        found = validate(catalog, by_kind)
-    except Exception as bug:
-        if refused:
-            return []
-        return [replace(unexpected(next(iter(catalog.services.values())).where, bug), severity="warning")]
+    found = validate(catalog, by_kind)
     return [d for d in found if d.severity == "error"] if refused else found
 
 
