@@ -16,6 +16,8 @@ ACTUATORS = re.compile(
     re.IGNORECASE,
 )
 """Words by which programs are known that move something."""
+LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manipulator|ptu)(?![a-z])")
+"""Names of drivers that move something. Words of other services as well, so only names of drivers count."""
 NEVER = 86_400.0
 """Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
@@ -25,6 +27,7 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.pauses):
         said = f"{subject.name} {subject.source.description}" if subject.service.driver else ""
         found = ACTUATORS.search(f"{text_of(subject)} {said}")
+        found = found or (LIMBS.search(subject.name) if subject.service.driver else None)
         if found:
             message = f"'{subject.name}' is paused when idle, and it moves something ('{found[0]}'): resumed, it gets "
             message += "all commands that came meanwhile"

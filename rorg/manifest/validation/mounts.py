@@ -32,7 +32,6 @@ def _sockets(robot: Robot) -> Iterator[Finding]:
             if name in ENGINES:
                 message = f"'{subject.name}' may tell the engine anything: it is root on this machine"
                 yield Finding("engine-socket-mounted", where, message)
-                continue
             message = f"{mount.path} is one socket; a new one takes its place when its program starts again, and "
             message += f"'{subject.name}' keeps the dead one"
             remedy = f"{posixpath.dirname(mount.path)}, its directory"
