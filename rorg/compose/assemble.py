@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rorg.compose.forms import Context
-from rorg.compose.nodes import Node, kept, read_nodes, without
+from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
+from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 

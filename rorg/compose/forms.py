@@ -136,7 +136,7 @@ class Words(Form):
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
-            return None
+            return node  # takes away what files before say
         if isinstance(node.value, str):
             try:
                 words, rest = split(node.value)
