@@ -10,6 +10,7 @@ from rorg.core.admission import Admission, admission_for, admit
 from rorg.core.cache import Cache
 from rorg.core.check import check
 from rorg.core.desired import Desired
+from rorg.core.devices import unplugged
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
@@ -28,6 +29,7 @@ from rorg.core.situation import Situation
 from rorg.core.wanted import Wanted, urgent
 from rorg.core.withheld import Withheld, over, withhold
 from rorg.model.catalog import Hold, Request
+from rorg.model.devices import Device, Plugged
 from rorg.model.units import format_time, parse_time, stamp
 
 FRESH = 1.0
@@ -65,6 +67,8 @@ class Inputs:
     """Service -> when somebody asked that what failed of it be tried again."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    devices: Mapping[Device, Plugged] = field(default_factory=dict)
+    """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
     cache: Cache | None = None
     """Of the last pass; whatever has changed since is found anew."""
 
@@ -166,7 +170,8 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
     memory = retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries)
-    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
+    missing = unplugged(desired, inputs.devices)
+    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched, missing)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
@@ -191,6 +196,8 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         closed=eviction.closed,
         suspended=suspended,
         images=inputs.images,
+        devices=inputs.devices,
+        unplugged=missing,
         withheld=withheld,
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
@@ -228,7 +235,12 @@ def _evicted(
 
 
 def _followed(
-    memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
+    memory: Memory,
+    wanted: Wanted,
+    inputs: Inputs,
+    cache: Cache | None,
+    touched: Collection[str],
+    unplugged: Collection[str],
 ) -> tuple[Memory, Followed | None]:
     if not inputs.observed.complete:
         return renew_all(memory, inputs.desired), None
@@ -242,6 +254,7 @@ def _followed(
         inputs.now,
         inputs.booted_at,
         touched,
+        unplugged,
     )
 
 

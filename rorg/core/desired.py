@@ -10,6 +10,7 @@ from typing import Any
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
 from rorg.model.catalog import RUN, Catalog, Probe, Service
+from rorg.model.devices import Device
 from rorg.model.image_names import declared
 
 
@@ -37,6 +38,10 @@ class Desired:
     """Set -> the services that change together."""
     interlocks: Mapping[str, Probe]
     """Of the services that have one."""
+    drivers: tuple[str, ...] = ()
+    """Services that wait for devices."""
+    devices: tuple[Device, ...] = ()
+    """All of these."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
@@ -85,6 +90,8 @@ def desire(
         },
         sets=_sets(services),
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
+        drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
+        devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
     )
 

@@ -12,6 +12,7 @@ from typing import Any
 from rorg.core.masking import marked, secrets_of
 from rorg.core.observed import (
     LABEL_DECLARED,
+    LABEL_DEVICES,
     LABEL_OWNER,
     LABEL_PREVIOUS,
     LABEL_RULES,
@@ -69,9 +70,11 @@ def labels(
     rules: Rules,
     previous: str = "",
     secrets: Collection[str] = (),
+    devices: str = "",
 ) -> Mapping[str, str]:
     """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
-    the place of which one. `secrets`: variables whose values are not to be read from it."""
+    the place of which one. `secrets`: variables whose values are not to be read from it. `devices`: the nodes that it
+    is given."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
@@ -80,6 +83,7 @@ def labels(
         LABEL_DECLARED: canonical(declared_fields(spec, secrets)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
         **({LABEL_PREVIOUS: previous} if previous else {}),
+        **({LABEL_DEVICES: devices} if devices else {}),
     }
 
 

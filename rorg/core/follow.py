@@ -29,6 +29,7 @@ class Followed:
     results: ProbeResults
     in_flight: Collection[str]
     booted_at: str
+    unplugged: frozenset[str]
     progress: Mapping[str, Progress]
     restless: frozenset[str]
     """Services whose memory another look might change though nothing else has: it has just changed, or does so with the
@@ -45,15 +46,16 @@ def follow(
     now: float,
     booted_at: str,
     touched: Collection[str],
+    unplugged: Collection[str] = (),
 ) -> tuple[Memory, Followed]:
     """Takes note of what is wanted and observed now. `touched` are services whose containers are others, or otherwise,
-    than at the last look. Of a complete observation."""
+    than at the last look; `unplugged` those of which a device is not there. Of a complete observation."""
     services, by_service = desired.catalog.services, observed.by_service()
     same = kept is not None and kept.desired is desired and kept.wanted is wanted and kept.booted_at == booted_at
     if kept is None or not same or any(n not in desired.digests for n in touched):
         kept, names = None, set(desired.digests)
     else:
-        names = _to_look_at(kept, memory, desired, results, touched)
+        names = _to_look_at(kept, memory, desired, results, touched) | (kept.unplugged ^ set(unplugged))
     progress = {**memory.progress}
     for name in memory.progress.keys() - desired.digests.keys() - by_service.keys():
         del progress[name]
@@ -69,6 +71,7 @@ def follow(
             busy=name in memory.in_flight,
             now=now,
             booted_at=booted_at,
+            unplugged=name in unplugged,
         )
         step = _one(before, service, desired, seen)
         same = step is before and name in memory.progress
@@ -84,6 +87,7 @@ def follow(
         results=results,
         in_flight=frozenset(memory.in_flight),
         booted_at=booted_at,
+        unplugged=frozenset(unplugged),
         progress=memory.progress,
         restless=frozenset(restless),
     )

@@ -15,6 +15,7 @@ LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
+LABEL_DEVICES = "rorg.io/devices"
 SERVICE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
 """What a service may be called, in any version."""
 
@@ -27,6 +28,7 @@ class Labelled(TypedDict):
     declared: str
     rules: str
     previous: str
+    devices: str
 
 
 def from_labels(labels: Mapping[str, str]) -> Labelled:
@@ -38,6 +40,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
         "declared": labels.get(LABEL_DECLARED, ""),
         "rules": labels.get(LABEL_RULES, ""),
         "previous": labels.get(LABEL_PREVIOUS, ""),
+        "devices": labels.get(LABEL_DEVICES, ""),
     }
 
 
@@ -63,6 +66,8 @@ class Container:
     """The label rorg.io/rules: what of its manifest still counts when no manifest declares it any more."""
     previous: str = ""
     """The label rorg.io/previous: id of the container that it takes the place of, kept until this one is proven."""
+    devices: str = ""
+    """The label rorg.io/devices: JSON of the nodes that it was given for its devices."""
     created_at: str = ""
     """When it was made, as started_at."""
     live: Mapping[str, Any] = field(default_factory=dict)

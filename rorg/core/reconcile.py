@@ -8,6 +8,7 @@ from typing import Any
 
 from rorg.core.adjust import adjust, passing_name
 from rorg.core.deferred import content_to_restart_for, deferred
+from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.observed import Container
@@ -16,6 +17,7 @@ from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.codes import DEVICE
 from rorg.model.units import format_seconds
 
 
@@ -41,16 +43,14 @@ class _Reconciled:
         self.view, self.service, self.moving = view, service, moving
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
+        self.nodes = nodes_of(service, view.s.devices)
         self.notes: list[Waiting] = []
         self.alarm: float | None = None
 
     def steps(self) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
-        name, spec = self.name, self.service.spec or {}
-        pairs = [
-            (c, difference(c, spec, self.desired.digests[name], self.desired.declared[name]))
-            for c in self.view.of(name)
-        ]
+        name = self.name
+        pairs = [(c, self.difference(c)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale], _changed(stale))
@@ -58,6 +58,8 @@ class _Reconciled:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
+        if current is None and name in self.s.unplugged and name not in self.s.wanted:
+            return self.cease(stale[0][0]) if stale else []  # one is made once its device is there, or it is wanted
         steps: list[Step] = []
         new_name = ""
         if current is None:
@@ -83,6 +85,14 @@ class _Reconciled:
         elif swap.old or any(diff.recreate for _, diff in stale):
             return [replace(s, part_of="replace") for s in steps]
         return restarting(current and current[0], steps)
+
+    def difference(self, container: Container) -> Difference:
+        """How a container differs from what is declared, or was given another node than its device has now."""
+        spec, desired = self.service.spec or {}, self.desired
+        found = difference(container, spec, desired.digests[self.name], desired.declared[self.name])
+        if found.recreate or not replugged(container, self.nodes):
+            return found
+        return replace(found, recreate=(NODES,))
 
     def stay(
         self,
@@ -141,10 +151,9 @@ class _Reconciled:
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """`old` is to be gone back to if the new one does not come up."""
-        spec = self.service.spec or {}
-        made_from = self.desired.digests[self.name]
+        spec, made_from = self.service.spec or {}, self.desired.digests[self.name]
         previous, secrets = old.id if old else "", self.service.secrets
-        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), previous, secrets)
+        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), previous, secrets, self.nodes)
         before = old or next((c for c, _ in stale), None)
         return Step(
             "create",
@@ -153,7 +162,7 @@ class _Reconciled:
             _changed(stale),
             {
                 "name": name,
-                "spec": spec,
+                "spec": given(self.service, self.s.devices),
                 "labels": marks,
                 "digest": made_from,
                 "before": before.id if before else "",
@@ -188,7 +197,7 @@ class _Reconciled:
         if container.state == "paused":
             return [Step("resume", container, why)]
         if container.active:
-            return []
+            return self.without_device(container)
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
@@ -196,6 +205,14 @@ class _Reconciled:
         if container.state == "exited" and self.step.exited == container.incarnation:
             why += f"; {self.step.error}"
         return [Step("start", container, why, args=start)]
+
+    def without_device(self, container: Container) -> list[Step]:
+        """What becomes of one that runs and whose device is gone."""
+        why = self.s.unplugged.get(self.name, "")
+        if not why or self.service.unplugged == "keep":
+            return []
+        self.notes.append(Waiting(self.name, why, code=DEVICE))
+        return [stop(container, why, self.service)]
 
     def cease(self, container: Container) -> list[Step]:
         """A service that nobody wants: as its idle policy says. (Removal is steps()'s: nothing is kept then.)"""

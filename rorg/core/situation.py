@@ -10,6 +10,7 @@ from rorg.core.memory import Memory
 from rorg.core.missing import Missing
 from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
+from rorg.model.devices import Device, Plugged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,5 +50,9 @@ class Situation:
     """Why nothing is done at all now."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    devices: Mapping[Device, Plugged] = field(default_factory=dict)
+    """What there is of the devices of drivers, as far as it is known."""
+    unplugged: Mapping[str, str] = field(default_factory=dict)
+    """Services of which a device cannot be used now, each with why."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

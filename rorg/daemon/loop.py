@@ -17,7 +17,9 @@ from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
+from rorg.host.devices import elsewhere
 from rorg.model.catalog import Thresholds
+from rorg.model.devices import Device, Plugged
 from rorg.model.units import parse_time
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
@@ -44,7 +46,7 @@ class Loop:
         self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
         self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
-        self.images = parts.images
+        self.images, self.devices = parts.images, parts.devices
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
@@ -192,8 +194,13 @@ class Loop:
             confirmed=document.removals,
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
+            devices=self._devices(),
             cache=self.decision.cache if self.decision else None,
         )
+
+    def _devices(self) -> Mapping[Device, Plugged]:
+        wanted = self.tree.desired.devices
+        return self.devices.of(wanted) if self.engine.local else elsewhere(wanted)
 
     def _without_all(self, inputs: Inputs) -> Inputs:
         """Of a robot that is taken down: nothing is asked for, and everything may go."""

@@ -27,6 +27,7 @@ from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.host.clock import booted_at, wall_clock
+from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
@@ -87,9 +88,10 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
+    devices = DeviceWatch(wakes.wake)
     notified = Wakeup(state.path, wakes.requests_changed)
     bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
-    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, watcher, notified, observer)
+    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, devices, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -104,6 +106,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         recorder=recorder,
         publisher=publisher,
         images=images,
+        devices=devices,
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
         threads=threads,

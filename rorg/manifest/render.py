@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source
+from rorg.manifest.driver import devices_of, options_of
 from rorg.manifest.files import read_plain, read_text, real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
@@ -24,11 +25,6 @@ from rorg.model.catalog import RUN, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.volumes import mounted_at
 
-REALTIME = {
-    "cap_add": ["SYS_NICE"],
-    "ulimits": {"rtprio": {"soft": 99, "hard": 99}, "memlock": {"soft": -1, "hard": -1}},
-}
-"""What a control loop needs to run at a real-time priority with its memory locked."""
 ROS_MASTER = "http://localhost:11311"
 """Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
 
@@ -71,6 +67,8 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
         driver=spec.driver is not None,
+        devices=devices_of(spec.driver, profile.without_hardware),
+        unplugged=spec.driver.unplugged if spec.driver else "stop",
         spec=None if meta else container,
         secrets=secrets,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
@@ -167,7 +165,7 @@ def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Ite
     """What the manifest itself puts on its profile, with the part of it that says so."""
     spec: Any = source.spec
     if spec.driver:
-        yield _driver(spec.driver, profile.without_hardware), "driver"
+        yield options_of(spec.driver, profile.without_hardware), "driver"
     own = declared(spec.container)
     mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
     if mounts:  # not merged: a volume of this manifest at the same place is a mistake
@@ -197,21 +195,6 @@ def substitute(value: Any, values: Mapping[str, str]) -> Any:
     if isinstance(value, dict):
         return {k: substitute(v, values) for k, v in value.items()}
     return [substitute(v, values) for v in value] if isinstance(value, list) else value
-
-
-def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
-    """Least privilege: the named devices, the named groups, and the limits of real time only where asked for."""
-    devices = list(driver.devices)
-    if without_hardware:
-        devices = [f"/dev/null:{(d.split(':') + [d])[1] if ':' in d else d}" for d in devices]
-    options: dict[str, Any] = {}
-    if devices:
-        options["devices"] = devices
-    if driver.groups and not without_hardware:
-        options["group_add"] = list(driver.groups)
-    if driver.realtime and not without_hardware:
-        options = merge_options(options, REALTIME)
-    return options
 
 
 def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:

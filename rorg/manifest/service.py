@@ -9,8 +9,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
+from rorg.manifest.driver import Driver
 from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.option_forms import Device, Strict, Text, Words
+from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -25,20 +26,6 @@ class Resources(Strict):
         "Expected CPU, in cores.", 0.6, 0.0
     )
     memory: Memory = unchanging("Expected memory.", "180Mi", 0)
-
-
-class Driver(Strict):
-    """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
-
-    devices: list[Device] = recreate(
-        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm.",
-        ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
-        list,
-    )
-    groups: list[Annotated[Text, check.GROUP]] | None = recreate(
-        "Extra groups inside the container, such as dialout or video.", ["dialout"]
-    )
-    realtime: bool = recreate("SYS_NICE, rtprio 99 and unlimited memlock.", True, False)
 
 
 class Need(Strict):
