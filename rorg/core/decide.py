@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
+from typing import Any
 
 from rorg.core.admission import Admission, admission_for, admit
 from rorg.core.cache import Cache
@@ -170,8 +171,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
     memory = retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries)
-    missing = unplugged(desired, inputs.devices)
-    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched, missing)
+    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
@@ -196,9 +196,8 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         closed=eviction.closed,
         suspended=suspended,
         images=inputs.images,
-        devices=inputs.devices,
-        unplugged=missing,
         withheld=withheld,
+        **_devices(inputs),
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
 
@@ -234,13 +233,13 @@ def _evicted(
     return memory, eviction, admission
 
 
+def _devices(inputs: Inputs) -> dict[str, Any]:
+    """Those of drivers, for a Situation."""
+    return {"devices": inputs.devices, "unplugged": unplugged(inputs.desired, inputs.devices)}
+
+
 def _followed(
-    memory: Memory,
-    wanted: Wanted,
-    inputs: Inputs,
-    cache: Cache | None,
-    touched: Collection[str],
-    unplugged: Collection[str],
+    memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
 ) -> tuple[Memory, Followed | None]:
     if not inputs.observed.complete:
         return renew_all(memory, inputs.desired), None
@@ -254,7 +253,7 @@ def _followed(
         inputs.now,
         inputs.booted_at,
         touched,
-        unplugged,
+        unplugged(inputs.desired, inputs.devices),
     )
 
 

@@ -56,9 +56,7 @@ def follow(
         kept, names = None, set(desired.digests)
     else:
         names = _to_look_at(kept, memory, desired, results, touched) | (kept.unplugged ^ set(unplugged))
-    progress = {**memory.progress}
-    for name in memory.progress.keys() - desired.digests.keys() - by_service.keys():
-        del progress[name]
+    progress = {n: step for n, step in memory.progress.items() if n in desired.digests or n in by_service}
     restless = set(kept.restless) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
     for name in names:

@@ -81,8 +81,8 @@ class Waiting:
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
     """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), withheld (its
-    removal waits for a person's word), deferred (it is left for later), preempted or suspended. Of what only takes its time: image (that
-    is being built or pulled), baking (all is done, and it is seen how it does), or empty."""
+    removal waits for a person's word), deferred (it is left for later), preempted or suspended. Of what only takes its
+    time: image (that is being built or pulled), baking (all is done, and it is seen how it does), or empty."""
 
     @property
     def goes_on(self) -> bool:

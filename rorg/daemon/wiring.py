@@ -74,21 +74,19 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
-    about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    stopping = threading.Event()
+    about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(
         clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
     )
     sampler = _sampler(engine, lambda: loop, wakes)
-    ros = RosPurger(recorder.purged)
+    ros, devices = RosPurger(recorder.purged), DeviceWatch(wakes.wake)
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
-    devices = DeviceWatch(wakes.wake)
     notified = Wakeup(state.path, wakes.requests_changed)
     bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
     threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, devices, watcher, notified, observer)

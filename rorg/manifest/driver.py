@@ -150,11 +150,12 @@ def class_of(device: Device) -> tuple[str, tuple[int, ...]] | None:
     return (found[0][2], tuple(sorted({n for c in found for n in c[3]}))) if found else None
 
 
-def devices_of(driver: Driver | None, without_hardware: bool) -> tuple[Device, ...]:
-    """Those that it waits for."""
-    if driver is None or without_hardware or driver.hotplug:
-        return ()
-    return tuple(device.meant() for device in driver.devices)
+def hardware(driver: Driver | None, without_hardware: bool) -> dict[str, Any]:
+    """What a Service says of it: with the devices that it waits for."""
+    if driver is None:
+        return {}
+    waits = () if without_hardware or driver.hotplug else driver.devices
+    return {"driver": True, "devices": tuple(d.meant() for d in waits), "unplugged": driver.unplugged}
 
 
 def options_of(driver: Driver, without_hardware: bool) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source
-from rorg.manifest.driver import devices_of, options_of
+from rorg.manifest.driver import hardware, options_of
 from rorg.manifest.files import read_plain, read_text, real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.probes import FORMS
@@ -66,9 +66,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        driver=spec.driver is not None,
-        devices=devices_of(spec.driver, profile.without_hardware),
-        unplugged=spec.driver.unplugged if spec.driver else "stop",
+        **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),
