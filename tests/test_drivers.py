@@ -3,6 +3,7 @@ are plugged in."""
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -233,3 +234,62 @@ def test_a_driver_gets_its_devices_and_nothing_more():
 )
 def test_hot_plugging_opens_a_class_of_devices_and_the_directory_of_its_nodes(devices, rules, volumes):
     assert rendered(devices=devices, hotplug=True) == {"device_cgroup_rules": rules, "volumes": volumes}
+
+
+# -- real programs ---------------------------------------------------------------------------------------------
+
+ZERO, NULL = os.makedev(1, 5), os.makedev(1, 3)
+
+
+def put(path: Path, number: int) -> None:
+    """A device node, in one step."""
+    new = path.with_name("new")
+    os.mknod(new, stat.S_IFCHR | 0o666, number)
+    new.rename(path)
+
+
+@root_only
+def test_on_real_engines_a_driver_follows_its_device(real_robot, tmp_path):
+    robot, node = real_robot, tmp_path / "laser"
+    robot.declare({"laser": {"always_on": True, "driver": {"devices": [f"{node}:/dev/laser"]}}})
+    robot.wait(lambda: robot.waits("laser") == f"{node} is not there")
+    assert robot.containers() == [] or robot.states() == {"laser": "created"}
+    put(node, ZERO)
+    robot.wait(lambda: robot.active() == {"laser"})
+    robot.settle()
+    first = robot.container("laser")
+    assert number_inside(robot) in (ZERO, None)
+    node.unlink()
+    robot.wait(lambda: robot.states()["laser"] == "exited" and robot.waits("laser"))
+    put(node, ZERO)
+    robot.wait(lambda: robot.active() == {"laser"})
+    assert robot.container("laser").id == first.id
+    robot.settle()
+    node.unlink()
+    robot.wait(lambda: robot.states()["laser"] == "exited")
+    put(node, NULL)
+    robot.wait(lambda: robot.active() == {"laser"})
+    robot.settle()
+    assert [c.service for c in robot.containers()] == ["laser"]
+    assert robot.container("laser").id != first.id
+    assert number_inside(robot) in (NULL, None)
+
+
+def number_inside(robot) -> int | None:
+    """Of the device as the driver sees it; None on an engine that gives it nothing of its own."""
+    if robot.kind != "docker":
+        return None
+    program = "import os; print(os.stat('/dev/laser').st_rdev); os.close(os.open('/dev/laser', os.O_RDWR))"
+    code, said = robot.engine.exec(robot.container("laser").id, ["python3", "-c", program], 20.0)
+    assert code == 0, said
+    return int(said)
+
+
+def test_hot_plugging_on_docker(docker_robot):
+    driver = {"devices": ["/dev/input/by-id/joystick"], "hotplug": True}
+    tty = {"devices": [{"udev": {"vendor": "0403", "subsystem": "tty"}}], "hotplug": True}
+    docker_robot.declare({"joy": {"always_on": True, "driver": driver}, "tty": {"always_on": True, "driver": tty}})
+    docker_robot.wait(lambda: docker_robot.active() == {"joy", "tty"})
+    look = "import os\ntry: os.open('/dev/kmsg', os.O_RDONLY)\nexcept OSError as error: print(error.errno)"
+    code, said = docker_robot.engine.exec(docker_robot.container("tty").id, ["python3", "-c", look], 20.0)
+    assert (code, int(said)) == (0, errno.EPERM), "what is seen may not be used, but for its class"

@@ -13,15 +13,17 @@ from rorg.model.devices import Device, Plugged
 NODES = "device_nodes"
 """What has changed of a container whose device is another node now."""
 
+UNKNOWN = Plugged(problem="is being looked for")
+
 
 def unplugged(desired: Desired, found: Mapping[Device, Plugged]) -> dict[str, str]:
     """Services of which a device cannot be used, each with why."""
     services = desired.catalog.services
     return {
-        name: f"{device} {found[device].problem}"
+        name: f"{device} {why}"
         for name in desired.drivers
         for device in reversed(services[name].devices)
-        if device in found and found[device].problem
+        if (why := found.get(device, UNKNOWN if device.udev else Plugged()).problem)
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, field, recreate, unchanging
@@ -83,10 +83,6 @@ class DriverDevice(Strict):
         if self.path is not None and ":" in self.path and (self.target or self.permissions):
             raise ValueError("'target' and 'permissions' are already in 'path'")
         return self
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string"}, handler.resolve_ref_schema(handler(core))]}
 
     def meant(self) -> Device:
         """As a value; `text` is exactly what was written where that is one text."""

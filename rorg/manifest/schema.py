@@ -103,6 +103,8 @@ def _loosen(value: Any) -> Any:
     for name, field in properties.items():
         if any("$ref" in form for form in field.get("anyOf", ())):
             continue  # a mapping of its own, such as tmpfs of a mount
+        if name == "devices" and "$ref" in field.get("items", ()):
+            field["items"] = {"anyOf": [{"type": "string"}, field["items"]]}
         written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [
