@@ -46,7 +46,7 @@ class Dockerd:
             subprocess.run(what, check=False, stderr=subprocess.DEVNULL)
 
     def start(self) -> None:
-        # A runtime whose containers do not start while the file `hold` is there.
+        # A runtime whose containers do not start while the file `hold` is there. Another is called as that of GPUs.
         hang = self.folder / "hang"
         wait = f"while [ -e {self.folder}/hold ]; do sleep 0.05; done"
         hang.write_text(f'#!/bin/sh\ncase " $* " in *" start "*) {wait};; esac\nexec runc "$@"\n')
@@ -72,6 +72,8 @@ class Dockerd:
                 "native.cgroupdriver=cgroupfs",
                 "--add-runtime",
                 f"hang={hang}",
+                "--add-runtime",
+                "nvidia=runc",
             ],
             stdout=log,
             stderr=log,

@@ -43,6 +43,8 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         ("profiles", "Profile", kinds.get("profiles", {})),
         ("requests", "Request", kinds.get("requests", {})),
         ("policies", "Policy", kinds.get("policies", {})),
+        ("networks", "Network", kinds.get("networks", {})),
+        ("volumes", "Volume", kinds.get("volumes", {})),
     ):
         (root / folder).mkdir(parents=True, exist_ok=True)
         wanted = {f"{name}.yaml" for name in specs}

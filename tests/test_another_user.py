@@ -29,6 +29,7 @@ SERVICES = {
 }
 LINES = {
     "init": ["init robot"],
+    "import": ["import roslaunch nosuch.launch"],
     "validate": ["validate", "validate robot --engine process"],
     "diff": ["diff", "diff -o json", "diff {tree}"],
     "apply": ["apply --yes --wait", "apply {tree} --yes"],
@@ -54,6 +55,7 @@ LINES = {
     "build": ["build --manifests robot --engine process"],
     "image": ["image list"],
     "demo": ["demo --help"],
+    "export": ["export compose robot"],
     "explain": ["explain service.spec.idle"],
     "edit": ["edit base"],
     "run-with": ["run-with navigation -- true"],
@@ -67,6 +69,7 @@ LINES = {
 }
 """What a member says, command by command; `down` comes last."""
 CODES = {
+    "import roslaunch nosuch.launch": {2},
     "run nowhere": {2},
     "diff {tree}": {0, 1},
     "retry base": {5},

@@ -67,6 +67,8 @@ restart nosuch; restart ''; retry nosuch; retry ''; hold nosuch --for 10m; hold 
 hold arm --for 10m --end
 hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; events -o nosuch; events -f --until 1m
 history nosuch; history show; history show 1 2; history show 1; history show é; history diff; history diff a b c
+import; import nosuch; import compose nosuch.yaml; import compose a-file; import systemd; import systemd nosuch
+import roslaunch a-file x; import compose -o nosuch; export; export nosuch; export compose -o nosuch
 history export x; history export --format xml; history -o nosuch; timeline arm; timeline nosuch; timeline arm -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
 validate ''x

@@ -118,6 +118,40 @@ def test_back_off_outlives_a_moment_without_the_engine(virtual):
     assert sum("> start arm" in line for line in virtual.log()) == began
 
 
+def test_a_container_that_its_engine_cannot_start_any_more_makes_way_for_another_one(virtual):
+    virtual.declare({"arm": {}, "base": {"needs": ["arm"]}})
+    virtual.settle()
+    spent = virtual.container("arm").id
+    virtual.sim.faults.spent.add(spent)
+    virtual.request("base")
+    virtual.wait(lambda: virtual.active() == {"arm", "base"}, 5)
+    assert virtual.container("arm").id != spent
+    assert len(virtual.containers()) == 2
+    assert not virtual.sim.memory.of("arm").crashes
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_so_does_one_of_a_change(virtual, fits):
+    """The new one, or the one before it, that is gone back to: then the new one is all there is, and tried again."""
+    virtual.declare({"arm": {"always_on": True}})
+    virtual.settle()
+    first = virtual.container("arm").id
+    later_edition = {"arm": {"always_on": True, "container": {"environment": {"N": "1"}}}}
+    virtual.declare(later_edition)
+    virtual.wait(lambda: len(virtual.containers()) == 2)
+    second = next(c.id for c in virtual.containers() if c.id != first)
+    spent = second if fits else first
+    virtual.sim.faults.spent.add(spent)
+    bad = virtual.sim.faults.bad
+    bad.update({} if fits else {virtual.sim.desired.digests["arm"]: "exit"})
+    virtual.wait(lambda: spent not in {c.id for c in virtual.containers()})
+    bad.clear()
+    virtual.wait(lambda: virtual.active() == {"arm"}, 120)
+    virtual.settle()
+    assert virtual.container("arm").id not in (first, spent)
+    assert "its change failed" not in virtual.waits("arm") or not fits
+
+
 class Curt:
     """An engine that was too busy to tell more of a container than its state."""
 

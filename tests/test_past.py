@@ -105,7 +105,8 @@ def every_kind_of_file(repository: Repository, mask: int) -> list[str]:
     write("images/a/new", "new")
     (repository.top / "images/a/run.sh").chmod(0o666 & ~mask)
     commit()
-    repository.service("bb", "{image: 'lab/b:1', needs: [aa], container: {env_file: a/seccomp.json}}")
+    raw = "{path: a/seccomp.json, format: raw}"
+    repository.service("bb", f"{{image: 'lab/b:1', needs: [aa], container: {{env_file: {raw}}}}}")
     write("manifests/services/a/seccomp.json", '{"defaultAction": "SCMP_ACT_LOG"}')
     write("images/a/only\nnow", "a line's end in its name")
     commit()

@@ -2,7 +2,8 @@
 and of its overview where the case has one.
 
 Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
-like their service, with their name as id, and were created from the declared spec unless `spec` says what differed.
+like their service, with their name as id unless that is said, and were created from the declared spec unless `spec`
+says what differed.
 """
 
 from __future__ import annotations
@@ -17,18 +18,22 @@ import yaml
 from rorg.core.decide import Inputs, decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
-from rorg.core.memory import InFlight, Memory, ProbeResult, Progress
+from rorg.core.found_objects import FoundObjects
+from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
 from rorg.core.missing import Missing
+from rorg.core.objects import found_object, object_labels
 from rorg.core.observed import Container, Observed
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
+from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Plugged
 from rorg.model.live import LIVE
+from rorg.model.objects import EngineObject
 from rorg.model.units import parse_time
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
@@ -55,6 +60,10 @@ KEYS = {
     "interlocks",
     "pressure",
     "devices",
+    "networks",
+    "volumes",
+    "found",
+    "purge",
 }
 STARTED = "2026-01-01T00:00:00Z"
 
@@ -72,6 +81,8 @@ def catalog_of(case: dict, root: Path):
         "Service": {n: {"image": "img", **(s or {})} for n, s in case["services"].items()},
         "Group": {n: {"services": members} for n, members in case.get("groups", {}).items()},
         "Policy": {"policy": case["policy"]} if "policy" in case else {},
+        "Network": {n: s or {} for n, s in case.get("networks", {}).items()},
+        "Volume": {n: s or {} for n, s in case.get("volumes", {}).items()},
     }
     for kind, specs in kinds.items():
         folder = root / {"Policy": "policies"}.get(kind, f"{kind.lower()}s")
@@ -100,7 +111,7 @@ def container_of(entry: dict, catalog) -> Container:
     live = {k: v for k, v in spec.items() if k in LIVE - {"container_name"}}
     started = "" if entry["state"] == "created" else entry.get("started_at", STARTED)
     return Container(
-        id=name,
+        id=entry.get("id", name),
         name=name,
         service=service,
         state=entry["state"],
@@ -112,6 +123,8 @@ def container_of(entry: dict, catalog) -> Container:
         oom_killed=entry.get("oom_killed", False),
         previous=entry.get("previous", ""),
         devices=canonical(entry["devices"]) if "devices" in entry else "",
+        networks=entry.get("networks", {}),
+        joined=canonical(entry["joined"]) if "joined" in entry else "",
         created_at=entry.get("created_at", ""),
     )
 
@@ -120,6 +133,22 @@ def plugged(said: str) -> Plugged:
     """ "c 188:0 /dev/ttyUSB0", or why it cannot be used."""
     kind, *rest = said.split(" ")
     return Plugged(" ".join(rest[1:]), f"{kind} {rest[0]}") if kind in ("b", "c") else Plugged(problem=said)
+
+
+def objects_of(case: dict, desired) -> FoundObjects | None:
+    """Networks and volumes that are there, each of ours made from what is declared unless `spec` says what differed."""
+    if not case.keys() & {"networks", "volumes", "found"}:
+        return None
+    declared = {one.key: one for one in desired.objects.values()}
+    found = {}
+    for entry in case.get("found", []):
+        kind = "network" if "network" in entry else "volume"
+        called, owner = entry[kind], entry.get("owner", "robot")
+        one = declared.get(f"{kind}/{called}", EngineObject(kind, called, called))
+        one = replace(one, spec=created_from(one.spec, entry.get("spec", "declared")))
+        labels = object_labels(one, owner) if owner else {}
+        found[one.key] = found_object(kind, called, entry.get("id", called), labels)
+    return FoundObjects(found, frozenset(declared), complete=True)
 
 
 def memory_of(case: dict, containers: list[Container], editions: Mapping[str, str]) -> Memory:
@@ -133,6 +162,10 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             said, edition = dict(known["update"]), editions[name]  # an error is that of what the manifest says now
             quarantined = {edition: said.pop("error")} if "error" in said else {}
             known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
+        tried = {verb: Attempt(**attempt) for verb, attempt in known.get("attempts", {}).items()}
+        known = {**known, "attempts": tried} if tried else known
+        if "counted_on" in known:
+            known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
         name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()
@@ -173,7 +206,9 @@ def test_plan(path, tmp_path):
             desired=desired,
             requests=requests,
             restarts=case.get("restarts", {}),
-            observed=Observed(tuple(containers), complete=case.get("complete", True)),
+            observed=Observed(
+                tuple(containers), complete=case.get("complete", True), objects=objects_of(case, desired)
+            ),
             results=results,
             memory=memory_of(case, containers, desired.editions),
             now=now,
@@ -183,6 +218,7 @@ def test_plan(path, tmp_path):
             suspended=suspended,
             wall=wall,
             load=quiet,
+            purge=case.get("purge", False),
             images={r: Missing(**m) for r, m in case.get("images", {}).items()},
             devices={d: plugged(known[d.identity]) for d in desired.devices if d.identity in known},
         )

@@ -19,15 +19,19 @@ from robots import VirtualRobot, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
 from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.joining import joined_of
+from rorg.core.objects import found_object
 from rorg.core.observed import Container
 from rorg.core.plan import Action
 from rorg.core.requests import problems
 from rorg.core.rollout import fits
+from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots, restore, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Catalog, Hold, Request
+from rorg.model.catalog import Catalog, Hold, Request, Service
 from rorg.model.graph import closure, conflicting, overbooked
+from rorg.model.joining import ends_with
 from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
@@ -63,7 +67,9 @@ def services(draw):
                 "after": "3s",
                 "action": draw(st.sampled_from(["stop", "remove"])) if idle["action"] == "pause" else "remove",
             }
+        how = draw(st.sampled_from([None, None, "network_mode", "pid", "volumes_from"])) if needs else None
         found[name] = {
+            "container": joined(how, draw(st.sampled_from(needs))) if how else {},
             "needs": [{"service": n, "restart": True} if draw(st.booleans()) else n for n in needs],
             "always_on": draw(st.integers(0, 5)) == 0,
             "idle": idle,
@@ -86,6 +92,11 @@ def services(draw):
         }
         found[name] = {k: v for k, v in found[name].items() if v is not None}
     return found
+
+
+def joined(option: str, name: str) -> dict:
+    """A container that has something of another one."""
+    return {option: [name] if option == "volumes_from" else f"service:{name}"}
 
 
 def below(specs: dict, names: list[str]) -> set[str]:
@@ -193,6 +204,53 @@ def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
 
 
+USES = st.lists(
+    st.sampled_from(
+        [{}, {"networks": ["n0"]}, {"networks": ["n0", "n1"], "volumes": ["v0:/v"]}, {"volumes": ["v0:/v"]}]
+    ),
+    min_size=3,
+    max_size=3,
+)
+TURNS = st.lists(
+    st.tuples(
+        st.sampled_from(
+            [
+                *("request", "request", "release", "replace", "refused", "kill", "restart", "reborn", "outage"),
+                *("network", "network", "volume", "undeclare", "declare", "theirs", "unnet", "no_network"),
+            ]
+        ),
+        st.sampled_from(NAMES[:3]),
+        st.sampled_from([0.0, 0.02, 0.1, 0.6, 3.0]),
+    ),
+    min_size=5,
+    max_size=16,
+)
+
+
+@settings(
+    max_examples=EXAMPLES // 2,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+@given(services(), USES, TURNS)
+def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
+    live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
+
+
+@settings(
+    max_examples=EXAMPLES // 2,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+@given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
+def test_what_is_joined_follows_what_it_joins(specs, option, events):
+    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
+    second |= {"container": joined(option, NAMES[0]), "always_on": True}
+    live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
+
+
 def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):
     specs = {
         "lidar": {"always_on": True, "exclusive": ["can"], "interlock": {"file": "/allow"}},
@@ -242,9 +300,9 @@ def planned(folder: Path, count: int) -> int:
     return sum(costs)
 
 
-def live_through(specs, policy, events):
+def live_through(specs, policy, events, uses=None):
     with tempfile.TemporaryDirectory() as folder:
-        world = World(Path(folder), specs, policy)
+        world = World(Path(folder), specs, policy, uses or {})
         try:
             robot = Reader(world.load())
         except Invalid:
@@ -254,6 +312,7 @@ def live_through(specs, policy, events):
             time += pause
             robot.at(time, lambda verb=verb, name=name: disturb(robot, verb, name, world))
         robot.at(time, lambda: robot.locked.clear())
+        robot.at(time, lambda: [robot.engine.objects.pop(k) for k, o in [*robot.engine.objects.items()] if not o.owner])
         robot.at(time + REST, lambda: None)
         watch = Watch(robot, world)
         robot.run(lambda r: watch.invariants() and r.now >= time + REST, time + 2 * REST)
@@ -282,11 +341,21 @@ def same_as_anew(read: Inputs, found: Decision) -> None:
 class World:
     """What the manifests say, as it changes."""
 
-    def __init__(self, root: Path, specs: dict, policy: dict) -> None:
-        self.root, self.specs, self.policy = root, copy.deepcopy(specs), policy
+    def __init__(self, root: Path, specs: dict, policy: dict, uses: dict) -> None:
+        self.root, self.specs, self.policy, self.uses = root, copy.deepcopy(specs), policy, uses
+        self.networks: dict[str, dict] = {"n0": {}, "n1": {"internal": True}} if uses else {}
+        self.volumes: dict[str, dict] = {"v0": {}} if uses else {}
 
     def load(self) -> Catalog:
-        return load_or_raise(write_tree(self.root, self.specs, policies={"policy": self.policy}))
+        declared = {"networks": self.networks, "volumes": self.volumes}
+        specs = {n: {**s, "container": {**s.get("container", {}), **self._used(n)}} for n, s in self.specs.items()}
+        return load_or_raise(write_tree(self.root, specs, policies={"policy": self.policy}, **declared))
+
+    def _used(self, name: str) -> dict:
+        """What a service uses of what is declared."""
+        found = dict(self.uses.get(name, {}))
+        found["networks"] = [n for n in found.get("networks", ()) if n in self.networks]
+        return {k: v for k, v in found.items() if v}
 
     def change(self, robot: SimRobot, name: str, **changes) -> None:
         """Changes a manifest, unless that would be refused."""
@@ -321,7 +390,28 @@ def at_rest(robot: SimRobot, world: World) -> None:
     for name in robot.states():
         known = [c for c in robot.engine.list() if c.service == name]
         assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
+    for name in robot.active() - loops:
+        run = next(c for c in robot.engine.list() if c.service == name and c.active)
+        for id in joined_of(run.joined).values():
+            other = robot.engine.inspect(id)
+            assert other, f"{name} is joined to nothing"
+            assert other.active, f"{name} is joined to {other}"
+            ended = id in namespaces(catalog.services[name], run) and other.started_at > run.started_at
+            assert not ended, f"{name} is joined to an earlier run of {other}"
     nobody_waits_in_vain(robot)
+    used = {f"network/{n}" for c in robot.engine.list() for n in c.networks}
+    ours = {key for key, one in robot.engine.objects.items() if one.owner and one.kind == "network"}
+    assert ours <= used | {f"network/{n}" for n in world.networks}, "a network that nobody declares or uses goes"
+
+
+def known(situation: Situation, id: str) -> Container | None:
+    return next((c for c in situation.observed.containers if c.id == id), None)
+
+
+def namespaces(service: Service, container: Container | None) -> list[str]:
+    """Containers whose namespaces a container has."""
+    joins = joined_of(container.joined) if container else {}
+    return [joins[name] for name in ends_with(service.joins) if name in joins]
 
 
 def kept(known: list[Container]) -> bool:
@@ -418,6 +508,10 @@ class Watch:
             for need in services[name].needs:
                 assert services[need].meta or robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
             self.alone(name)
+            for id in namespaces(services[name], known(situation, action.container)):
+                other = known(situation, id)
+                assert other, f"{action}, joined to nothing"
+                assert other.alive, f"{action}, joined to {other}"
             others = [c for c in robot.engine.list() if c.service == name and c.active and c.id != action.container]
             assert not others, f"{action} beside {others}"
         if action.verb == "stop":
@@ -481,6 +575,8 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
     """Something that happens to a robot. What is impossible at the moment does not happen."""
     if verb in ("replace", "always_on", "needs", "refused", "dies", "revert"):
         rewrite(robot, verb, name, world)
+    elif verb in ("network", "volume", "undeclare", "declare", "theirs", "unnet", "no_network"):
+        connect(robot, verb, "n" + name[1:] if name != "s2" else "n1", world)
     elif verb == "reborn":
         robot.reborn(restore(json.loads(json.dumps(snapshot(robot.decision, {})))))
     elif verb in ("unplug", "plug", "plug_elsewhere"):
@@ -525,18 +621,39 @@ def ask(robot: SimRobot, verb: str, name: str) -> None:
 def rewrite(robot: SimRobot, verb: str, name: str, world: World) -> None:
     """A person writes a manifest."""
     spec = world.specs[name]
+    keep = {k: v for k, v in spec["container"].items() if k != "environment"}
     if verb == "replace":
-        world.change(robot, name, container={"environment": {"N": str(robot.now)}})
+        world.change(robot, name, container={**keep, "environment": {"N": str(robot.now)}})
     elif verb == "always_on":
         world.change(robot, name, always_on=not spec["always_on"])
     elif verb in ("refused", "dies"):
-        world.change(robot, name, container={"environment": {"N": str(robot.now), "BAD": "1"}})
+        world.change(robot, name, container={**keep, "environment": {"N": str(robot.now), "BAD": "1"}})
         robot.faults.bad[robot.desired.digests[name]] = {"refused": "start", "dies": "exit"}[verb]
     elif verb == "revert":
-        world.change(robot, name, container={})
+        world.change(robot, name, container=keep)
     else:
         first = [{"service": n, "restart": True} for n in NAMES[: NAMES.index(name)][:1]]
         world.change(robot, name, needs=[] if spec["needs"] else first)
+
+
+def connect(robot: SimRobot, verb: str, name: str, world: World) -> None:
+    """Networks and volumes change, in manifests or behind rorg's back."""
+    objects, key = robot.engine.objects, f"network/{name}"
+    if verb == "network" and name in world.networks:
+        world.networks[name] = {"internal": not world.networks[name].get("internal", False)}
+    elif verb == "volume":
+        world.volumes["v0"] = {"driver_opts": {"o": str(robot.now)}}
+    elif verb == "undeclare":
+        world.networks.pop(name, None)
+    elif verb == "declare":
+        world.networks.setdefault(name, {})
+    elif verb == "theirs" and key not in objects:
+        objects[key] = found_object("network", name, f"theirs{robot.now}", {})
+    elif verb == "unnet" and not any(c.alive and name in c.networks for c in robot.engine.list()):
+        objects.pop(key, None)
+    elif verb == "no_network":
+        robot.faults.fail["create", key] = ["the subnet is taken"] * 2
+    robot.declare(world.load())
 
 
 def spoil(robot: SimRobot, verb: str, name: str, world: World) -> None:

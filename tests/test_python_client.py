@@ -374,6 +374,7 @@ def test_a_service_manages_what_its_manifest_lets_it(robot, behaviour):
         behaviour.put_service("lab-probe", {**spec, "priority": 10})
         assert [m["name"] for m in behaviour.manifests()] == ["lab-probe"]
         assert "priority" in behaviour.manifest("Service", "lab-probe")
+    (robot.tree / "robot.env").write_text("SPEED=5\n")
     for name, more in (
         ("other", {}),
         ("lab-x", {"driver": {}}),
@@ -382,6 +383,8 @@ def test_a_service_manages_what_its_manifest_lets_it(robot, behaviour):
         ("lab-x", {"needs": ["slow"]}),
         ("lab-x", {"conflicts": ["camera"]}),
         ("lab-x", {"priority": 51}),
+        ("lab-x", {"priority": "${NONE:-51}"}),
+        ("lab-x", {"priority": "${NONE:-5}", "container": {"privileged": True}}),
         ("lab-x", {"may_manage": ["*"]}),
         ("lab-x", {"may_restart": ["lidar"]}),
         ("lab-x", {"mounts": ["../services:/x"]}),

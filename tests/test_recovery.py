@@ -114,6 +114,26 @@ def test_a_restart_of_the_engine_is_survived(docker_robot, dockerd):
     assert [r.id for r in robot.requests()] == ["again"]
 
 
+def test_what_an_engine_left_that_was_killed_amid_a_start_is_made_anew(docker_robot, dockerd):
+    """Docker never starts such a container again: its containerd has kept a task of it that does not run."""
+    if not hasattr(dockerd, "folder"):
+        pytest.skip("the engine is not ours to restart")
+    robot, tasks = docker_robot, dockerd.folder / "exec/containerd/daemon/io.containerd.runtime.v2.task/moby"
+    robot.declare({"camera": {}})
+    robot.settle()
+    for number in range(2):
+        made = robot.container("camera").id
+        robot.request("camera", id=f"{number}")
+        wait_for((tasks / made).exists)
+        dockerd.stop(kill=True)
+        dockerd.start()
+        robot.wait(lambda: robot.active() == {"camera"}, 60)
+        robot.settle()
+        assert len(robot.containers()) == 1
+        robot.release(f"{number}")
+        robot.settle()
+
+
 def test_rorg_ends_though_a_start_hangs(docker_robot, dockerd):
     if not hasattr(dockerd, "folder"):
         pytest.skip("the engine is not ours to give a runtime that hangs")

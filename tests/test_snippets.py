@@ -13,6 +13,7 @@ from conftest import ROOT
 
 from rorg.cli.main import app
 from rorg.manifest.documents import read_source
+from rorg.manifest.variables import read_variables
 from rorg.store.requests_parser import parse
 
 PAGES = [
@@ -23,7 +24,8 @@ PAGES = [
 BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```", re.M | re.S)
 PART = re.compile(r"# part of an? (\w+)\n")
 """The first line of a snippet that is only a part of a manifest."""
-REST = {"Service": "spec:\n  image: robot\n", "Policy": "", "Group": "", "Image": "", "Profile": "", "Request": ""}
+KINDS = ("Policy", "Group", "Image", "Network", "Volume", "Profile", "Request")
+REST = {"Service": "spec:\n  image: robot\n", **dict.fromkeys(KINDS, "")}
 
 
 class Snippet(NamedTuple):
@@ -68,7 +70,12 @@ def test_yaml_is_a_manifest_that_validates(snippet, tmp_path):
     if PART.match(text):
         text = completed(text)
     path = tmp_path / "services" / "snippet.yaml"
-    source, diagnostics = read_source(text, path, str(snippet), tmp_path)
+    for other in snippets("sh"):
+        if other.page == snippet.page and other.text.startswith("# robot.env\n"):
+            (tmp_path / "robot.env").write_text(other.text)
+    variables, wrong = read_variables(tmp_path, "")
+    assert not wrong
+    source, diagnostics = read_source(text, path, str(snippet), tmp_path, variables)
     assert not diagnostics, "\n".join(map(str, diagnostics))
     assert source
 

@@ -63,7 +63,9 @@ class Watch(threading.Thread):
         """Service -> digests of what runs of it was made from. Each is asked for again: a list is no one moment."""
         found: dict[str, list[str]] = {}
         for row in self.api.containers(filters={"label": f"{LABEL_OWNER}={self.owner}"}):
-            if self.api.inspect_container(row["Id"])["State"]["Running"]:
+            with contextlib.suppress(docker.errors.NotFound):  # it has gone since the list
+                if not self.api.inspect_container(row["Id"])["State"]["Running"]:
+                    continue
                 found.setdefault(row["Labels"][LABEL_SERVICE], []).append(row["Labels"][LABEL_SPEC])
         return found
 
@@ -73,6 +75,8 @@ class Robot:
         self.folder, self.tree, self.state = folder, folder / "tree", StateDir(folder / "state").prepare()
         self.env = {**os.environ, "DOCKER_HOST": host}
         self.process: commands.Forked | None = None
+        self.doubtful: set[int] = set()
+        """Editions that were on trial when the engine ended what runs: that may count as a change that failed."""
 
     def declare(self, edition: int, command: list[str]) -> None:
         ready = {"exec": ["sh", "-c", "test $EDITION != late"], "timeout": "1s", "interval": "100ms"}
@@ -132,12 +136,13 @@ def one_round(robot: Robot, watch: Watch, dockerd, case: Case) -> None:
     if case.number % 4 == 2 and hasattr(dockerd, "stop"):
         dockerd.stop(kill=chance.random() < 0.5)
         dockerd.start()
-        good = False  # an engine that was killed may refuse to start what it had begun: that is a change that failed
+        robot.doubtful.add(edition)
     robot.start()
+    sure = good and edition not in robot.doubtful
 
     def settled() -> bool:
         found = watch.running()
-        known = [len(found.get(n, [])) == 1 and found[n][0] in wanted(robot, n, good) for n in SERVICES]
+        known = [len(found.get(n, [])) == 1 and found[n][0] in wanted(robot, n, sure) for n in SERVICES]
         return all(known) and at_rest(robot)
 
     wait_for(settled, 90, f"round {case.number} is over")

@@ -72,6 +72,7 @@ class DownBody(Body):
     """How a robot is taken down."""
 
     keep_requests: bool = Field(False, description="Keep what was requested for the next time that rorg runs.")
+    volumes: bool = Field(False, description="Remove its volumes too, with all that is in them.")
 
 
 class PutManifest(Body):

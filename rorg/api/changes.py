@@ -160,16 +160,17 @@ def confirm(current: Current, names: tuple[str, ...]) -> Change:
     return _about(Change(edit, "removal", f"removal of {', '.join(names)} confirmed", names))
 
 
-def down(keep_requests: bool, suspended: str) -> Change:
+def down(keep_requests: bool, volumes: bool, suspended: str) -> Change:
     """Takes the robot down: everything is ceased and removed, then rorg ends. What was asked of it is forgotten, unless
-    its requests are kept for the next one. Raises Refused while rorg is suspended."""
+    its requests are kept for the next one. `volumes`: with its volumes. Raises Refused while rorg is suspended."""
     if suspended:
         raise Refused("take the robot down", f"rorg is {suspended}", "`rorg suspend --end` first")
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        return replace(document if keep_requests else RequestsDocument(), down=True)
+        return replace(document if keep_requests else RequestsDocument(), down=True, purge=volumes)
 
-    return Change(edit, "down", "the robot is taken down" + (", its requests are kept" if keep_requests else ""))
+    told = "the robot is taken down" + (" with its volumes" if volumes else "")
+    return Change(edit, "down", told + (", its requests are kept" if keep_requests else ""))
 
 
 def _about(change: Change) -> Change:

@@ -104,7 +104,7 @@ class Manifests:
             check_name(kind, name, text)
             check_tree(self.root, path, text, self._engine, f"change the {kind} '{name}'", self._robot)
             if caller.kind == "service":
-                vet(caller, name, text, self.operations.catalog)
+                vet(caller, name, text, self.operations.catalog, self.root, self._robot)
             message = body.message or f"{kind} {name}: changed through the API"
             return path, digest(text.encode()), self._change(caller, path, content, text, message)
 

@@ -55,7 +55,7 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:
         """Cease and remove everything, in order, whoever requests it; then rorg ends, and forgets this robot."""
-        return accepted(await asyncio.wrap_future(operations.down(caller, body.keep_requests)))
+        return accepted(await asyncio.wrap_future(operations.down(caller, body.keep_requests, body.volumes)))
 
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:

@@ -245,9 +245,9 @@ class Operations:
         source.fetch(seconds)
         return self.changed(manifest=True), source.as_json()
 
-    def down(self, caller: Caller, keep_requests: bool) -> Future[int]:
+    def down(self, caller: Caller, keep_requests: bool, volumes: bool) -> Future[int]:
         """Takes the robot down; then rorg ends."""
-        return self._change(caller, changes.down(keep_requests, self.decision.situation.suspended))
+        return self._change(caller, changes.down(keep_requests, volumes, self.decision.situation.suspended))
 
     def withheld(self, kind: str, name: str) -> bool:
         """Whether the removal of this Service or Group waits for a person's word."""

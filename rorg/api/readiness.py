@@ -9,7 +9,7 @@ from typing import Any
 from rorg.core.decide import Decision
 from rorg.core.schedule import told_since
 from rorg.core.status import Status
-from rorg.model.codes import NO_IMAGE
+from rorg.model.codes import BLOCKED, NO_IMAGE
 from rorg.model.graph import closure
 
 
@@ -90,6 +90,6 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     stalled = status.condition("Stalled").status == "True"
     settled = not waiting and status.condition("Reconciling").status == "False"
     over = status.wanted and settled and ready.reason in ("Failed", "OutOfMemory")
-    missing = situation.memory.of(name).missing or any(w.code == NO_IMAGE for w in waitings)
+    missing = situation.memory.of(name).missing or any(w.code in (NO_IMAGE, BLOCKED) for w in waitings)
     failing = stalled or over or missing
     return Ready(False, status.incarnation, why, hopeless=failing or bool(status.held))

@@ -118,6 +118,20 @@ class RunView(BaseModel):
     )
 
 
+class ObjectView(BaseModel):
+    """A network or volume."""
+
+    kind: str = Field(description="network or volume.")
+    name: str = Field(description="What services write.")
+    engine_name: str = Field(description="What the engine calls it.")
+    state: str = Field(description="present, none, foreign (it is not rorg's) or unknown.")
+    external: bool = Field(description="Somebody else makes and removes it.")
+    declared: bool = Field(description="A manifest declares it.")
+    ours: bool = Field(description="rorg has made it.")
+    services: list[str] = Field(description="That use it.")
+    message: str = Field(description="What it waits for.")
+
+
 class StatusView(BaseModel):
     """Everything at once."""
 
@@ -136,6 +150,7 @@ class StatusView(BaseModel):
     pressure: PressureView
     plan: PlanView
     runs: dict[str, RunView] = Field(description="By service.")
+    objects: list[ObjectView] = Field(default=[], description="Networks and volumes: declared ones, and what is left.")
     in_flight: dict[str, str] = Field(description="Service, and the engine call that is under way.")
     services: dict[str, ServiceView]
 

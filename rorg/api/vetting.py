@@ -10,6 +10,7 @@ from rorg.errors import Forbidden
 from rorg.manifest.documents import read_source
 from rorg.manifest.profiles import built_in_profiles
 from rorg.manifest.service import ServiceSpec
+from rorg.manifest.variables import read_variables
 from rorg.model.catalog import Catalog, Service
 
 FIELDS = frozenset(
@@ -61,9 +62,11 @@ OPTIONS = frozenset(
 """Options that reach nothing of the machine. The others come from a profile, which a person writes."""
 
 
-def vet(caller: Caller, name: str, text: str, catalog: Catalog) -> None:
-    """Raises Forbidden when a service, which the caller is, writes more than it may into a manifest that it manages."""
-    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml", Path())
+def vet(caller: Caller, name: str, text: str, catalog: Catalog, root: Path, robot: str) -> None:
+    """Raises Forbidden when a service, which the caller is, writes more than it may into a manifest that it manages,
+    as that is read in the tree at `root` for a robot."""
+    variables, _ = read_variables(root, robot)
+    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml", Path(), variables)
     if source is None or not isinstance(source.spec, ServiceSpec):
         return  # that it is wrong is told where manifests are checked
     found = list(_beyond(source.spec, catalog.services[caller.service], catalog))

@@ -7,6 +7,7 @@ from typing import Any
 
 COMMANDS = (
     "init",
+    "import",
     "validate",
     "diff",
     "apply",
@@ -38,6 +39,7 @@ COMMANDS = (
     "edit",
     "build",
     "image",
+    "export",
     "dev",
     "demo",
     "schema",
@@ -59,7 +61,9 @@ ALIASES = {
 def command_of(name: str) -> Callable[..., Any]:
     """The function of a command, by its name or an alias."""
     from importlib import import_module
+    from keyword import iskeyword
 
     module = ALIASES.get(name, name).replace("-", "_")
+    module += "_" * iskeyword(module)
     found: Callable[..., Any] = import_module(f"rorg.cli.{module}").command
     return found

@@ -37,6 +37,7 @@ from rorg.images.devcontainer import document, ours
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog, Service, Spec
 from rorg.model.dev import DevContainer
+from rorg.model.joining import resolved
 from rorg.store.files import locked, make_directory, write_atomic
 
 NAME = re.compile(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+")
@@ -91,8 +92,11 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
     services = {n: (s, s.spec) for n, s in rendered.items() if s.spec is not None}
     images = {*catalog.images, *(content.named(spec["image"]) for _, spec in services.values())}
     if (short := name.removeprefix("service/")) in services:
-        service, spec = services[short]
-        return short, _plugged(what, service), service, content.named(str(spec["image"]))
+        service, declared = services[short]
+        # Joined to what goes by that name when it is made, whether the service itself runs or not.
+        names = {n: rendered[n].container_name for n in service.joins}
+        spec = resolved(_plugged(what, service, declared), service.joins, names)
+        return short, spec, service, content.named(str(spec["image"]))
     if (short := name.removeprefix("image/")) in images:
         return f"image/{short}", plain_spec(content.references.get(short, short)), None, short
     if short in catalog.groups:
@@ -102,13 +106,13 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
     raise missing("service or image", name, {*services, *images})
 
 
-def _plugged(what: str, service: Service) -> Spec:
+def _plugged(what: str, service: Service, spec: Spec) -> Spec:
     """Its container with the nodes that its devices have now. Raises Invalid for one that is not there."""
     found = look(service.devices)
     for device, now in found.items():
         if now.problem:
             raise Invalid(what, f"{device} {now.problem}", "plugging it in")
-    return given(service, found)
+    return given(spec, service, found)
 
 
 def _workspace(given: Path | None) -> str:

@@ -8,6 +8,8 @@ from rorg.cli.options import EngineName, Option, StateDirectory, Timeout, Yes
 from rorg.cli.output import consent, note, table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rorg.cli.context import Context
     from rorg.core.decide import Decision
 
@@ -17,11 +19,15 @@ def command(
     keep_requests: Annotated[
         bool, Option(names=("--keep-requests",), help="Keep what was requested for the next `rorg run`.")
     ] = False,
+    volumes: Annotated[
+        bool, Option(names=("--volumes",), help="Remove the robot's volumes too, with all that is in them.")
+    ] = False,
     timeout: Timeout = 300.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and remove all services of this robot, in order, and forget it; the manifests stay.
+    """Stop and remove all services of this robot, in order, then its networks, and forget it. Manifests stay, and so
+    do volumes, unless they are to go too. What rorg did not make is never removed.
 
     Example: rorg down --yes
     """
@@ -33,11 +39,13 @@ def command(
     if client is None and context.state.owner() is not None:
         raise Unreachable("take the robot down", "the rorg that owns it does not answer", "again in a moment")
     if client is None:
-        _alone(context, yes, keep_requests, timeout)
+        _alone(context, yes, keep_requests, volumes, timeout)
     else:
         view = client.status()
-        _consent(_rows(view["services"]), len(view["requests"]), keep_requests, yes)
-        client.call("PUT", "/v1/down", {"keep_requests": keep_requests})
+        rows = [*_rows(view["services"]), *_object_rows(view.get("objects", ()), volumes)]
+        _consent(rows, len(view["requests"]), keep_requests, yes)
+        # An rorg of before knows of no volumes, and is not told of them.
+        client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | ({"volumes": True} if volumes else {}))
         _until_gone(context, timeout)
     note("the robot is down")
     if others:
@@ -66,6 +74,20 @@ def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
     ]
 
 
+def _object_rows(views: Iterable[dict[str, Any]], volumes: bool) -> list[dict[str, str]]:
+    """Networks and volumes that rorg made: these stay unless `volumes` are to go too."""
+    lost = {True: "removed with all that is in it", False: "stays; --volumes removes it"}
+    return [
+        {
+            "name": f"{view['kind']}/{view['engine_name']}",
+            "state": "",
+            "remark": lost[volumes] if view["kind"] == "volume" else "removed",
+        }
+        for view in views
+        if view["ours"]
+    ]
+
+
 def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes: bool) -> None:
     """Shows what goes, and asks. Raises Refused."""
     if rows:
@@ -73,8 +95,9 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
     from rorg.model.units import counted
 
     kept = "kept" if keep_requests else "forgotten"
+    services = [row for row in rows if "/" not in row["name"]]
     note(
-        f"to stop and remove: {counted(len(rows), 'service')}; requests {kept}: {requests}; "
+        f"to stop and remove: {counted(len(services), 'service')}; requests {kept}: {requests}; "
         "then rorg ends, and the manifests stay"
     )
     if not yes:
@@ -100,7 +123,7 @@ def _until_gone(context: Context, timeout: float) -> None:
     raise NotReady("take the robot down", f"not done after {timeout:g} s: {left}", "`rorg describe` for details")
 
 
-def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> None:
+def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, timeout: float) -> None:
     """Where no rorg runs: the loop runs here until nothing is left."""
     import threading
 
@@ -117,8 +140,9 @@ def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> 
     found, last = context.engine().list(), read_kept(context.state.path).catalog
     known = last.services if last else {}
     there = {c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in found}
-    _consent(_rows(there), len(context.document().requests), keep_requests, yes)
-    context.change(down(keep_requests, "").edit)
+    rows = [*_rows(there), *_object_rows(_ours(context), volumes)]
+    _consent(rows, len(context.document().requests), keep_requests, yes)
+    context.change(down(keep_requests, volumes, "").edit)
     loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)), context.robot)
     timer = threading.Timer(timeout, loop.stop)
     timer.daemon = True
@@ -130,6 +154,15 @@ def _alone(context: Context, yes: bool, keep_requests: bool, timeout: float) -> 
         raise NotReady("take the robot down", f"not done after {timeout:g} s{_left(loop.decision)}", "`rorg describe`")
     clear(context.state)
     context.state.release()
+
+
+def _ours(context: Context) -> list[dict[str, Any]]:
+    """Networks and volumes that this robot has on its engine."""
+    from rorg.engines.protocol import Objects
+
+    engine = context.engine()
+    found = engine.find_objects(()).found.values() if isinstance(engine, Objects) else ()
+    return [{"kind": one.kind, "engine_name": one.called, "ours": True} for one in found]
 
 
 def _left(decision: Decision | None) -> str:

@@ -129,7 +129,8 @@ def _manifest(place: Place) -> dict[str, Any]:
     from rorg.manifest.models import API_VERSION, EXAMPLES
 
     kind = place.path.partition(".")[0].capitalize()
-    name = {"Group": "driving", "Profile": "robot", "Policy": "policy", "Request": "tour"}.get(kind, "navigation")
+    names = {"Group": "driving", "Profile": "robot", "Policy": "policy", "Request": "tour"}
+    name = {**names, "Network": "ros", "Volume": "maps"}.get(kind, "navigation")
     return {"apiVersion": API_VERSION, "kind": kind, "metadata": {"name": name}, "spec": EXAMPLES[kind]}
 
 

@@ -28,6 +28,10 @@ KINDS = {
     "group": "groups",
     "images": "images",
     "image": "images",
+    "networks": "networks",
+    "network": "networks",
+    "volumes": "volumes",
+    "volume": "volumes",
     "profiles": "profiles",
     "profile": "profiles",
     "policies": "policies",
@@ -43,8 +47,8 @@ def command(
     what: Annotated[
         list[str] | None,
         Argument(
-            help="A kind (services, groups, images, profiles, policies, requests), or names of services and groups; "
-            "names may follow a kind.",
+            help="A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
+            "services and groups; names may follow a kind.",
             show_default=False,
             completes=SERVICES,
         ),
@@ -67,8 +71,8 @@ def command(
     output: Output = "table",
     watch: Annotated[bool, Option(names=("-w", "--watch"), help="Keep showing changes.")] = False,
 ) -> None:
-    """List services with their state, or groups, images, profiles, policies, requests. RESTARTS counts unexpected
-    exits; AGE counts from the last start.
+    """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
+    counts unexpected exits; AGE counts from the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """
@@ -151,6 +155,25 @@ def _images(context: Context, names: Sequence[str]) -> Found:
     return rows, found
 
 
+def _objects(kind: str) -> Any:
+    def listed(context: Context, names: Sequence[str]) -> Found:
+        known = [view for view in context.view().get("objects", ()) if view["kind"] == kind]
+        found = _named(kind, names, known, "name")
+        rows = [
+            {
+                **view,
+                "engine": view["engine_name"],
+                "ours": "yes" if view["ours"] else "no",
+                "declared": "yes" if view["declared"] else "no",
+                "services": ",".join(view["services"]),
+            }
+            for view in found
+        ]
+        return rows, found
+
+    return listed
+
+
 def _manifests(kind: str) -> Any:
     def listed(context: Context, names: Sequence[str]) -> Found:
         found = _named(kind.lower(), names, [m for m in context.manifests() if m["kind"] == kind], "name")
@@ -191,6 +214,8 @@ def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> l
 ROWS = {
     "groups": _groups,
     "images": _images,
+    "networks": _objects("network"),
+    "volumes": _objects("volume"),
     "profiles": _manifests("Profile"),
     "policies": _manifests("Policy"),
     "requests": _requests,
@@ -199,6 +224,8 @@ COLUMNS = {
     "services": (("name", "state", "sync", "health", "restarts", "age", "why"), ("priority", "container")),
     "groups": (("name", "services"), ("description",)),
     "images": (("name", "from"), ("services", "context", "dockerfile")),
+    "networks": (("name", "state", "engine", "services"), ("ours", "declared")),
+    "volumes": (("name", "state", "engine", "services"), ("ours", "declared")),
     "profiles": (("name", "file"), ("digest",)),
     "policies": (("name", "file"), ("digest",)),
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),

@@ -193,10 +193,10 @@ def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
 def all_committed(root: Path, robot: str) -> None:
     """Raises Refused where a file of the manifests directory is not as it was committed, or is a manifest that git does
     not know."""
-    from rorg.manifest.documents import manifest_files, overlay_files
+    from rorg.manifest.documents import tree_files
 
     top = top_of(root)
-    manifests = [os.path.relpath(path, top) for path in (*manifest_files(root), *overlay_files(root, robot))]
+    manifests = [os.path.relpath(path, top) for path in tree_files(root, robot)]
     files = [*changed(top, root), *unknown(top, manifests)]
     if files:
         shown = ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")

@@ -16,7 +16,7 @@ from rorg.core.schedule import Target
 from rorg.core.supposed import unlocked
 from rorg.daemon.outliving import remembered
 from rorg.daemon.snapshot import restore, snapshot
-from rorg.engines.protocol import Engine
+from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable
 from rorg.history.database import reading
 from rorg.history.runs import Runs
@@ -56,7 +56,9 @@ def decision(place: Place, catalog: Catalog) -> Decision:
 
 def decision_for(place: Place, desired: Desired) -> Decision:
     """The same for what a tree declares, now or once."""
-    observed = Observed(tuple(place.engine().list()))
+    engine = place.engine()
+    objects = engine.find_objects(desired.keys) if isinstance(engine, Objects) else None
+    observed = Observed(tuple(engine.list()), objects=objects)
     first = _look(place, desired, observed)
     return _look(place, desired, observed, _ready(place, first, desired))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from rorg.model.codes import NO_IMAGE
+from rorg.model.codes import BLOCKED, NO_IMAGE
 
 SETTLED = 0.5
 """Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
@@ -31,7 +31,7 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
         if service is None or not service["wanted"] or service["state"] == "meta":
             continue
         said = [w for w in view["plan"]["waitings"] if w["service"] == name]
-        failed = [w["reason"] for w in said if w.get("code") in ("failed", NO_IMAGE)]
+        failed = [w["reason"] for w in said if w.get("code") in ("failed", NO_IMAGE, BLOCKED)]
         stalled, ready = condition(service, "Stalled"), condition(service, "Ready")
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")

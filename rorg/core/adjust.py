@@ -7,9 +7,9 @@ from collections.abc import Callable
 from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
+from rorg.core.joining import tried
 from rorg.core.observed import Container
 from rorg.core.pressure import LOWERED_SHARES
-from rorg.core.rollout import came_up_at, candidate
 from rorg.core.steps import Step, stop
 from rorg.core.view import View
 from rorg.model.catalog import Service
@@ -95,16 +95,7 @@ def _restart(view: View, service: Service, moving: Callable[[str], bool], contai
             and memory.counted_on.lost(need, container, current)
             and not moving(need)
             and view.s.memory.of(need).ready
-            and not _tried(view, need)
+            and not tried(view, need)
         ):
             return f"{need} was restarted"
     return ""
-
-
-def _tried(view: View, name: str) -> bool:
-    """Whether a new container of it is on trial and has not come up: it may yet be that the one before comes back."""
-    step = view.s.memory.of(name)
-    if candidate(view.of(name), step.update) is None:
-        return False
-    up = came_up_at(step, view.desired.catalog.services[name])
-    return up is None or up > view.now

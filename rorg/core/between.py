@@ -11,9 +11,11 @@ from rorg.core.changed_fields import Change, field_changes
 from rorg.core.desired import Desired
 from rorg.core.digest import declared_fields
 from rorg.core.masking import MASK
+from rorg.core.objects import declared_options
 from rorg.model.catalog import DEVELOPER
+from rorg.model.objects import EngineObject
 
-UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels"))
+UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
 """What makes nothing different for a robot, or is told otherwise."""
 
 CONTENT = "content"
@@ -22,7 +24,8 @@ CONTENT = "content"
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """A service, group, image, request or the Policy that is not the same in both. `verb`: add, change or remove."""
+    """A service, group, image, network, volume, request or the Policy that is not the same in both. `verb`: add, change
+    or remove."""
 
     kind: str
     name: str
@@ -67,6 +70,8 @@ def _things(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
         "Service": {name: _service(desired, name) for name in services},
         "Group": {name: _fields(group) for name, group in catalog.groups.items()},
         "Image": {name: _fields(image) for name, image in catalog.images.items()},
+        "Network": {name: _object(one) for name, one in catalog.networks.items()},
+        "Volume": {name: _object(one) for name, one in catalog.volumes.items()},
         "Request": {request.id: _fields(request) for request in catalog.requests},
         "Policy": {"": _fields(catalog.policy)},
     }
@@ -77,6 +82,11 @@ def _service(desired: Desired, name: str) -> dict[str, Any]:
     service = desired.catalog.services[name]
     contents = dict(desired.contents.get(name, {}))
     return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), CONTENT: contents}
+
+
+def _object(one: EngineObject) -> dict[str, Any]:
+    """A network or volume, with its options."""
+    return {"name": one.called, "external": one.external, **declared_options(one)}
 
 
 def _fields(thing: Any) -> dict[str, Any]:

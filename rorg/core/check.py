@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rorg.core.joining import joined_of
+from rorg.core.observed import LABEL_JOINED
 from rorg.core.onward import Planned
 from rorg.core.plan import Action
 from rorg.core.situation import Situation
+from rorg.model.objects import is_object, subject
 
 STATES = {
     "start": ("created", "exited"),
@@ -28,7 +31,8 @@ def check(planned: Planned) -> list[str]:
             before = [other for other in action.after if other != name or not action.index]
             if any(not plans[other].actions or places[other] >= places[name] for other in before):
                 found.append(f"{action} comes before what it must follow")
-        found += _chain(name, plans[name].actions, planned.situation)
+        of_one = _object_chain if is_object(name) else _chain
+        found += of_one(name, plans[name].actions, planned.situation)
     return found
 
 
@@ -49,7 +53,7 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
             state = known[action.container].state if action.container in known else ""
             if state not in STATES.get(action.verb, (state,)):
                 found.append(f"{action} of a container that is {state}")
-        found += _activation(action, situation)
+        found += _activation(action, situation) + _joined(action, situation)
         if not action.after and action.verb in ("start", "resume"):
             found += [
                 f"{action} beside another active container of it"
@@ -58,6 +62,38 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
             ]
         if situation.interlocks.get(name) and action.verb not in ("create", "rename"):
             found.append(f"{action} against its interlock")
+    return found
+
+
+def _joined(action: Action, situation: Situation) -> list[str]:
+    """A container is made joined to containers that are there."""
+    service = situation.desired.catalog.services.get(action.service)
+    if action.verb != "create" or action.after or service is None or not service.joins:
+        return []
+    ids, containers = joined_of(action.args["labels"].get(LABEL_JOINED, "")), situation.observed.by_service()
+    lost = [n for n in service.joins if ids.get(n) not in {c.id for c in containers.get(n, ())}]
+    return [f"{action}, joined to no container of {', '.join(lost)}"] if lost else []
+
+
+def _object_chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
+    """The same of the actions of a network or volume."""
+    objects, one = situation.observed.objects, situation.desired.objects.get(name)
+    found = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
+    if actions and (objects is None or not situation.observed.complete):
+        return [*found, f"actions for {name} on an incomplete observation"]
+    for action in actions:
+        there = objects.found.get(subject(action.args["object"], action.args["name"])) if objects else None
+        if name in situation.memory.in_flight:
+            found.append(f"a second action for {name} while one is under way")
+        if action.verb == "create" and (one is None or one.external or (there is not None and not action.index)):
+            found.append(f"{action}, which is not for rorg to make")
+        if action.verb == "remove":
+            if there is None or there.owner != situation.owner:
+                found.append(f"{action} touches what is not ours")
+            elif there.kind == "volume" and (one is not None or not situation.purge):
+                found.append(f"{action} loses data")
+            elif one is None and not situation.removals:
+                found.append(f"{action}, which no manifest declares")
     return found
 
 

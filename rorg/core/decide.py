@@ -70,6 +70,8 @@ class Inputs:
     """By reference, those from which no container can be made now."""
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
     """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
+    purge: bool = False
+    """A person has said that volumes of ours go too."""
     cache: Cache | None = None
     """Of the last pass; whatever has changed since is found anew."""
 
@@ -196,6 +198,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         closed=eviction.closed,
         suspended=suspended,
         images=inputs.images,
+        purge=inputs.purge,
         withheld=withheld,
         **_devices(inputs),
     )

@@ -9,9 +9,11 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
+from rorg.core.uses import used_objects
 from rorg.model.catalog import RUN, Catalog, Probe, Service
 from rorg.model.devices import Device
 from rorg.model.image_names import declared
+from rorg.model.objects import EngineObject
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +44,14 @@ class Desired:
     """Services that wait for devices."""
     devices: tuple[Device, ...] = ()
     """All of these."""
+    objects: Mapping[str, EngineObject] = field(default_factory=dict)
+    """Networks and volumes, by their subject in a plan."""
+    uses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Service -> the subjects of those that it uses."""
+    users: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Subject -> the services that use it."""
+    keys: frozenset[str] = frozenset()
+    """By which these are looked for on the engine."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
 
@@ -57,21 +67,14 @@ def desire(
     contents = contents or {}
     catalog = _from_images(_located(catalog, run), images or {})
     services = catalog.services
-    graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
-    dependants: dict[str, list[str]] = {name: [] for name in services}
-    conflicts: dict[str, set[str]] = {name: set() for name in services}
-    sharers: dict[str, list[str]] = {}
-    for name, service in services.items():
-        for need in graph[name]:
-            dependants[need].append(name)
-        for resource in service.exclusive:
-            sharers.setdefault(resource, []).append(name)
-        for other in service.conflicts:
-            if other in services and other != name:
-                conflicts[name].add(other)
-                conflicts[other].add(name)
+    graph, dependants, conflicts, sharers = _relations(services)
+    objects, uses, users = used_objects(catalog)
     return Desired(
         catalog=catalog,
+        objects=objects,
+        uses=uses,
+        users=users,
+        keys=frozenset(one.key for one in objects.values()),
         digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
         editions={
             name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
@@ -94,6 +97,26 @@ def desire(
         devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
     )
+
+
+def _relations(
+    services: Mapping[str, Service],
+) -> tuple[dict[str, list[str]], dict[str, list[str]], dict[str, set[str]], dict[str, list[str]]]:
+    """What each needs; who needs each; who conflicts with each; who uses each exclusive resource."""
+    graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
+    dependants: dict[str, list[str]] = {name: [] for name in services}
+    conflicts: dict[str, set[str]] = {name: set() for name in services}
+    sharers: dict[str, list[str]] = {}
+    for name, service in services.items():
+        for need in graph[name]:
+            dependants[need].append(name)
+        for resource in service.exclusive:
+            sharers.setdefault(resource, []).append(name)
+        for other in service.conflicts:
+            if other in services and other != name:
+                conflicts[name].add(other)
+                conflicts[other].add(name)
+    return graph, dependants, conflicts, sharers
 
 
 def _sets(services: Mapping[str, Service]) -> dict[str, tuple[str, ...]]:

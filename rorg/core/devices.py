@@ -43,10 +43,9 @@ def replugged(container: Container, nodes: str) -> bool:
     return any(given.get(identity, node) != node for identity, node in now.items())
 
 
-def given(service: Service, found: Mapping[Device, Plugged]) -> Spec:
+def given(spec: Spec, service: Service, found: Mapping[Device, Plugged]) -> Spec:
     """Its container as it is to be made now: with the nodes of what is known by its attributes. Paths stay: the engine
     follows them at every start."""
-    spec = service.spec or {}
     nodes = {
         d.text: found[d].node + d.text[len(d.identity) :]
         for d in service.devices

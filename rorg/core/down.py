@@ -19,4 +19,6 @@ def taken_down(desired: Desired, last: Catalog | None) -> Desired:
     }
     # A person has said that everything goes: nothing waits for another word.
     policy = replace(catalog.policy, removals="auto")
-    return desire(replace(catalog, services=services, requests=(), policy=policy), contents=desired.contents)
+    # Nor does any network, or a volume where that was said.
+    gone = replace(catalog, services=services, networks={}, volumes={}, requests=(), policy=policy)
+    return desire(gone, contents=desired.contents)

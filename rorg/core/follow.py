@@ -18,6 +18,7 @@ from rorg.core.seen import Seen
 from rorg.core.transitions import advanced
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
+from rorg.model.objects import is_object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +57,8 @@ def follow(
         kept, names = None, set(desired.digests)
     else:
         names = _to_look_at(kept, memory, desired, results, touched) | (kept.unplugged ^ set(unplugged))
-    progress = {n: step for n, step in memory.progress.items() if n in desired.digests or n in by_service}
+    gone = memory.progress.keys() - desired.digests.keys() - by_service.keys()
+    progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     restless = set(kept.restless) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
     for name in names:
@@ -72,8 +74,7 @@ def follow(
             unplugged=name in unplugged,
         )
         step = _one(before, service, desired, seen)
-        same = step is before and name in memory.progress
-        if not same:
+        if not (same := step is before and name in memory.progress):
             progress[name], changed = step, True
         (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)
     together = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)

@@ -7,17 +7,21 @@ from typing import Protocol
 
 from rorg.core.digest import rules_of
 from rorg.core.images import held_back
+from rorg.core.joining import awaited
 from rorg.core.memory import Progress
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step
 from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.codes import DEVICE
+from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
 Passage = tuple[tuple[str, ...], Waiting | None]
 """Services whose actions the step must follow, or what it waits for."""
 FREE: Passage = (), None
+ENDING = frozenset({"stop", "pause"})
+"""After these a service is not ready any more."""
 
 
 class Earlier(Protocol):
@@ -29,9 +33,30 @@ class Earlier(Protocol):
     def unready(self, name: str) -> str:
         """Why it is not ready and nothing in the plan will make it so; empty otherwise."""
 
+    def code(self, name: str) -> str:
+        """That of what it waits for."""
+
 
 def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     """`leaving` are unwanted services that do not linger."""
+    made, waiting = _objects(view, service.name, step, earlier)
+    if waiting:
+        return (), waiting
+    after, waiting = _gate(view, service, step, earlier, leaving)
+    return (*made, *after), waiting
+
+
+def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
+    """The networks and volumes that a container uses are there before it is made, and before it starts."""
+    uses = view.desired.uses.get(name, ()) if step.verb in ("create", "start") else ()
+    for one in uses:
+        reason = earlier.unready(one)
+        if reason:
+            return (), Waiting(name, f"{one} {reason}", code=earlier.code(one))
+    return tuple(one for one in uses if earlier.moving(one)), None
+
+
+def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
     if step.verb == "create":
         held = held_back(view, service, step.fields)
@@ -56,11 +81,25 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
         return (), Waiting(name, view.s.closed)
+    if step.verb == "create" and service.joins:
+        return _join(view, service, earlier)
     if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
         return _start(view, service, earlier)  # what runs goes on until the new one can begin
     if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
+
+
+def _join(view: View, service: Service, earlier: Earlier) -> Passage:
+    """A container is joined to those of others, so these come first."""
+    after = tuple(need for need in service.joins if earlier.moving(need))
+    if after:
+        return after, None
+    for need in service.joins:
+        if not view.of(need):
+            reason = earlier.unready(need) or "has no container to be joined to"
+            return (), Waiting(service.name, f"{need} {reason}", _ready_at(view, need))
+    return (), awaited(view, service)
 
 
 def _start(view: View, service: Service, earlier: Earlier) -> Passage:
@@ -69,6 +108,8 @@ def _start(view: View, service: Service, earlier: Earlier) -> Passage:
         if earlier.moving(need):
             after.append(need)
         reason = earlier.unready(need)
+        if not reason and need not in after and need in ends_with(service.joins) and not _alive(view, need):
+            reason = "has ended, and with it what would be joined"
         if reason:
             return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
@@ -85,6 +126,11 @@ def _start(view: View, service: Service, earlier: Earlier) -> Passage:
     return tuple(after), None
 
 
+def _alive(view: View, name: str) -> bool:
+    current = view.current(name)
+    return current is not None and current.alive
+
+
 def _ready_at(view: View, need: str) -> float | None:
     """When a needed service becomes ready by the clock alone."""
     services = view.desired.catalog.services
@@ -94,12 +140,17 @@ def _ready_at(view: View, need: str) -> float | None:
     return None
 
 
-def unready(view: View, service: Service, blocked: str, moving: bool) -> str:
-    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short."""
-    if blocked:
-        return f"waits: {blocked}"
+def unready(view: View, service: Service, blocked: str, planned: Collection[str]) -> str:
+    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
+    after the verbs that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
+    it waits for."""
     step = view.s.memory.of(service.name)
-    if moving or step.ready or _completed(view, service, step):
+    goes_on = view.active(service.name) and not ENDING & {*planned}
+    if step.ready and goes_on:
+        return ""
+    if blocked and not goes_on:
+        return f"waits: {blocked}"
+    if (planned and not blocked) or _completed(view, service, step):
         return ""
     if step.running_since is None:
         return f"is not running ({step.error or 'ended'})"

@@ -49,6 +49,8 @@ class Attempt:
     error: str = ""
     missing: bool = False
     """It failed since its image, or its program, is not on this machine: trying again does not help."""
+    spent: bool = False
+    """It failed since the engine will never start that container again: another one does help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,11 @@ class Progress:
     """By verb. What fails of one holds back no other."""
     error: str = ""
     update: Update = Update()
+
+    def spent(self, container: Container) -> bool:
+        """The engine will not start it again."""
+        tried = self.attempts.get("start")
+        return tried is not None and tried.spent and tried.signature[:1] == (container.id,)
 
     def over(self, service: Service, container: Container) -> bool:
         """It ended by itself while wanted, and its restart policy leaves it at that."""

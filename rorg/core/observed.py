@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 from rorg.core.changes import changed_items
+from rorg.core.found_objects import FoundObjects
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_SERVICE = "rorg.io/service"
@@ -16,6 +17,7 @@ LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
 LABEL_DEVICES = "rorg.io/devices"
+LABEL_JOINED = "rorg.io/joined"
 SERVICE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
 """What a service may be called, in any version."""
 
@@ -29,6 +31,7 @@ class Labelled(TypedDict):
     rules: str
     previous: str
     devices: str
+    joined: str
 
 
 def from_labels(labels: Mapping[str, str]) -> Labelled:
@@ -41,6 +44,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
         "rules": labels.get(LABEL_RULES, ""),
         "previous": labels.get(LABEL_PREVIOUS, ""),
         "devices": labels.get(LABEL_DEVICES, ""),
+        "joined": labels.get(LABEL_JOINED, ""),
     }
 
 
@@ -68,6 +72,8 @@ class Container:
     """The label rorg.io/previous: id of the container that it takes the place of, kept until this one is proven."""
     devices: str = ""
     """The label rorg.io/devices: JSON of the nodes that it was given for its devices."""
+    joined: str = ""
+    """The label rorg.io/joined: JSON of the services whose containers it is joined to, each with the id of its one."""
     created_at: str = ""
     """When it was made, as started_at."""
     live: Mapping[str, Any] = field(default_factory=dict)
@@ -81,6 +87,8 @@ class Container:
     """What it is to be stopped with, by the engine: declared when made, or its image's; empty where not known."""
     image: str = ""
     """What the engine calls the image that it was made from (its id); empty where there are none, or not known."""
+    networks: Mapping[str, str] = field(default_factory=dict)
+    """The engine's name of each network that it joins -> that network's id, "" before its first start."""
 
     @property
     def incarnation(self) -> str:
@@ -106,6 +114,8 @@ class Observed:
     containers: tuple[Container, ...] = ()
     complete: bool = True
     error: str = ""
+    objects: FoundObjects | None = None
+    """Networks and volumes; None where the engine has none to be made."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:

@@ -17,8 +17,10 @@ from operator import attrgetter
 
 from rorg.core.changes import changed_keys
 from rorg.core.plan import Action, Plan, Waiting
-from rorg.core.planner import NOTHING, Planner, ServicePlan, in_order, leave_at_once, undeclared
+from rorg.core.planner import Planner, in_order, leave_at_once, undeclared
+from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
+from rorg.model.objects import is_object
 
 Turn = tuple[bool, int, int, Action]
 """(not urgent, -priority, place, what may be begun now): sorted, who comes first."""
@@ -104,7 +106,8 @@ def plan_on(kept: Planned | None, situation: Situation, touched: Collection[str]
     planner.plans = {**kept.plans}
     locks = {n for n in situation.desired.interlocks if _lock(kept.situation, n) != _lock(situation, n)}
     calls = kept.situation.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
-    near = {n for name in (changed | calls) & situation.desired.dependants.keys() for n in neighbours(situation, name)}
+    near = {n for name in changed | calls for n in neighbours(situation, name)}
+    near |= {n for name in changed for n in situation.desired.uses.get(name, ())}
     looked_at = _again(planner, kept, changed | near | locks | calls | (leaving ^ kept.leaving) | kept.restless)
     return _renewed(kept, planner, looked_at, leaving)
 
@@ -116,8 +119,11 @@ def busy(planned: Planned, name: str) -> bool:
 
 
 def neighbours(situation: Situation, name: str) -> Iterable[str]:
-    """Whose plan depends on how this service is."""
+    """Whose plan depends on how this service, network or volume is."""
     desired, wanted = situation.desired, situation.wanted
+    if name not in desired.dependants:
+        yield from desired.users.get(name, ())
+        return
     service = desired.catalog.services[name]
     yield from desired.dependants[name]
     yield from desired.rivals.get(name, ())
@@ -126,13 +132,15 @@ def neighbours(situation: Situation, name: str) -> Iterable[str]:
 
 def _differs(before: Situation, now: Situation) -> bool:
     """Whether anything is otherwise that concerns everybody."""
-    pairs = ((getattr(before, name), getattr(now, name)) for name in COMMON)
+    objects = before.observed.objects, now.observed.objects
+    pairs = (objects, *((getattr(before, name), getattr(now, name)) for name in COMMON))
     return any(a is not b and a != b for a, b in pairs) or before.desired is not now.desired
 
 
 def _changed(before: Situation, now: Situation) -> set[str]:
-    """Services of whom something else is remembered."""
-    return changed_keys(before.memory.progress, now.memory.progress) & now.desired.digests.keys()
+    """Of whom something else is remembered."""
+    found = changed_keys(before.memory.progress, now.memory.progress)
+    return {name for name in found if name in now.desired.digests or is_object(name)}
 
 
 def _lock(situation: Situation, name: str) -> str | None:

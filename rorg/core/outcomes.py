@@ -24,6 +24,8 @@ class Outcome:
     """The engine said no to what was asked, rather than that it gave no answer."""
     missing: bool = False
     """The image, or the program, is not on this machine."""
+    spent: bool = False
+    """The engine will never start that container again."""
 
 
 def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
@@ -77,10 +79,12 @@ def _finished(step: Progress, outcome: Outcome, now: float) -> Progress:
     action, error = outcome.action, outcome.error
     tried = step.attempts.get(action.verb, Attempt())
     if error or tried.count >= STALLED_AFTER:
-        tried = replace(tried, at=now + delay(tried.count + 1), error=error, missing=outcome.missing)
+        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
+        tried = replace(tried, missing=outcome.missing, spent=outcome.spent)
         step = replace(step, attempts={**step.attempts, action.verb: tried}, error=error)
     elif tried.error and not step.exits:
-        step = replace(step, attempts={**step.attempts, action.verb: replace(tried, at=0.0, error="", missing=False)})
+        tried = replace(tried, at=0.0, error="", missing=False, spent=False)
+        step = replace(step, attempts={**step.attempts, action.verb: tried})
         step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
     if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
         step = replace(step, update=replace(step.update, content=action.args["content"]))

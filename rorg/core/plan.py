@@ -44,7 +44,8 @@ class Action:
     the action before it in its chain. Only actions without any can be performed now; after each outcome the rest is
     planned anew."""
     args: Mapping[str, Any] = field(default_factory=dict)
-    """create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
+    """Of a network or volume: object (its kind), name; create: spec, labels.
+    create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
     remove: volumes (with them), words (its last ones are worth telling)."""
     urgent: bool = False
     """A live request waits for it."""
@@ -80,9 +81,10 @@ class Waiting:
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), withheld (its
-    removal waits for a person's word), deferred (it is left for later), preempted or suspended. Of what only takes its
-    time: image (that is being built or pulled), baking (all is done, and it is seen how it does), or empty."""
+    """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), blocked (a network or
+    volume is not there, or not rorg's), withheld (its removal waits for a person's word), deferred (it is left for
+    later), preempted or suspended. Of what only takes its time: image (that is being built or pulled), baking (all is
+    done, and it is seen how it does), or empty."""
 
     @property
     def goes_on(self) -> bool:

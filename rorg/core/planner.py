@@ -9,48 +9,29 @@ for some services only (see onward.py), by the same code as for all.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 
 from rorg.core.exclusive import Exclusive
 from rorg.core.gates import gate, unready
+from rorg.core.object_plans import declared_objects, declared_plan, former_objects, former_plan
 from rorg.core.plan import Action, Waiting
 from rorg.core.reconcile import chain
+from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
 from rorg.core.steps import Step, away
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.objects import is_object
 from rorg.model.units import format_seconds
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ServicePlan:
-    """Of one service. `notes` are waitings that hold nothing back; `alarm` is when something will be done that is no
-    waiting of anybody's."""
-
-    actions: tuple[Action, ...] = ()
-    waitings: tuple[Waiting, ...] = ()
-    notes: tuple[Waiting, ...] = ()
-    alarm: float | None = None
-    unready: str = ""
-    """What those that need it wait for; empty when it is ready, or will be by this plan."""
-    restless: bool = False
-    """It depends on more than the service and its neighbours, such as the time."""
-
-    @property
-    def busy(self) -> bool:
-        return bool(self.actions or self.waitings or self.notes)
-
-
-NOTHING = ServicePlan()
-
-
 def in_order(situation: Situation) -> list[str]:
-    """Services in the order in which they are planned: first what must be ceased, dependants first; then what must run,
-    needs first. Meta-services have nothing to plan."""
+    """Subjects in the order in which they are planned: networks and volumes that are declared; what must be ceased,
+    dependants first; what must run, needs first; networks and volumes that go. Meta-services have nothing to plan."""
     services, wanted = situation.desired.catalog.services, situation.wanted
     own = [n for n in situation.desired.order if not services[n].meta]
     ceasing = [n for n in reversed(own) if n not in wanted]
-    return [*sorted(undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
+    of_services = [*sorted(undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
+    return [*declared_objects(situation), *of_services, *sorted(former_objects(situation))]
 
 
 def undeclared(situation: Situation) -> set[str]:
@@ -85,6 +66,7 @@ class Planner:
         self.services = situation.desired.catalog.services
         self.containers = situation.observed.by_service()
         self.undeclared = {n: self.containers[n] for n in undeclared(situation)}
+        self.former = former_objects(situation)
         self.exclusive = Exclusive(situation, self.containers, self.undeclared)
         self.leaving = leave_at_once(situation, self.exclusive) if leaving is None else leaving
         self.plans: dict[str, ServicePlan] = {}
@@ -92,9 +74,15 @@ class Planner:
     def plan(self, name: str) -> ServicePlan:
         """The plan of one service, once those of all before it that it looks at are there."""
         view = View(self.s, self.containers, self.exclusive)
-        found = self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
-        self.plans[name] = found
+        self.plans[name] = found = self._plan(name, view)
         return found
+
+    def _plan(self, name: str, view: View) -> ServicePlan:
+        if name in self.former:
+            return former_plan(view, name, self.former[name], Before(self, name).moving)
+        if name in self.s.desired.objects:
+            return declared_plan(view, name)
+        return self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
 
     def _undeclared(self, name: str, view: View) -> ServicePlan:
         """A service of ours that no manifest declares any more."""
@@ -123,7 +111,7 @@ class Planner:
             waitings=waitings,
             notes=found.notes,
             alarm=found.alarm,
-            unready=unready(view, service, blocked, bool(actions)) if needed else "",
+            unready=unready(view, service, blocked, [a.verb for a in actions]) if needed else "",
             restless=view.restless,
         )
 
@@ -184,6 +172,11 @@ class Before:
     def moving(self, name: str) -> bool:
         return bool(self._plan(name).actions)
 
+    def code(self, name: str) -> str:
+        return next((w.code for w in self._plan(name).waitings), "")
+
     def unready(self, name: str) -> str:
+        if is_object(name):
+            return self._plan(name).unready
         service = self.planner.services.get(name)
         return "is not declared" if service is None else "" if service.meta else self._plan(name).unready

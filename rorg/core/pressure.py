@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rorg.model.catalog import Budget, Thresholds
+from rorg.model.policy import Budget, Thresholds
 from rorg.model.units import format_memory
 
 MEASURES = ("lower-shares", "end-lingering", "stop-paused", "close-admission", "shed")

@@ -11,12 +11,13 @@ from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
+from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.view import View
-from rorg.model.catalog import Service
+from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE
 from rorg.model.units import format_seconds
 
@@ -44,22 +45,24 @@ class _Reconciled:
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
         self.nodes = nodes_of(service, view.s.devices)
+        self.moved = {c.id: other for c in view.of(service.name) if (other := moved(view, service, c))}
+        """Container -> a service that has another container than the one that it was joined to."""
         self.notes: list[Waiting] = []
         self.alarm: float | None = None
 
     def steps(self) -> list[Step]:
         """All steps of a service, from what is observed to what is desired."""
-        name = self.name
-        pairs = [(c, self.difference(c)) for c in self.view.of(name)]
-        current = next(((c, d) for c, d in pairs if not d.recreate), None)
+        name, spec = self.name, self.service.spec or {}
+        pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
+        current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], [c for c, _ in stale], _changed(stale))
+        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
-        if current is None and name in self.s.unplugged and name not in self.s.wanted:
-            return self.cease(stale[0][0]) if stale else []  # one is made once its device is there, or it is wanted
+        if current is None and self.not_to_be_made():
+            return self.cease(stale[0][0]) if stale else []
         steps: list[Step] = []
         new_name = ""
         if current is None:
@@ -82,17 +85,30 @@ class _Reconciled:
             steps = [replace(s, args={**s.args, **trial}) if s.verb == "start" else s for s in steps]
         if swap.under_way:
             self.notes += [swap.note()] if name in self.s.wanted else []
-        elif swap.old or any(diff.recreate for _, diff in stale):
+        elif swap.old or any(diff.recreate or c.id in self.moved for c, diff in stale):
             return [replace(s, part_of="replace") for s in steps]
         return restarting(current and current[0], steps)
 
-    def difference(self, container: Container) -> Difference:
-        """How a container differs from what is declared, or was given another node than its device has now."""
-        spec, desired = self.service.spec or {}, self.desired
-        found = difference(container, spec, desired.digests[self.name], desired.declared[self.name])
-        if found.recreate or not replugged(container, self.nodes):
-            return found
-        return replace(found, recreate=(NODES,))
+    def difference(self, container: Container, spec: Spec) -> Difference:
+        """One that is at rest cannot start on a network that is another one by now, though it is called the same; and
+        none has a device that is another node by now."""
+        found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
+        nodes = (NODES,) if not found.recreate and replugged(container, self.nodes) else ()
+        networks = ("networks",) if self.on_another(container) else ()
+        return replace(found, recreate=(*found.recreate, *nodes, *networks)) if nodes or networks else found
+
+    def on_another(self, container: Container) -> bool:
+        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
+        be."""
+        objects = self.s.observed.objects if container.networks and not container.alive else None
+        for name in self.desired.uses.get(self.name, ()) if objects else ():
+            one = self.desired.objects[name]
+            joined = container.networks.get(one.called, "") if one.kind == "network" else ""
+            there = objects.found.get(one.key) if objects else None
+            known = there is not None or (objects is not None and one.key in objects.asked)
+            if joined and known and (there is None or there.id != joined or self.moving(name)):
+                return True
+        return False
 
     def stay(
         self,
@@ -124,6 +140,25 @@ class _Reconciled:
         steps = restarting(old, steps)
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
+    def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
+        """Those that may be gone back to. One that would only be joined to others is what the new one is."""
+        return [
+            c
+            for c, diff in stale
+            if (diff.recreate or c.id not in self.moved) and can_return(self.view, self.service, c)
+        ]
+
+    def not_to_be_made(self) -> bool:
+        """Nobody wants it, and its device, or what its container would be joined to, is not there."""
+        other = missing(self.view, self.service)
+        if self.name in self.s.wanted or not (other or self.name in self.s.unplugged):
+            return False
+        if not other:
+            return True
+        if other in self.s.wanted or is_made_ahead(self.view, other):
+            self.notes.append(Waiting(self.name, f"waits for a container of {other}"))
+        return True
+
     def run(self, container: Container | None, steps: list[Step]) -> list[Step]:
         """What makes it active, or ceases it."""
         if self.name in self.s.wanted:
@@ -151,24 +186,31 @@ class _Reconciled:
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """`old` is to be gone back to if the new one does not come up."""
-        spec, made_from = self.service.spec or {}, self.desired.digests[self.name]
+        declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
+        spec, joined = with_ids(self.view, self.service)
         previous, secrets = old.id if old else "", self.service.secrets
-        marks = labels(self.s.owner, self.name, spec, made_from, self.rules(), previous, secrets, self.nodes)
+        marks = labels(
+            self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined, self.nodes
+        )
         before = old or next((c for c, _ in stale), None)
         return Step(
             "create",
             None,
-            "changed" if stale else "no container",
+            self.why_stale(stale) if stale else "no container",
             _changed(stale),
             {
                 "name": name,
-                "spec": given(self.service, self.s.devices),
+                "spec": given(spec, self.service, self.s.devices),
                 "labels": marks,
                 "digest": made_from,
                 "before": before.id if before else "",
                 "defaults": self.service.defaults,
             },
         )
+
+    def why_stale(self, stale: list[tuple[Container, Difference]]) -> str:
+        others = [self.moved[c.id] for c, diff in stale if c.id in self.moved and not diff.recreate]
+        return f"{others[0]} has another container" if len(others) == len(stale) else "changed"
 
     def rules(self) -> Rules:
         return Rules(self.service.interlock, self.service.exclusive, self.desired.conflicts[self.name])
@@ -177,12 +219,16 @@ class _Reconciled:
         """The way out for containers that are not (or no longer) the service's one."""
         steps: list[Step] = []
         for container, diff in stale:
-            reason = "changed" if diff.recreate else "a second container of this service"
+            another = diff.recreate or container.id in self.moved
+            reason = self.why_stale([(container, diff)]) if another else "a second container of this service"
             way = away(container, reason if keep else "not wanted", self.service, volumes=not keep)
-            steps += [replace(step, surplus=keep and not diff.recreate) for step in way]
+            steps += [replace(step, surplus=keep and not another) for step in way]
         return steps
 
     def wake(self, container: Container | None, steps: list[Step]) -> list[Step]:
+        if container and (other := self.moved.get(container.id)):
+            self.notes.append(Waiting(self.name, f"{other} has another container than the one that it is joined to"))
+            return []
         why = str(self.s.wanted[self.name][0])
         runs = {
             n: found.incarnation
@@ -200,6 +246,8 @@ class _Reconciled:
             return self.without_device(container)
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
+        if self.step.spent(container):
+            return [Step("remove", container, "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation:

@@ -54,5 +54,7 @@ class Situation:
     """What there is of the devices of drivers, as far as it is known."""
     unplugged: Mapping[str, str] = field(default_factory=dict)
     """Services of which a device cannot be used now, each with why."""
+    purge: bool = False
+    """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
-from rorg.model.codes import IMAGE, NO_IMAGE
+from rorg.model.codes import BLOCKED, IMAGE, NO_IMAGE
 
 APPLYING, BAKING, GOOD, FAILED = "applying", "baking", "good", "failed"
 LASTING = ("start", "resume", "pause", "stop")
@@ -69,7 +69,7 @@ def _failed(situation: Situation, plan: Plan, good: bool) -> dict[str, str]:
     memory = situation.memory
     found = {name: why for name in _services(situation) if (why := memory.of(name).update.failed)}
     if not good:
-        found |= {w.service: w.reason for w in plan.waitings if w.code == NO_IMAGE}
+        found |= {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
         found |= {
             name: step.error
             for name in situation.wanted

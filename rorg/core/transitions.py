@@ -27,6 +27,7 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
         step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
     step = _doubt(step, service, None if seen.busy else current, now)
     if seen.wanted and not seen.busy:
+        step = _ended_with_another(step, service, seen)
         step = _exit(step, current, now, seen.booted_at)
     step = _ready(step, service, seen.ready, now)
     step = _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
@@ -96,6 +97,19 @@ def _doubt(step: Progress, service: Service, current: Container | None, now: flo
     if step.doubted_since is None:
         return replace(step, doubted_since=now)
     return replace(step, stopped="", doubted_since=None) if now >= (doubt_ends(step, service) or 0.0) else step
+
+
+def _ended_with_another(step: Progress, service: Service, seen: Seen) -> Progress:
+    """A namespace of processes ends with the run that it belongs to, and all in it are killed: that is no failure of
+    theirs."""
+    current = seen.current(service.name)
+    if current is None or current.state != "exited":
+        return step
+    for name in (n for n, options in service.joins.items() if "pid" in options):
+        other = seen.current(name)
+        if other is None or not other.alive or step.counted_on.lost(name, current, other):
+            return step if step.stopped == current.incarnation else replace(step, stopped=current.incarnation)
+    return step
 
 
 def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:

@@ -147,5 +147,6 @@ def _with(catalog: Catalog, held: Mapping[str, Former]) -> Catalog:
                 old,
                 needs=tuple(n for n in old.needs if n in services),
                 restarts_with=tuple(n for n in old.restarts_with if n in services),
+                joins={n: options for n, options in old.joins.items() if n in services},
             )
     return replace(catalog, services=services, groups=groups)

@@ -15,7 +15,8 @@ from rorg.images.build import STOPPED
 from rorg.images.order import Order, Result
 from rorg.images.references import Content
 from rorg.images.supply import Supplier
-from rorg.model.catalog import Catalog, ImagePolicy
+from rorg.model.catalog import Catalog
+from rorg.model.policy import ImagePolicy
 
 PATIENCE = 1.0
 """Seconds that the end of the loop waits for a build to be ended."""

@@ -18,8 +18,9 @@ from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.host.devices import elsewhere
-from rorg.model.catalog import Thresholds
 from rorg.model.devices import Device, Plugged
+from rorg.model.objects import is_object
+from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
@@ -152,6 +153,7 @@ class Loop:
         self._read_files(upto)
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
+        self.observer.look_for(self.tree.desired.keys)
         inputs = self._inputs(document, renewals)
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
@@ -195,6 +197,7 @@ class Loop:
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             devices=self._devices(),
+            purge=document.down and document.purge,
             cache=self.decision.cache if self.decision else None,
         )
 
@@ -213,8 +216,10 @@ class Loop:
         """Whether the robot was taken down, and nothing of it is left."""
         if self.decision is None or not self.leases.document().down:
             return False
-        observed = self.decision.situation.observed
-        return observed.complete and not (observed.containers or self.decision.memory.in_flight)
+        observed, memory = self.decision.situation.observed, self.decision.memory
+        # A network whose removal was refused stays: somebody else uses it.
+        going = any(is_object(action.service) for action in self.decision.plan.actions)
+        return observed.complete and not (observed.containers or memory.in_flight or going)
 
     def _keep(self, kept: Kept) -> None:
         """Writes down what is declared, and what was, before anything is done on the word of another tree."""

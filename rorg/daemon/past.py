@@ -17,7 +17,7 @@ from rorg.host.git_tree import Mirror, extracted, resolved
 from rorg.images import identity
 from rorg.images.context import context_files
 from rorg.images.references import Content
-from rorg.manifest.documents import manifest_files, overlay_files, stray_files
+from rorg.manifest.documents import stray_files, tree_files
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import fingerprint, load
 from rorg.manifest.overlay import robot_for
@@ -51,7 +51,7 @@ def load_at(tree: Tree, rev: str) -> Past:
         there = mirror.at(root)
         if not there.is_dir():
             raise Invalid(f"read the manifests of '{rev}'", f"{commit[:7]} has no {root.name}/ there", "a later commit")
-        manifests = [*manifest_files(root), *overlay_files(root, tree.robot), *stray_files(root)]
+        manifests = [*tree_files(root, tree.robot), *stray_files(root)]
         mirror.bring(manifests, contents.MOST_FILES, contents.MOST_BYTES)
         robot = robot_for(there, tree.named, tree.host)
         loaded = load(there, found=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine, robot=robot)

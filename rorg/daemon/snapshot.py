@@ -9,6 +9,7 @@ from typing import Any
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.memory import Attempt, Memory, Progress
+from rorg.core.object_status import object_views
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
 from rorg.core.propagation import CountedOn
@@ -135,6 +136,7 @@ def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "requests": [request_json(r) for r in requests],
         "restarts": sorted(situation.restarts),
         "pressure": pressure_json(decision),
+        "objects": object_views(situation, decision.plan),
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
     }
 

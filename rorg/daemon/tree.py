@@ -19,7 +19,7 @@ from rorg.host.contents import Contents
 from rorg.host.file_stats import Stats, below, contexts, stats
 from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp, refusal
 from rorg.images.references import Content, References
-from rorg.manifest.documents import beside, manifest_files, manifest_folders, overlay_files, stray_files, unexpected
+from rorg.manifest.documents import beside, manifest_files, manifest_folders, stray_files, tree_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
 from rorg.manifest.overlay import FOLDER, robot_for
@@ -139,7 +139,7 @@ class Tree:
         manifests: list[Path] = []
         strays: list[Path] = []
         with contextlib.suppress(OSError):  # load() says so
-            manifests = [*manifest_files(self.root), *overlay_files(self.root, self.robot)]
+            manifests = tree_files(self.root, self.robot)
             strays = stray_files(self.root)
         return (
             stats(manifests),

@@ -10,10 +10,11 @@ from contextlib import nullcontext, suppress
 from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
-from rorg.engines.execute import is_missing, perform, said_no
+from rorg.engines.execute import is_missing, is_spent, perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.model.objects import is_object
 
 AFTER = {"resume": "running", "pause": "paused"}
 """State after a verb that ends well and changes nothing else."""
@@ -70,24 +71,26 @@ class Workers:
         self.wake()
 
     def _work(self, action: Action) -> None:
-        began, error, made, refused, missing = self.clock(), "", "", False, False
+        began, error, made, refused, missing, spent = self.clock(), "", "", False, False, False
         self._last_words(action)
         try:
             with self.observer.acting(action.container) if action.container else nullcontext():
                 made = perform(self.engine, action)
         except RorgError as failed:
             error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
-            missing = is_missing(failed)
+            missing, spent = is_missing(failed), is_spent(failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
-            if action.container and not error:
+            if is_object(action.service):
+                self.observer.refresh_objects()
+            elif action.container and not error:
                 self.observer.done(action.container, AFTER.get(action.verb, ""))
             elif made or action.container:
                 self.observer.refresh(made or action.container)
             self.recorder.outcome(action, error, self.clock() - began)
         finally:
-            self._finished(Outcome(action, error, refused, missing))
+            self._finished(Outcome(action, error, refused, missing, spent))
         if action.verb == "pause" and not error:
             self.paused(action.service)
 

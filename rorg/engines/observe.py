@@ -6,11 +6,12 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed
-from rorg.engines.protocol import Observation
+from rorg.engines.observe_objects import ObjectObserver
+from rorg.engines.protocol import Objects, Observation
 from rorg.errors import RorgError
 
 RETRY = (0.2, 0.5, 1.0, 2.0)
@@ -22,6 +23,8 @@ class Observer:
 
     def __init__(self, engine: Observation, wake: Callable[[], None], resync: Callable[[], float]) -> None:
         self.engine, self.wake, self.resync = engine, wake, resync
+        self.objects = ObjectObserver(engine, wake) if isinstance(engine, Objects) else None
+        """Of networks and volumes; None where the engine makes none."""
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
         self._clock = itertools.count(1)
@@ -42,17 +45,38 @@ class Observer:
             thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
             thread.start()
             self._threads.append(thread)
+        if self.objects:
+            self.objects.start()
 
     def stop(self) -> None:
+        if self.objects:
+            self.objects.stop()
         self._stop.set()
         self._doubt.set()
 
     def snapshot(self) -> Observed:
+        """Complete once both are known: containers, and networks and volumes where the engine makes any."""
+        objects = self.objects.snapshot() if self.objects else None
         with self._lock:
-            if self._changed:
+            if self._changed or self._snapshot.objects is not objects:
                 told, self._changed = self._snapshot, False
-                self._snapshot = Observed(tuple(self._containers.values()), told.complete, told.error)
-            return self._snapshot
+                self._snapshot = Observed(tuple(self._containers.values()), told.complete, told.error, objects)
+            found = self._snapshot
+        return Observed((), False, found.error) if objects and not objects.complete else found
+
+    def look_for(self, keys: Collection[str]) -> None:
+        """Networks and volumes that are to be found by their names."""
+        if self.objects:
+            self.objects.look_for(keys)
+
+    def refresh_objects(self) -> None:
+        """Asks for networks and volumes now, so that the next pass sees what an action did."""
+        if self.objects:
+            try:
+                self.objects.sync()
+            except RorgError as error:
+                self._lost(error)
+                self._doubt.set()
 
     def refresh(self, container: str) -> None:
         """Asks for one container now, so that the next pass sees what an action did. Without an answer nothing is
@@ -118,6 +142,8 @@ class Observer:
     def sync(self, anew: bool = True) -> None:
         """One full list. A look at one container that began after it knows better. Unless all is to be seen `anew`,
         containers are taken as they were seen where the engine has nothing new to say of them."""
+        if self.objects:
+            self.objects.check()
         began = next(self._clock)
         with self._lock:
             before = {**self._containers} if self._snapshot.complete and not anew else {}

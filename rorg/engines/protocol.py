@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from rorg.core.found_objects import FoundObjects
 from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
+from rorg.model.objects import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,24 @@ class Images(Protocol):
 
     def missing_images(self, references: Collection[str]) -> set[str]:
         """Those of these from which no container can be made, since they are not on the engine's machine."""
+
+
+@runtime_checkable
+class Objects(Protocol):
+    """Networks and volumes, where the engine makes any. Errors as those of Engine."""
+
+    def find_objects(self, keys: Collection[str]) -> FoundObjects:
+        """All of ours, and whatever is called as one of these `keys`."""
+
+    def object_events(self, stop: threading.Event) -> Iterator[None]:
+        """One for each network or volume that comes or goes, and one when the stream stands, as of events()."""
+
+    def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
+        """Makes a network or volume. Raises EngineError where one of that name is there."""
+
+    def remove_object(self, kind: Kind, name: str) -> None:
+        """Removes one of ours; what is gone is fine. Raises EngineError of kind `in_use` while anything uses it, and of
+        kind `foreign` for what is not ours."""
 
 
 class Inspection(Protocol):

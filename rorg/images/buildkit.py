@@ -99,6 +99,7 @@ def command_line(order: Order, image: Image, folder: Path) -> tuple[list[str], d
         "--progress": ["plain"],
         "--network": ["host"],
         "--build-arg": said,
+        "--cache-from": list(image.cache_from),
         "--label": [f"{key}={value}" for key, value in order.labels.items()],
         "--target": [image.target] if image.target else [],
         "--platform": [image.platform] if image.platform else [],

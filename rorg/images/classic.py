@@ -23,18 +23,7 @@ def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Sa
     with tempfile.TemporaryFile(prefix="rorg-build-") as tar:
         name = write_tar(Path(image.context or ""), image.dockerfile, dockerfile, tar)
         tar.seek(0)
-        query: dict[str, Any] = {
-            "t": order.reference,
-            "dockerfile": name,
-            "buildargs": dict(image.args),
-            "labels": dict(order.labels),
-            "networkmode": "host",
-            "nocache": not order.cache,
-            "rm": True,
-            "forcerm": True,
-            "target": image.target or None,
-            "platform": image.platform or None,
-        }
+        query = query_of(order, image, name)
         with (
             docker_errors(f"build {order.name}"),
             cancelling.by(tar.close),
@@ -42,6 +31,24 @@ def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Sa
             cancelling.by(stream.close),
         ):
             return _read(order, stream.lines(), say)
+
+
+def query_of(order: Order, image: Image, dockerfile: str) -> dict[str, Any]:
+    """What is asked of the engine; `dockerfile` is its name in the context."""
+    return {
+        "t": order.reference,
+        "dockerfile": dockerfile,
+        "buildargs": dict(image.args),
+        "labels": dict(order.labels),
+        "networkmode": "host",
+        "nocache": not order.cache,
+        "rm": True,
+        "forcerm": True,
+        "target": image.target or None,
+        "platform": image.platform or None,
+        # With others named, this builder leaves out what it built itself.
+        "cachefrom": json.dumps([*image.cache_from, image.name]) if image.cache_from else None,
+    }
 
 
 def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:

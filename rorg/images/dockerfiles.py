@@ -15,6 +15,8 @@ from rorg.model.catalog import Image
 def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
     """Its text, with the references that are in force. Raises OSError where it cannot be read, and EngineError where it
     makes no sense or needs BuildKit and there is none."""
+    if image.inline:
+        return image.inline.encode()
     context = Path(image.context or "")
     # Whatever it is, it is turned back.
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
@@ -22,7 +24,9 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
         if not buildkit and read_dockerfile(text, image).buildkit:
             remedy = "installing the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
-        found = rewritten(text, image.args, order.replacements, image.target, image.platform, machine())
+        now = order.replacements
+        stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
+        found = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
     except DockerfileError as error:
         raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
     return found.encode(errors="surrogateescape")

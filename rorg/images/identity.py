@@ -50,7 +50,7 @@ class Identities:
             return [self._one(os.path.join(image.directory, word)) for word in image.import_command or ()]
         context = Path(image.context)
         files = [self._entry(context, name, facts) for name, facts in _bounded(image, context)]
-        return [self._one(str(context / image.dockerfile)), *files]
+        return [image.inline or self._one(str(context / image.dockerfile)), *files]
 
     def _entry(self, context: Path, name: str, facts: os.stat_result) -> tuple[str, int, str]:
         told = "" if stat.S_ISDIR(facts.st_mode) else self.files.of(str(context / name), facts)
@@ -82,7 +82,8 @@ def _bounded(image: Image, context: Path) -> Iterator[tuple[str, os.stat_result]
 
 
 def _said(image: Image) -> list[Any]:
-    return [image.name, image.dockerfile, dict(image.args), image.target, image.platform, image.import_command]
+    said = [image.name, image.dockerfile, dict(image.args), image.target, image.platform, image.import_command]
+    return [*said, dict(image.stand_ins)] if image.stand_ins else said
 
 
 def _digest(value: Any) -> str:

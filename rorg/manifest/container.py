@@ -12,10 +12,10 @@ from pydantic import Field
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, live, recreate
+from rorg.manifest.long_forms import Device, EnvFiles, PortForm
 from rorg.manifest.option_forms import (
     Bytes,
     Cores,
-    Device,
     Labels,
     Limit,
     Limitless,
@@ -72,7 +72,8 @@ class ContainerOptions(Strict):
         "Classes of devices that the container may use, beside `devices`.", ["c 188:* rw"]
     )
     devices: list[Device] | None = recreate(
-        "Devices of the host: PATH, PATH:PATH_INSIDE, or PATH:PATH_INSIDE:rwm. For hardware, write `driver`.",
+        "Devices of the host: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm, or a mapping. For hardware, "
+        "write `driver`.",
         ["/dev/video0:/dev/camera"],
     )
     dns: Many[Annotated[str, check.IP]] | None = recreate("Name servers.", ["192.168.1.1"], unset="the host's")
@@ -84,8 +85,9 @@ class ContainerOptions(Strict):
     entrypoint: Words | None = recreate(
         "Replaces the entry point of the image; the command follows it.", "/ros_entrypoint.sh", unset="the image's"
     )
-    env_file: Many[Annotated[str, check.WORD]] | None = recreate(
-        "Files of KEY=VALUE lines, relative to the manifest; `environment` wins over them.", ["./robot.env"]
+    env_file: EnvFiles | None = recreate(
+        "Files of variables, relative to the manifest, written as Compose reads them; `environment` wins over them.",
+        ["./arm.env"],
     )
     environment: Annotated[Pairs, check.VARIABLES] | None = recreate(
         "Environment variables.", {"ROS_MASTER_URI": "http://localhost:11311"}
@@ -106,7 +108,9 @@ class ContainerOptions(Strict):
     hostname: Annotated[str, check.HOST_NAME] | None = recreate("Host name inside the container.", "robot")
     init: bool | None = recreate("Runs a small init that forwards signals and reaps zombies.", True)
     ipc: Annotated[str, check.IPC] | None = recreate(
-        "Shared memory: none, private, shareable, host or container:NAME. ROS 2 shares memory by `host`.", "host"
+        "Shared memory: none, private, shareable, host, service:NAME or container:NAME. A service whose memory others "
+        "share is `shareable`. ROS 2 shares memory by `host`.",
+        "host",
     )
     isolation: Literal["default"] | None = recreate("Isolation technology; Linux has one.", "default")
     labels: Labels | None = recreate("Labels of the container, for other tools.", {"team": "arms"})
@@ -136,7 +140,9 @@ class ContainerOptions(Strict):
     )
     network_disabled: bool | None = recreate("The container has no network at all.", True, unset="false")
     network_mode: Annotated[str, check.NETWORK_MODE] | None = recreate(
-        "The network: host, bridge, none, the name of a network, or container:NAME.", "bridge"
+        "The network: host, bridge, none, the name of a network, service:NAME for that of another service's container, "
+        "or container:NAME. A service that is named here is needed, and what restarts it restarts this one.",
+        "bridge",
     )
     networks: Networks | None = recreate("Networks to join, in place of network_mode.", ["robot"])
     oom_kill_disable: bool | None = recreate(
@@ -145,16 +151,18 @@ class ContainerOptions(Strict):
     oom_score_adj: Annotated[int, Field(ge=-1000, le=1000)] | None = recreate(
         "How soon the kernel kills it when memory is short: -1000 never, 1000 first.", -500, unset="0"
     )
-    pid: Annotated[str, check.PID] | None = recreate("Processes that it sees: host, or container:NAME.", "host")
+    pid: Annotated[str, check.PID] | None = recreate(
+        "Processes that it sees: host, service:NAME or container:NAME. A service that is named here is needed.", "host"
+    )
     pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live(
         "Most processes and threads; -1 is no limit.", 8192
     )
     platform: Annotated[str, check.PLATFORM] | None = recreate(
         "Platform of the image, where it has several.", "linux/arm64", unset="the machine's"
     )
-    ports: list[Annotated[Text, check.PORTS]] | None = recreate(
-        "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP. Not under network_mode: "
-        "host.",
+    ports: list[PortForm] | None = recreate(
+        "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP, or a mapping. Not under "
+        "network_mode: host.",
         ["8080:80"],
     )
     privileged: bool | None = recreate(
@@ -213,7 +221,8 @@ class ContainerOptions(Strict):
         ["./navigation:/root/navigation:ro", "maps:/root/maps"],
     )
     volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate(
-        "Containers whose volumes it has too.", ["recorder:ro"]
+        "Whose volumes it has too: NAME or NAME:ro of a service, which it then needs, or container:NAME.",
+        ["recorder:ro"],
     )
     working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
         "Directory that the command runs in. On the process engine ./dir and ../dir are beside the manifest.",

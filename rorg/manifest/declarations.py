@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Budget, HistoryPolicy, ImagePolicy, Policy, Request, Thresholds
+from rorg.model.catalog import Request
 from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
 
 
 def policy_of(spec: Any) -> Policy:

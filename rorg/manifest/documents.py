@@ -1,4 +1,4 @@
-"""From files to checked documents: reading a tree, the envelope, and what pydantic says, put at its place."""
+"""From files to checked documents: reading a tree, what is laid over it, its variables, and the envelopes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ import contextlib
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
-
-from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.files import read_text
-from rorg.manifest.models import API_VERSION, ENVELOPES, FOLDERS, SPECS, Manifest
-from rorg.manifest.option_forms import Strict
+from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
+from rorg.manifest.validation import validated
+from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
 from rorg.manifest.yaml_source import Document, read_yaml
-from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 UNEXPECTED = "cannot be understood"
@@ -44,6 +41,8 @@ class Source:
     path: Path
     root: Path
     """The directory of the tree that it is in."""
+    variables: Variables = field(default=NONE, compare=False)
+    """Those of the tree."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -81,6 +80,13 @@ def overlay_files(root: Path, robot: str) -> list[Path]:
     return manifest_files(root / FOLDER / robot) if robot else []
 
 
+def tree_files(root: Path, robot: str) -> list[Path]:
+    """All that a tree is declared by: its manifests, what is laid over them for a robot, and the files of variables
+    that are there."""
+    variables = [path for path in variable_files(root, robot) if os.path.lexists(path)]
+    return [*manifest_files(root), *overlay_files(root, robot), *variables]
+
+
 def stray_files(root: Path) -> list[Path]:
     """YAML in a folder of the tree's top level that is not read."""
     folders = sorted(p for p in root.iterdir() if os.path.isdir(p) and p.name not in FOLDERS and p.name[0] != ".")
@@ -112,11 +118,12 @@ def read_tree(
     diagnostics = [*stray_manifests(root), *unread, *more]
     broken = {Path(d.where.file).stem for d in (*unread, *more)}
     documents, found = laid_over(base, over)
-    diagnostics += [*found, *filter(None, [unknown_robot(root, robot)])]
+    variables, unset = read_variables(root, robot)
+    diagnostics += [*found, *unset, *filter(None, [unknown_robot(root, robot)])]
     sources: list[Source] = []
     for written in documents:
         try:
-            source, found = check_source(written, root)
+            source, found = check_source(written, root, variables)
         except Exception as bug:
             source, found = None, [unexpected(Where(str(written.path)), bug)]
         diagnostics += found
@@ -124,7 +131,7 @@ def read_tree(
             diagnostics += _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
         else:
-            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([a-z0-9_.-]+)", written.text, re.M)[:1]}
+            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
     return sources, diagnostics, broken
 
 
@@ -157,113 +164,39 @@ def _misplaced(source: Source, tops: Collection[Path]) -> list[Diagnostic]:
     return [Diagnostic(source.where("kind"), f"a {source.kind} in '{folder.name}/'", f"folder '{right}'")]
 
 
-def read_source(text: str, path: Path, file: str, root: Path) -> tuple[Source | None, list[Diagnostic]]:
-    """One file's manifest, or None with the reasons."""
-    return check_source(Written(path, text, *read_yaml(text, file)), root)
+def read_source(
+    text: str, path: Path, file: str, root: Path, variables: Variables = NONE
+) -> tuple[Source | None, list[Diagnostic]]:
+    """One file's manifest, or None with the reasons; `variables` are those of the tree."""
+    return check_source(Written(path, text, *read_yaml(text, file)), root, variables)
 
 
-def check_source(written: Written, root: Path) -> tuple[Source | None, list[Diagnostic]]:
+def check_source(written: Written, root: Path, variables: Variables = NONE) -> tuple[Source | None, list[Diagnostic]]:
     """The same of what was read as YAML."""
-    document, found, path = written.document, list(written.found), written.path
-    if document is None:
-        return None, found
+    if written.document is None:
+        return None, list(written.found)
+    document, unset = fill(written.document, variables)
+    source, found = _checked(document, [*written.found, *unset], written.path, root, variables)
+    return source, noted(found, [document])
+
+
+def _checked(
+    document: Document, found: list[Diagnostic], path: Path, root: Path, variables: Variables
+) -> tuple[Source | None, list[Diagnostic]]:
     if not isinstance(document.value, dict):
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
         return None, [*found, Diagnostic(document.where(()), message)]
     told = {d.where for d in found}  # what cannot be read at all is not also of the wrong kind
     kind = document.value.get("kind")
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
-    envelope, more = _validate(form, document, document.value, ())
+    envelope, more = validated(form, document, document.value, ())
     found += [d for d in more if d.where not in told]
     if isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None, found
-    spec, more = _validate(SPECS[kind], document, document.value["spec"], ("spec",))
+    spec, more = validated(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None or found or more:
         return None, found + [d for d in more if d.where not in told]
     meta = envelope.metadata
-    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root), []
-
-
-def _validate(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
-    try:
-        return model.model_validate(value), []
-    except ValidationError as error:
-        found: dict[tuple[Where, str], Diagnostic] = {}
-        for entry in error.errors(include_url=False):
-            diagnostic = _explain(model, document, entry, at)
-            # A union reports once for each of its members: the first says enough.
-            found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
-        return None, list(found.values())
-
-
-def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Diagnostic:
-    """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
-    loc = _place(document, at + tuple(entry["loc"]))
-    if entry["type"] == "extra_forbidden":
-        return _unknown_key(model, document, loc, at)
-    if entry["type"] == "missing":
-        return Diagnostic(document.where(loc[:-1], key=True), f"'{loc[-1]}' is missing")
-    where = document.where(loc)
-    if loc == ("apiVersion",):
-        return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
-    text = entry["msg"].removeprefix("Value error, ")
-    if entry["type"] == "string_pattern_mismatch" and document.values.get(loc):
-        text = f"{entry['input']!r} is not allowed here; it must match {entry['ctx']['pattern']}"
-    if entry["type"] == "model_type" or entry["type"] == "dict_type":
-        text = "must be a mapping"
-    name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
-    return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
-
-
-def _place(document: Document, loc: Loc) -> Loc:
-    """Without the names that pydantic puts in for the members of a union."""
-    path: Loc = ()
-    for index, part in enumerate(loc):
-        if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
-            path = (*path, part)
-    return path
-
-
-def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
-    where, key = document.where(loc, key=True), str(loc[-1])
-    written = document.value.get("kind")
-    kind = written if isinstance(written, str) else ""
-    parent = _model_at(model, loc[len(at) : -1])
-    known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
-    remedy = nearest(key, known)
-    if parent is ContainerOptions and key in ELSEWHERE:
-        remedy = ELSEWHERE[key]
-    elif not parent or remedy.startswith("one of") or not remedy:
-        remedy = _other_level(kind, key) or remedy
-    return Diagnostic(where, f"unknown key '{key}'", remedy)
-
-
-def _other_level(kind: str, key: str) -> str:
-    """A key of the right name at the wrong depth."""
-    if kind == "Service" and key in ContainerOptions.model_fields:
-        return f"spec.container.{key}"
-    if kind in SPECS and key in SPECS[kind].model_fields:
-        return f"spec.{key}"
-    return ELSEWHERE.get(key, "")
-
-
-def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
-    """The model that a path of keys leads to, through optional fields, lists and mappings."""
-    for part in path:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(part)
-        if field is None:
-            continue
-        found = next((t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None)
-        if found is None:
-            return None
-        model = found
-    return model
-
-
-def _types(annotation: object) -> list[Any]:
-    args = get_args(annotation)
-    return [annotation] if not args else [t for a in args for t in _types(a)]
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root, variables), []

@@ -8,7 +8,6 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, field, recreate, unchanging
-from rorg.manifest.option_forms import Device as DevicePath
 from rorg.manifest.option_forms import Strict, Text
 from rorg.model.devices import Device
 
@@ -60,7 +59,13 @@ class Udev(Strict):
         return self
 
 
+DevicePath = Annotated[str, check.DEVICE]
+
+
 def _device(value: object) -> object:
+    """One text is a path; `source` is Compose's word for it."""
+    if isinstance(value, dict) and "source" in value and "path" not in value:
+        return {"path" if k == "source" else k: v for k, v in value.items()}
     return {"path": value} if isinstance(value, str) else value
 
 

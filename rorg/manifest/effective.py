@@ -10,63 +10,18 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from rorg.manifest.container_files import seccomp_file, variables_of
 from rorg.manifest.documents import Source, read_tree
+from rorg.manifest.effective_values import NOT_SHOWN, Level, Value
 from rorg.manifest.field_texts import FieldText, fields_of, inline, written
-from rorg.manifest.files import read_plain
 from rorg.manifest.load import load_or_raise
+from rorg.manifest.long_forms import EnvFile, read_env_files
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
-from rorg.manifest.render import absolute, parts, substitute, values_of
+from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
-from rorg.model.diagnostics import Where
 
 AT = ("spec", "container")
-SECCOMP = "seccomp="
-NOT_SHOWN = "(not shown)"
-
-
-@dataclass(frozen=True)
-class Value:
-    """One value. `value` is plain JSON (seconds, bytes, cores), `text` as people write it."""
-
-    field: str
-    value: Any
-    text: str
-    kind: str
-    """manifest, profile, policy, env_file or default."""
-    name: str = ""
-    """Of the profile."""
-    where: Where | None = None
-
-    @property
-    def source(self) -> str:
-        """Where it comes from, for people."""
-        head = f"{self.kind} {self.name}".strip()
-        return f"{head}, {self.where.file}:{self.where.line}" if self.where else head
-
-    def as_json(self) -> dict[str, Any]:
-        """With the source in parts; a value that is not shown is null."""
-        place = {"file": self.where.file, "line": self.where.line} if self.where else {}
-        name = {"name": self.name} if self.name else {}
-        return {"field": self.field, "value": self.value, "source": {"kind": self.kind, **name, **place}}
-
-
-@dataclass(frozen=True)
-class Level:
-    """One manifest that says something of the service: the service's own, one of its profiles, or the Policy."""
-
-    kind: str
-    source: Source
-
-    @property
-    def name(self) -> str:
-        return self.source.name if self.kind == "profile" else ""
-
-    def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
-        """A value that stands at `path` in this manifest."""
-        plain = value.model_dump(mode="json", exclude_unset=True) if isinstance(value, BaseModel) else value
-        text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
-        return Value(field, plain, text, self.kind, self.name, self.source.where(*path))
 
 
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
@@ -259,7 +214,7 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
         for at, said in enumerate(layer.options.get(option, ())):
             same = (absolute(said, directory) if option == "volumes" else said) == item
             # A file of seccomp is sent whole: its name says more to people.
-            if same or (str(said).startswith(SECCOMP) and str(item).startswith(f"{SECCOMP}{{")):
+            if same or (str(item).startswith("seccomp={") and seccomp_file(str(said))):
                 return layer.level.value(field, _told(option), item if same else said, *layer.where(option, at))
     return Value(field, item, inline(item), "default")
 
@@ -282,17 +237,16 @@ def _environment(
 def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value:
     """Files that are named later win, and those of profiles come first."""
     for layer in layers:
-        files = list(enumerate(layer.options.get("env_file", ())))
+        files = list(enumerate(read_env_files(layer.options.get("env_file"))))
         for index, file in reversed(files):
             if name in _names(own, file):
                 where = layer.level.source.where(*layer.where("env_file", index))
-                return Value(field, None, NOT_SHOWN, "env_file", file, where)
+                return Value(field, None, NOT_SHOWN, "env_file", file.path, where)
     return Value(field, None, NOT_SHOWN, "env_file")
 
 
-def _names(own: Source, file: str) -> set[str]:
+def _names(own: Source, file: EnvFile) -> set[str]:
     try:
-        lines = read_plain(own.directory / file, own.root).splitlines()
+        return set(variables_of(own, file)[0])
     except OSError:
         return set()
-    return {line.split("=", 1)[0] for line in lines if "=" in line and not line.lstrip().startswith("#")}

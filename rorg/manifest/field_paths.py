@@ -50,7 +50,8 @@ def find(path: str) -> Place | None:
 def _starts(words: list[str]) -> Iterator[tuple[Place, list[str]]]:
     """Where a path may begin, with what is left of it: the likeliest first."""
     first, rest = words[0].lower(), words[1:]
-    kinds = {kind.lower(): kind for kind in SPECS} | FOLDERS
+    folders = {folder: kind for folder, kind in FOLDERS.items() if folder not in ContainerOptions.model_fields}
+    kinds = {kind.lower(): kind for kind in SPECS} | folders
     if first in kinds:
         kind = kinds[first]
         place = Place(kind.lower(), None, SPECS[kind])

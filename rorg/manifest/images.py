@@ -12,10 +12,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from rorg.manifest.build_contexts import Contexts, cache_of, contexts_of, stood_in
 from rorg.manifest.dockerfile import Dockerfile, DockerfileError, Use, read
 from rorg.manifest.documents import Source, unexpected
 from rorg.manifest.files import read_text, real
-from rorg.model.catalog import Image
+from rorg.model.catalog import Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.graph import cycles, stands_on
 from rorg.model.image_names import plain
@@ -34,7 +35,9 @@ Used = Mapping[str, tuple[Use, ...]]
 """By the name of an Image."""
 
 
-def images_of(sources: Mapping[str, Source]) -> tuple[dict[str, Image], list[Diagnostic]]:
+def images_of(
+    sources: Mapping[str, Source], services: Mapping[str, Service]
+) -> tuple[dict[str, Image], list[Diagnostic]]:
     """All Images with the references that their Dockerfiles use. Errors are a Dockerfile that is missing, cannot be
     read or has not the stage that is the target, and Images that stand on each other; warnings are arguments that no
     ARG takes, and parents that look like a misspelt Image."""
@@ -42,9 +45,11 @@ def images_of(sources: Mapping[str, Source]) -> tuple[dict[str, Image], list[Dia
     used: dict[str, tuple[Use, ...]] = {}
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
-        image = _declared(source)
-        used[name], found = _uses(image, source) if image.context is not None else ((), [])
+        contexts, (cache, found) = contexts_of(source, services, sources), cache_of(source)
+        diagnostics += contexts.diagnostics + found
+        image, used[name], found = _used(replace(_declared(source), cache_from=cache), source, contexts)
         images[name] = replace(image, bases=tuple(dict.fromkeys(use.reference for use in used[name])))
+        images |= contexts.made
         diagnostics += found
     return images, [*diagnostics, *_circles(images, used), *_misspelt(images, used)]
 
@@ -80,25 +85,36 @@ def _declared(source: Source) -> Image:
     )
 
 
-def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], list[Diagnostic]]:
+def _used(image: Image, source: Source, contexts: Contexts) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
     """What an Image's Dockerfile uses, with what is odd about it; or why that is not known."""
+    if image.context is None:
+        return image, (), []
+    uses, whole, found = _uses(image, source)
+    if whole is None:
+        return image, uses, found
+    image, uses, more = stood_in(image, source, whole, uses, contexts)
+    return image, uses, [*found, *more]
+
+
+def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], Dockerfile | None, list[Diagnostic]]:
+    """What an Image's Dockerfile names, and the whole of it; None where it cannot be read."""
     path = _path(image)
     if not os.path.isfile(path):
         where = source.where("spec", "context")
-        return (), [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it")]
+        return (), None, [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it")]
     try:
         text = read_text(path, Path(image.context or ""), MOST)
         whole = read_dockerfile(text, replace(image, target=""))
         if image.target and image.target.lower() not in map(str.lower, whole.stages):
-            return (), [_no_stage(image, source, whole)]
+            return (), None, [_no_stage(image, source, whole)]
         used = read_dockerfile(text, image).uses if image.target else whole.uses
     except OSError as error:
-        return (), [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")]
+        return (), None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")]
     except DockerfileError as error:
-        return (), [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")]
+        return (), None, [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")]
     except Exception as bug:
-        return (), [unexpected(Where(str(path)), bug)]
-    return used, list(_odd_arguments(image, source, whole))
+        return (), None, [unexpected(Where(str(path)), bug)]
+    return used, whole, list(_odd_arguments(image, source, whole))
 
 
 def _path(image: Image) -> Path:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rorg.manifest.container_files import seccomp_file
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
+from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.programs import missing
 
 
@@ -37,8 +38,9 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
         spec: Any = source.spec
         files |= missing(source)
         for options in (spec.container, *profiles):
-            files |= {source.directory / name for name in getattr(options, "env_file", None) or ()}
-            files |= {source.directory / name for name in _seccomp(options)}
+            files |= {source.directory / f.path for f in read_env_files(getattr(options, "env_file", None))}
+            words = getattr(options, "security_opt", None) or ()
+            files |= {source.directory / name for word in words if (name := seccomp_file(word))}
             mounted |= {source.directory / path for path in _sources(options)}
         mounts = {m: source.directory / m.partition(":")[0] for m in spec.mounts or ()}
         files |= {path for path in mounts.values() if not os.path.exists(path)}
@@ -51,14 +53,6 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     top = real(root)
     inside = frozenset(p for path in mounted if (p := real(path)).is_relative_to(top))
     return Inputs(frozenset(files), inside, frozenset(contexts))
-
-
-def _seccomp(options: Any) -> Iterator[str]:
-    """Files that the words on seccomp name."""
-    for value in getattr(options, "security_opt", None) or ():
-        kind, name = re.split("[=:]", value, maxsplit=1) if re.search("[=:]", value) else (value, "")
-        if kind == "seccomp" and name not in ("unconfined", "builtin"):
-            yield name
 
 
 def _sources(options: Any) -> Iterator[str]:

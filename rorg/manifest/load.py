@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -16,22 +16,19 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
+from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
-from rorg.manifest.programs import check_programs
-from rorg.manifest.references import check_conflicts, check_cycles, expand_groups
+from rorg.manifest.programs import PROCESS, check_programs
+from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
-from rorg.model.catalog import (
-    DEVELOPER,
-    EVERY,
-    Catalog,
-    Group,
-    Image,
-    Policy,
-    Service,
-)
+from rorg.manifest.used_objects import check_default, joined, objects_of
+from rorg.manifest.variables import noted
+from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import stems
+from rorg.model.objects import EngineObject
+from rorg.model.policy import Policy
 from rorg.model.units import counted
 
 
@@ -84,10 +81,10 @@ def _load(
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
-    diagnostics += more
+    diagnostics += more + check_spelling(sources)
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
-    diagnostics += more
+    diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
@@ -132,13 +129,18 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     )
 
 
+UNTOLD = ("where", "origins", "fingerprint", "joins")
+"""What is no part of what a tree declares, or follows from the rest."""
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes")
+"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
+
+
 def fingerprint(catalog: Catalog) -> str:
     """Of all that a tree declares, wherever it is written."""
 
     def content(value: Any) -> dict[str, Any]:
-        return {
-            f.name: getattr(value, f.name) for f in fields(value) if f.name not in ("where", "origins", "fingerprint")
-        }
+        found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
+        return {name: said for name, said in found.items() if said or name not in LATER}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -189,36 +191,51 @@ def _catalog(
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
     known = {*services, *groups, *broken}
-    for name, source in by_kind.get("Service", {}).items():
-        services[name], found = _resolve(source, services[name], groups, known)
-        diagnostics += found
-    diagnostics += _same_container(services, by_kind.get("Service", {}))
+    diagnostics += _resolve_all(by_kind.get("Service", {}), services, groups, known, engine)
+    diagnostics += check_container_names(services, by_kind.get("Service", {}))
     diagnostics += check_idling(services, by_kind.get("Service", {}))
     diagnostics += check_cycles(services, by_kind.get("Service", {}))
-    for name, source in by_kind.get("Service", {}).items():
-        for field in ("may_request", "may_restart", "may_act_for"):
-            for index, other in enumerate(getattr(services[name], field)):
-                if other not in known and (field, other) != ("may_act_for", EVERY):
-                    diagnostics.append(
-                        Diagnostic(
-                            source.where("spec", field, index), f"unknown service '{other}'", nearest(other, known)
-                        )
-                    )
+    diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
     images, of_images = _images(by_kind, services)
-    catalog = Catalog(services, groups, images, requests, policy_of(policy) if policy else Policy())
-    if not diagnostics:
+    services, networks, volumes, found = _objects(by_kind, services, engine)
+    diagnostics += found
+    stated = policy_of(policy) if policy else Policy()
+    catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
+    if not any(d.severity == "error" for d in diagnostics):
         diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
     diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
 
 
+def _unknown_permitted(
+    services: Mapping[str, Service], sources: Mapping[str, Source], known: set[str]
+) -> Iterator[Diagnostic]:
+    """Names that mean nothing, in what services may do."""
+    for name, source in sources.items():
+        for field in ("may_request", "may_restart", "may_act_for"):
+            for index, other in enumerate(getattr(services[name], field)):
+                if other not in known and (field, other) != ("may_act_for", EVERY):
+                    where = source.where("spec", field, index)
+                    yield Diagnostic(where, f"unknown service '{other}'", nearest(other, known))
+
+
+def _objects(
+    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service], engine: str
+) -> tuple[dict[str, Service], dict[str, EngineObject], dict[str, EngineObject], list[Diagnostic]]:
+    """The services by what the engine calls their networks and volumes; and these."""
+    networks, found = objects_of("network", by_kind.get("Network", {}), engine)
+    volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
+    found += [*more, *check_default(services, by_kind.get("Service", {}), networks)]
+    return {n: joined(s, networks, volumes) for n, s in services.items()}, networks, volumes, found
+
+
 def _images(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}))
+    images, diagnostics = images_of(by_kind.get("Image", {}), services)
     images, found = secrets_of(services, images, by_kind.get("Service", {}))
     return images, [*diagnostics, *found]
 
@@ -228,6 +245,23 @@ def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tupl
         return render(source, profile, policy, engine)
     except Exception as bug:
         return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
+
+
+def _resolve_all(
+    sources: Mapping[str, Source],
+    services: dict[str, Service],
+    groups: Mapping[str, Group],
+    known: set[str],
+    engine: str,
+) -> list[Diagnostic]:
+    """Fills in what services say of each other, in place."""
+    diagnostics: list[Diagnostic] = []
+    for name, source in sources.items():
+        joined, of_joins = join(source, services[name], services, groups, known)
+        services[name], found = _resolve(source, joined, groups, known)
+        diagnostics += of_joins + found
+    more = told_of_processes if engine == PROCESS else check_shared_memory
+    return [*diagnostics, *more(services, sources)]
 
 
 def _resolve(
@@ -254,23 +288,3 @@ def _resolve(
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
     needs, conflicts = resolved["needs"], resolved["conflicts"]
     return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
-
-
-def _same_container(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Two services can have no container of the same name."""
-    owners: dict[str, str] = {}
-    diagnostics = []
-    for name in sources:
-        service = services[name]
-        first = owners.setdefault(service.container_name, name)
-        if first != name:
-            both = sorted((first, name), key=lambda n: services[n].container_name == n)
-            where = sources[both[0]].where("spec", "container", "container_name")
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the container of '{both[1]}' is called '{service.container_name}' too",
-                    "another container_name",
-                )
-            )
-    return diagnostics

@@ -8,7 +8,8 @@ from pydantic import Field, model_validator
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
-from rorg.manifest.option_forms import Pairs, Strict, Words
+from rorg.manifest.objects import NetworkSpec, VolumeSpec
+from rorg.manifest.option_forms import Many, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
 from rorg.manifest.scalars import ImageName, Name
@@ -22,7 +23,10 @@ class Metadata(Strict):
     """What a manifest is called."""
 
     name: Name = field(
-        "What it is called, in its kind: 2 to 63 small letters, digits, -, _ and dots.", "navigation", ...
+        "What it is called, in its kind: up to 63 letters, digits, -, _ and dots; no other name may differ "
+        "by case alone.",
+        "navigation",
+        ...,
     )
     description: str | None = field("What it is for.", "Drives the robot to a place on the map.")
     labels: Pairs = field("Keys and values of your own; `rorg get -l` selects by them.", {"team": "navigation"}, dict)
@@ -53,6 +57,17 @@ class ImageSpec(Strict):
     target: Annotated[str, Field(min_length=1)] | None = field(
         "The stage of the Dockerfile that is built.", "runtime", unset="the last one"
     )
+    additional_contexts: Pairs = field(
+        "What the Dockerfile uses by a name (FROM, COPY --from, RUN --mount): a directory relative to this file, "
+        "docker-image://REFERENCE, service:NAME for the image of a service, or the name of an Image.",
+        {"maps": "../../maps", "tools": "docker-image://debian:12"},
+        dict,
+    )
+    cache_from: Many[str] = field(
+        "Images whose layers the build may use, as far as they are on the machine; no part of what the image is.",
+        ["lab/navigation:latest"],
+        list,
+    )
     platform: Annotated[str, Field(pattern=PLATFORM), Written("OS/ARCHITECTURE[/VARIANT]")] | None = field(
         "What the image is built for.", "linux/arm64", unset="the engine's own"
     )
@@ -68,6 +83,8 @@ class ImageSpec(Strict):
             raise ValueError("exactly one of context, import must be given")
         if self.context is None and (self.target or self.platform):
             raise ValueError("target and platform say how a context is built, and nothing is built here")
+        if self.context is None and (self.additional_contexts or self.cache_from):
+            raise ValueError("additional_contexts and cache_from are of a build, and nothing is built here")
         return self
 
 
@@ -106,7 +123,7 @@ class Manifest(Strict):
     """The envelope of every manifest."""
 
     apiVersion: Literal["rorg/v1"] = field("The version of this form of manifests.", "rorg/v1", ...)
-    kind: str = field("Service, Group, Image, Profile, Policy or Request.", "Service", ...)
+    kind: str = field("Service, Group, Image, Network, Volume, Profile, Policy or Request.", "Service", ...)
     metadata: Metadata = field("What it is called.", {"name": "navigation"}, ...)
     spec: Any = field("What it declares, by its kind.", {"image": "fetch-navigation"}, ...)
 
@@ -121,6 +138,8 @@ SPECS: dict[str, type[Strict]] = {
     "Service": ServiceSpec,
     "Group": GroupSpec,
     "Image": ImageSpec,
+    "Network": NetworkSpec,
+    "Volume": VolumeSpec,
     "Profile": ProfileSpec,
     "Policy": PolicySpec,
     "Request": RequestSpec,
@@ -135,6 +154,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "Group": {"services": ["navigation", "camera"]},
     "Image": {"context": "../../images/navigation"},
+    "Network": {"ipam": {"config": [{"subnet": "172.28.0.0/16"}]}},
+    "Volume": {"name": "fetch_maps"},
     "Profile": {"extends": ["ros1"], "idle": {"action": "pause", "linger": "20s"}},
     "Policy": {"budget": {"cpu": 3.2, "memory": "6Gi"}, "pressure": {"high": 1.0, "low": 0.85}},
     "Request": {"services": ["navigation"], "reason": "the robot guides visitors"},
@@ -144,6 +165,8 @@ FOLDERS = {
     "services": "Service",
     "groups": "Group",
     "images": "Image",
+    "networks": "Network",
+    "volumes": "Volume",
     "profiles": "Profile",
     "policies": "Policy",
     "requests": "Request",

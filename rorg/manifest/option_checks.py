@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import AfterValidator, ValidationInfo
 
-from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.ports import check_published, check_target, parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
@@ -153,7 +153,8 @@ def _working_dir(value: str) -> None:
         )
 
 
-def _image(value: str) -> None:
+def check_image(value: str) -> None:
+    """Raises ValueError for what is no reference of an image."""
     part = r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*"
     domain = r"(?=localhost/|[^/]*[.:])(?:[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?|\[[0-9a-fA-F:]+\])(?::[0-9]+)?"
     digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
@@ -165,14 +166,17 @@ def _image(value: str) -> None:
 def _network_mode(value: str) -> None:
     if value.lower() in ("host", "none", "bridge", "default") and value != value.lower():
         raise ValueError(f"'{value}' must be written {value.lower()}")
-    if value and not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII):
-        raise ValueError(f"'{value}' is not a network; write host, bridge, none, a network's name or container:NAME")
+    if value and not re.fullmatch(r"(container:|service:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII):
+        known = "host, bridge, none, a network's name, service:NAME or container:NAME"
+        raise ValueError(f"'{value}' is not a network; write {known}")
 
 
 def _namespace(*modes: str) -> Callable[[str], None]:
     def check(value: str) -> None:
-        of_other = "container:" in modes and re.fullmatch(r"container:[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII)
-        if value and (value not in modes or value == "container:") and not of_other:
+        of_other = "container:" in modes and re.fullmatch(
+            r"(container|service):[a-zA-Z0-9][a-zA-Z0-9_.-]*", value, re.ASCII
+        )
+        if value and (value not in modes or value.endswith(":")) and not of_other:
             names = ", ".join(f"{m}NAME" if m.endswith(":") else m for m in modes)
             raise ValueError(f"'{value}' is not known here; write {names}")
 
@@ -228,12 +232,13 @@ def _key(name: str) -> None:
 
 
 CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
-CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(_image), checked(_word)
+CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(check_image), checked(_word)
 NETWORK_MODE, SECURITY, VOLUMES_FROM = checked(_network_mode), checked(_security), checked(_volumes_from)
-IPC = checked(_namespace("none", "private", "shareable", "host", "container:"))
-PID, HOST_ONLY = checked(_namespace("host", "container:")), checked(_namespace("host"))
+IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "container:"))
+PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))
 VOLUME, DEVICE, TMPFS = checked(parse_volume), checked(parse_device), checked(parse_tmpfs)
 PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
+TARGET, PUBLISHED = checked(check_target), checked(check_published)
 DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
 HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
 DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")

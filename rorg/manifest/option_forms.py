@@ -35,7 +35,7 @@ def _one_or_many(value: object) -> object:
 
 
 def _pairs(value: object) -> object:
-    """`[K=V]` or `{K: V}` as {K: "V"}; numbers become text, as in Compose."""
+    """`[K=V]` or `{K: V}` as {K: "V"}; numbers and booleans become text, as in Compose."""
     if isinstance(value, list):
         if not all(isinstance(item, str) and "=" in item for item in value):
             raise ValueError("each item must read KEY=VALUE")
@@ -43,11 +43,23 @@ def _pairs(value: object) -> object:
     return value
 
 
+def _scalar(value: object) -> object:
+    """Compose takes true and false in mappings of text, and makes these words of them."""
+    return _text(("false", "true")[value] if isinstance(value, bool) else value)
+
+
+def _bare(value: object) -> object:
+    """A label without a value has an empty one, as in Compose."""
+    if isinstance(value, list):
+        return [f"{item}=" if isinstance(item, str) and "=" not in item else item for item in value]
+    return {k: "" if v is None else v for k, v in value.items()} if isinstance(value, dict) else value
+
+
 def _text(value: object) -> object:
     if value is None:
         raise ValueError("a value is missing; write it, or '' for an empty one")
     if isinstance(value, bool):
-        raise ValueError("true and false must be quoted here, as in Compose")
+        raise ValueError("true and false must be quoted here")
     return str(value) if isinstance(value, int | float) else value
 
 
@@ -67,8 +79,9 @@ def _not_ours(value: dict[str, str]) -> dict[str, str]:
 Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text")]
 Text = Annotated[str, BeforeValidator(_text), Written("text")]
 Texts = list[Text]
-Pairs = Annotated[dict[str, Text], BeforeValidator(_pairs), Written("mapping of text | list of KEY=VALUE")]
-Labels = Annotated[Pairs, AfterValidator(_not_ours), check.KEYS]
+Scalar = Annotated[str, BeforeValidator(_scalar), Written("text")]
+Pairs = Annotated[dict[str, Scalar], BeforeValidator(_pairs), Written("mapping of text | list of KEY=VALUE")]
+Labels = Annotated[Pairs, BeforeValidator(_bare), AfterValidator(_not_ours), check.KEYS]
 Signal = Annotated[str, BeforeValidator(check.read_signal), Written("signal")]
 Cores = Annotated[
     float,
@@ -77,7 +90,6 @@ Cores = Annotated[
     check.between((0.01, 1 << 20), what="write at least 0.01"),
     Written("number of cores"),
 ]
-Device = Annotated[str, check.DEVICE]
 Limit = Annotated[Memory, check.between((0, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
 Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
 Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memory")]

@@ -232,7 +232,7 @@ def _network_names(value: dict[str, Any]) -> dict[str, Any]:
         if name.lower() in ("host", "none"):
             raise ValueError(f"'{name}' is not a network to join; write network_mode: {name.lower()}")
         check.require(check.NETWORK, name, "the name of a network")
-        if name in ("bridge", "default") and network != Network():
+        if name == "bridge" and network != Network():
             raise ValueError(f"'{name}' takes no options; write the name of a network of your own")
     return value
 

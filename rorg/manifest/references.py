@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Catalog, Group, Service
+from rorg.manifest.joining import place_of
+from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.graph import closure, conflicting, cycles, overbooked
 
@@ -51,7 +52,11 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
     for cycle in cycles({s.name: s.needs for s in services.values()}):
         source = sources[cycle[0]]
         written = [n.service for n in source.spec.needs]
-        where = source.where("spec", "needs", written.index(cycle[1])) if cycle[1] in written else source.where("spec")
+        joined = services[cycle[0]].joins.get(cycle[1])
+        if cycle[1] in written:
+            where = source.where("spec", "needs", written.index(cycle[1]))
+        else:
+            where = place_of(source, joined[0]) if joined else source.where("spec")
         what = f"services need each other: {' -> '.join(cycle)}"
         diagnostics.append(Diagnostic(where, what, "dropping one of these needs"))
     return diagnostics
@@ -116,3 +121,41 @@ def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagno
 
 def _place(source: Source, field: str) -> Where:
     return source.where("spec", field, key=True)
+
+
+def check_spelling(sources: Iterable[Source]) -> list[Diagnostic]:
+    """Names of one kind that differ by case alone: files of the same name to some file systems, and to people. A
+    service and a group are of one kind here, since a request names either."""
+    first: dict[tuple[str, str], tuple[str, str]] = {("Service", DEVELOPER): (DEVELOPER, "built in")}
+    diagnostics = []
+    for source in sources:
+        kind = "Service" if source.kind == "Group" else source.kind
+        where = source.where("metadata", "name")
+        name, place = first.setdefault((kind, source.name.lower()), (source.name, f"at {where}"))
+        if name != source.name:
+            message = f"the name '{source.name}' differs only by case from '{name}', which is {place}"
+            diagnostics.append(Diagnostic(where, message, "another name"))
+    return diagnostics
+
+
+def check_container_names(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
+    """Two services can have no container of the same name, and the engine wants two letters at the least."""
+    owners: dict[str, str] = {}
+    diagnostics = []
+    for name in sources:
+        service = services[name]
+        if len(service.container_name) < 2 and not service.meta:
+            message = f"a container cannot be called '{service.container_name}': a name has two letters at the least"
+            diagnostics.append(Diagnostic(sources[name].where("metadata", "name"), message, "container.container_name"))
+        first = owners.setdefault(service.container_name, name)
+        if first != name:
+            both = sorted((first, name), key=lambda n: services[n].container_name == n)
+            where = sources[both[0]].where("spec", "container", "container_name")
+            diagnostics.append(
+                Diagnostic(
+                    where,
+                    f"the container of '{both[1]}' is called '{service.container_name}' too",
+                    "another container_name",
+                )
+            )
+    return diagnostics

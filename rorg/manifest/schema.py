@@ -60,6 +60,7 @@ def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
 # What a validator turns into the model's type before it is checked: (type of the field, what may be written).
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
+_PAIR = {"type": ["string", "number", "boolean", "null"]}
 _WRITTEN: dict[str, list[Any]] = {
     "command": _WORDS,
     "exec": _WORDS,
@@ -68,13 +69,18 @@ _WRITTEN: dict[str, list[Any]] = {
     "dns": _WORDS,
     "dns_opt": _WORDS,
     "dns_search": _WORDS,
-    "env_file": _WORDS,
+    "env_file": [
+        {"type": "string"},
+        {"$ref": "#/$defs/EnvFile"},
+        {"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/EnvFile"}]}},
+    ],
+    "devices": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/DeviceEntry"}]}}],
     "tmpfs": _WORDS,
     "gpus": [{"const": "all"}, {"type": "array"}],
     "test": _WORDS,
     "networks": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
     "extra_hosts": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ports": [{"type": "array", "items": _SCALAR}],
+    "ports": [{"type": "array", "items": {"anyOf": [_SCALAR, {"$ref": "#/$defs/Port"}]}}],
     "expose": [{"type": "array", "items": _SCALAR}],
     "group_add": [{"type": "array", "items": _SCALAR}],
     "groups": [{"type": "array", "items": _SCALAR}],
@@ -88,6 +94,9 @@ _WRITTEN: dict[str, list[Any]] = {
         {"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"}, {"$ref": "#/$defs/Ulimit"}]}}
     ],
 }
+_PLAIN = ("integer", "number", "boolean")
+_VARIABLE = {"type": "string", "pattern": r"\$\{.+\}"}
+_TOLD = ("description", "default", "examples", "title", "x-rorg-change")
 _PAIRS = ("environment", "labels", "annotations", "sysctls", "storage_opt", "options", "args", "driver_opts")
 
 
@@ -103,20 +112,31 @@ def _loosen(value: Any) -> Any:
     for name, field in properties.items():
         if any("$ref" in form for form in field.get("anyOf", ())):
             continue  # a mapping of its own, such as tmpfs of a mount
-        if name == "devices" and "$ref" in field.get("items", ()):
+        if name == "devices" and "DriverDevice" in field.get("items", {}).get("$ref", ""):
             field["items"] = {"anyOf": [{"type": "string"}, field["items"]]}
+            continue
         written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [
-                {"type": "object", "additionalProperties": _SCALAR},
-                {"type": "array", "items": {"type": "string", "pattern": "="}},
+                {"type": "object", "additionalProperties": _PAIR},
+                {"type": "array", "items": {"type": "string"}},
             ]
         if written:
-            kept = {
-                k: v for k, v in field.items() if k in ("description", "default", "examples", "title", "x-rorg-change")
-            }
+            kept = {k: v for k, v in field.items() if k in _TOLD}
             properties[name] = {"anyOf": [*written, {"type": "null"}], **kept}
+        properties[name] = _or_variable(properties[name])
     return found
+
+
+def _or_variable(field: dict[str, Any]) -> dict[str, Any]:
+    """A number or a boolean, or a variable of robot.env that has one."""
+    if field.get("type") in _PLAIN:
+        kept = {k: v for k, v in field.items() if k in _TOLD}
+        return {"anyOf": [{k: v for k, v in field.items() if k not in _TOLD}, _VARIABLE], **kept}
+    forms = field.get("anyOf", ())
+    if any(form.get("type") in _PLAIN for form in forms) and not any(form.get("type") == "string" for form in forms):
+        return {**field, "anyOf": [*forms, _VARIABLE]}
+    return field
 
 
 def write(folder: Path, check: bool) -> list[str]:

@@ -163,7 +163,7 @@ class ServiceSpec(Strict):
         ["*"],
         list,
     )
-    may_manage: list[Annotated[str, Field(pattern=r"^[a-z0-9_.*?-]{1,64}$")]] = recreate(
+    may_manage: list[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.*?-]{1,64}$")]] = recreate(
         "Patterns of names, such as lab-*: services that it may create, change, remove, request and restart, within "
         "what it may itself. Gives it rorg's socket.",
         ["lab-*"],

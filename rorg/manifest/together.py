@@ -38,7 +38,7 @@ def _network(options: Options) -> Iterator[Clash]:
             "dropping one of them",
             "network_mode",
         )
-    if mode.startswith("container:"):
+    if mode.startswith(("container:", "service:")):
         for option in (
             "ports",
             "expose",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -44,6 +44,13 @@ for _tag, _pattern, _first in (
 Path = tuple[str | int, ...]
 
 
+class Use(NamedTuple):
+    """A variable that a text names, and where its value is declared: None where a default of the text holds."""
+
+    name: str
+    where: Where | None
+
+
 @dataclass
 class Document:
     """One YAML document: its value, and where each key and each value stands."""
@@ -54,6 +61,8 @@ class Document:
     values: dict[Path, tuple[int, int]] = field(default_factory=dict)
     files: dict[Path, str] = field(default_factory=dict)
     """The file of those that stand in another one, which was laid over this."""
+    filled: dict[Path, tuple[Use, ...]] = field(default_factory=dict)
+    """The variables that were filled into texts."""
 
     def where(self, path: Path, key: bool = False) -> Where:
         """The place of a value (or of its key); of its nearest ancestor where the path itself is not there."""
@@ -170,3 +179,10 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
     except (yaml.YAMLError, RecursionError, UnicodeError) as error:
         return None, [Diagnostic(Where(file), f"not valid YAML: {error}")]
     return reader.document, reader.diagnostics
+
+
+def as_scalar(text: str) -> str | int | float | bool:
+    """The number or the boolean that a text is in YAML, or the text."""
+    document, found = read_yaml(text, "")
+    value = document.value if document and not found else None
+    return value if isinstance(value, bool | int | float) else text

@@ -9,6 +9,8 @@ from typing import Any
 
 from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
+from rorg.model.objects import EngineObject
+from rorg.model.policy import Policy
 
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
@@ -91,6 +93,8 @@ class Service:
     """Names of services; groups are already replaced by their members."""
     restarts_with: tuple[str, ...] = ()
     """Those of `needs` whose restart restarts this service."""
+    joins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Service, among `needs` -> options by which its container's namespaces or volumes are used (see joining.py)."""
     conflicts: tuple[str, ...] = ()
     exclusive: Mapping[str, int] = field(default_factory=dict)
     """Resource -> units."""
@@ -179,6 +183,12 @@ class Image:
     bases: tuple[str, ...] = ()
     """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
     RUN --mount=from that names no stage of its own."""
+    stand_ins: Mapping[str, str] = field(default_factory=dict)
+    """Reference in its Dockerfile -> what stands for it by `additional_contexts`: that is in `bases`."""
+    cache_from: tuple[str, ...] = ()
+    """References of images whose layers may be used: no part of what it is."""
+    inline: str = ""
+    """Its Dockerfile, where that is no file: then `dockerfile` only says which .dockerignore counts."""
     secrets: tuple[str, ...] = ()
     """Arguments whose values are secret."""
     reference: str = ""
@@ -220,79 +230,16 @@ class Hold:
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
-    """Of the whole machine; None for all that it has."""
-
-    cpu: float | None = None
-    """Cores."""
-    memory: int | None = None
-    """Bytes."""
-    over: str = "admit"
-    """admit, queue or refuse a request that would not fit."""
-
-
-@dataclass(frozen=True, slots=True)
-class Thresholds:
-    """When measures against overload begin and end; `high` and `low` are fractions of the budget, `*_some` percent
-    of time (PSI, avg10), `step` and `calm` seconds."""
-
-    high: float = 1.0
-    low: float = 0.85
-    cpu_some: float | None = None
-    memory_some: float | None = 20.0
-    step: float = 0.5
-    calm: float = 5.0
-    admit: int = 60
-
-
-@dataclass(frozen=True, slots=True)
-class ImagePolicy:
-    """When images are had, and how many are kept."""
-
-    pull: str = "missing"
-    """missing or never: what becomes of an external image that is not on the machine."""
-    build: str = "missing"
-    """The same for an Image of the tree."""
-    keep: int = 5
-    """States of the manifests whose images stay for a rollback."""
-
-
-@dataclass(frozen=True, slots=True)
-class HistoryPolicy:
-    """How much of what happened is kept."""
-
-    days: float = 400.0
-    events: int = 100_000
-    """Entries of the journal that are not about what people did."""
-    revisions: int = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Policy:
-    """What is said of the whole machine."""
-
-    resync: float = 60.0
-    bulk_workers: int | None = None
-    """Engine calls at once for what no request waits for; None leaves it to whoever makes them."""
-    budget: Budget | None = None
-    pressure: Thresholds | None = None
-    """None: load is not looked at."""
-    resources: Mapping[str, int] = field(default_factory=dict)
-    """Exclusive resource -> how many units there are; 1 where it is not named."""
-    purge_ros: bool = True
-    removals: str = "ask"
-    """ask or auto."""
-    images: ImagePolicy = ImagePolicy()
-    history: HistoryPolicy = HistoryPolicy()
-
-
-@dataclass(frozen=True, slots=True)
 class Catalog:
     """A whole tree."""
 
     services: Mapping[str, Service] = field(default_factory=dict)
     groups: Mapping[str, Group] = field(default_factory=dict)
     images: Mapping[str, Image] = field(default_factory=dict)
+    networks: Mapping[str, EngineObject] = field(default_factory=dict)
+    """By the name that services write."""
+    volumes: Mapping[str, EngineObject] = field(default_factory=dict)
+    """Likewise."""
     requests: tuple[Request, ...] = ()
     policy: Policy = Policy()
     fingerprint: str = ""

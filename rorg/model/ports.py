@@ -42,6 +42,16 @@ def parse_expose(text: str) -> list[str]:
     return [f"{n}/{protocol}" for n in range(first, last + 1)]
 
 
+def check_target(text: str) -> None:
+    """Raises ValueError for what is neither a port of a container nor a range of them."""
+    _range(text, text, 1)
+
+
+def check_published(text: str) -> None:
+    """The same of the host, where 0 is any free one."""
+    _range(text, text, 0)
+
+
 def _inside(text: str, part: str) -> tuple[int, int, str]:
     ports, slash, protocol = part.partition("/")
     if slash and protocol.lower() not in ("tcp", "udp", "sctp"):

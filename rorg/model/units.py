@@ -8,7 +8,9 @@ from decimal import Decimal
 
 DURATION = r"^(([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+|[0-9]+(\.[0-9]+)?)$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
-NAME = r"^[a-z0-9][a-z0-9_.-]{0,61}[a-z0-9]$"
+NAME = r"^[A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9_-])?$"
+"""Of manifests: what Compose takes for a service, without what hides a file or names a directory (a dot in front, or at
+the end) and what looks like an option (a dash in front)."""
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"": 1, "b": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30}
 

@@ -12,12 +12,16 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
+from rorg.core.found_objects import FoundObject, FoundObjects
+from rorg.core.objects import found_object
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.devices import Plugged
+from rorg.model.joining import NAMESPACES
 from rorg.model.live import LIVE
+from rorg.model.objects import Kind, subject
 from rorg.model.units import stamp
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
@@ -48,6 +52,8 @@ class Faults:
     """Extra seconds that a call takes."""
     fail: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     """Messages of the next failures, used up one by one."""
+    spent: set[str] = field(default_factory=set)
+    """Containers that cannot be started any more."""
     crash_after: dict[str, float] = field(default_factory=dict)
     """Service -> seconds after each start until it exits."""
     exit_code: int = 1
@@ -77,10 +83,14 @@ class SimEngine:
         """Command -> its exit code and output; all others say nothing and exit 0."""
         self.devices: dict[str, Plugged] = {}
         """Identity of a device -> what there is of it; nothing waits for others."""
+        self.objects: dict[str, FoundObject] = {}
+        """Networks and volumes by key, those of others too."""
         self._ids = (f"{n:064x}" for n in itertools.count(1))
         self._output: dict[str, bytes] = {}
         self._run_from: dict[str, int] = {}
         """Container -> where the output of its run of now begins."""
+        self._joined: dict[str, list[str]] = {}
+        """Container -> ids of those whose namespaces it has."""
         self._ran: dict[str, tuple[float, float | None]] = {}
         """Container -> seconds that its run of now has run, up to a pause; and since when it runs again."""
         self._followers: list[queue.SimpleQueue[str]] = []
@@ -134,21 +144,83 @@ class SimEngine:
             raise EngineError(f"create {name}", f"the name {name} is already in use", kind="name_taken")
         container = next(self._ids)
         live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
+        self._joined[container] = self._joins(name, spec)
         assert labels[LABEL_OWNER] == self.owner
+        joins = {n: "" for n in spec.get("networks", {}) if subject("network", n) in self.objects}
         self.containers[container] = Container(
-            container, name, state="created", live=live, created_at=iso(self.clock()), **from_labels(labels)
+            container,
+            name,
+            state="created",
+            live=live,
+            created_at=iso(self.clock()),
+            networks=joins,
+            **from_labels(labels),
         )
         self._tell(container)
         return container
 
+    def find_objects(self, keys: Collection[str]) -> FoundObjects:
+        asked = frozenset(keys)
+        found = {k: one for k, one in self.objects.items() if one.owner == self.owner or k in asked}
+        return FoundObjects(found, asked, complete=True)
+
+    def object_events(self, stop: threading.Event) -> Iterator[None]:
+        """None beyond the first: whoever changes them here looks by itself."""
+        yield
+        stop.wait()
+
+    def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
+        one = found_object(kind, name, next(self._ids), labels)
+        self._fault("create", one.key)
+        if one.key in self.objects:
+            raise EngineError(f"create the {kind} {name}", "one of that name is there")
+        self.objects[one.key] = one
+
+    def remove_object(self, kind: Kind, name: str) -> None:
+        one = self.objects.get(subject(kind, name))
+        if one is None:
+            return
+        if one.owner != self.owner:
+            raise EngineError(f"remove the {kind} {name}", "it is not rorg's", kind="foreign")
+        self._fault("remove", one.key)
+        users = [c.name for c in self.containers.values() if c.alive and name in c.networks]
+        if users:
+            raise EngineError(f"remove the {kind} {name}", f"connected to it: {', '.join(users)}", kind="in_use")
+        del self.objects[one.key]
+
+    def _joins(self, name: str, spec: Mapping[str, Any]) -> builtins.list[str]:
+        """As Docker, which knows those that a container is joined to by their ids."""
+        found = [v.removeprefix("container:") for o in NAMESPACES if (v := spec.get(o, "")).startswith("container:")]
+        others = [v.partition(":")[0] for v in spec.get("volumes_from", ()) if not v.startswith("container:")]
+        lost = [c for c in [*found, *others] if c not in self.containers]
+        if lost:
+            raise EngineError(f"create {name}", f"No such container: {lost[0]}")
+        return found
+
     def start(self, container: str) -> None:
+        self._join(container)
+        for other in self._joined.get(container, ()):
+            if other not in self.containers or not self.containers[other].alive:
+                raise EngineError(f"start {container[:12]}", f"cannot join a container that does not run: {other}")
         if self.faults.bad.get(self._get(container).digest) == "start":
             raise EngineError(f"start {container[:12]}", "no such program")
+        if container in self.faults.spent:
+            raise EngineError(f"start {container[:12]}", f"task {container}: already exists", kind="spent")
         self._change(
             "start", container, ("created", "exited"), state="running", started_at=iso(self.clock()), exit_code=None
         )
         self._ran[container] = 0.0, self.clock()
         self._run_from[container] = len(self._output.get(container, b""))
+
+    def _join(self, container: str) -> None:
+        """A network that was joined once is joined again by its id, as with Docker."""
+        found = self._get(container)
+        for name, known in found.networks.items():
+            there = self.objects.get(subject("network", name))
+            if there is None or known not in ("", there.id):
+                raise EngineError(f"start {found.service}", f"no network {known[:12] or name}", kind="conflict")
+        ids = {name: self.objects[subject("network", name)].id for name in found.networks}
+        self.containers[container] = replace(found, networks=ids)
 
     def pause(self, container: str) -> None:
         self._change("pause", container, ("running",), state="paused")

@@ -12,13 +12,14 @@ from rorg.core.cache import Cache
 from rorg.core.decide import Decision, Inputs, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
+from rorg.core.found_objects import FoundObjects
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
 from rorg.core.schedule import Target
-from rorg.engines.execute import perform, said_no
+from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
@@ -55,6 +56,7 @@ class SimRobot:
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
+        self._found = FoundObjects()
         self._asked: Mapping[tuple[str, str], Target] = {}
         """What the last pass wanted to be probed."""
         self._told: Mapping[tuple[str, str], ProbeResult] = {}
@@ -109,14 +111,14 @@ class SimRobot:
         self.memory, self.cache = memory, None
 
     def _finish(self, action: Action, life: int) -> None:
-        error, refused = "", False
+        error, refused, spent = "", False, False
         try:
             perform(self.engine, action)
         except RorgError as failed:
-            error, refused = failed.why, said_no(failed)
+            error, refused, spent = failed.why, said_no(failed), is_spent(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         if life == self.life:
-            self.memory = finish(self.memory, [Outcome(action, error, refused)], self.now)
+            self.memory = finish(self.memory, [Outcome(action, error, refused, spent=spent)], self.now)
         if action.verb == "start" and not error:
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
@@ -131,10 +133,9 @@ class SimRobot:
     def inputs(self) -> Inputs:
         """What a pass would read now."""
         if not self.faults.unreachable:
-            self._seen = tuple(self.engine.list())
-        observed = Observed(
-            self._seen, not self.faults.unreachable, "the engine does not answer" if self.faults.unreachable else ""
-        )
+            self._seen, self._found = tuple(self.engine.list()), self.engine.find_objects(self.desired.keys)
+        unanswered = "the engine does not answer" if self.faults.unreachable else ""
+        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found)
         return Inputs(
             desired=self.desired,
             requests=self.document.requests,

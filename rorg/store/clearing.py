@@ -37,7 +37,7 @@ def clear(state: StateDir) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for name in FOLDERS:
             shutil.rmtree(state.path / name, ignore_errors=True)
-        left = RequestsFile(state.requests).change(lambda d: replace(d, down=False), notify=False)
+        left = RequestsFile(state.requests).change(lambda d: replace(d, down=False, purge=False), notify=False)
         if left == RequestsDocument():
             state.requests.unlink(missing_ok=True)
         known = {"instance"} if state.homes.exists() else set()  # containers to develop in carry it, and may be there

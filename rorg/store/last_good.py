@@ -82,6 +82,7 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
     idle = data["idle"]
     flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
     flat["update"] = Updating(**data.get("update", {}))
+    flat["joins"] = {name: tuple(options) for name, options in data.get("joins", {}).items()}
     for role in ("ready", "live", "interlock"):
         flat[role] = _probe(data[role])
     return Service(**flat)

@@ -22,6 +22,8 @@ class RequestsDocument:
     """What is not declared any more, and confirmed to be removed."""
     down: bool = False
     """The robot is being taken down: everything is ceased and removed, and then rorg ends."""
+    purge: bool = False
+    """Volumes of the robot go with it, with all that is in them."""
     retries: Mapping[str, str] = field(default_factory=dict)
     """Service -> when it was asked for that what failed of it be tried again, as `restarts`."""
 

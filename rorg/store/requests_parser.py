@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -39,7 +40,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down")
+_KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down", "purge")
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
@@ -93,13 +94,15 @@ class _Reader:
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,
             self.removals(value.get("removals") or []),
-            self.down(value.get("down", False)),
+            self.truth("down", value),
+            self.truth("purge", value),
             self.times("retries", value.get("retries") or {}),
         )
 
-    def down(self, value: Any) -> bool:
+    def truth(self, key: str, content: Mapping[str, Any]) -> bool:
+        value = content.get(key, False)
         if not isinstance(value, bool):
-            self.error(("down",), "must be true or false")
+            self.error((key,), "must be true or false")
         return value is True
 
     def removals(self, value: Any) -> tuple[str, ...]:
@@ -188,7 +191,9 @@ def render(document: RequestsDocument) -> str:
     return (
         HEADER
         + (f"requests:\n{requests}" if requests else "requests: []\n")
-        + "".join([_yaml(content) if content else "", "down: true\n" if document.down else ""])
+        + (_yaml(content) if content else "")
+        + ("down: true\n" if document.down else "")
+        + ("purge: true\n" if document.purge else "")
     )
 
 

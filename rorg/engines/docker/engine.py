@@ -10,8 +10,9 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rorg.core.found_objects import FoundObjects
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
-from rorg.engines.docker import archive, log
+from rorg.engines.docker import archive, log, objects
 from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
@@ -27,6 +28,7 @@ from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 from rorg.host.commands import Output
+from rorg.model.objects import Kind
 
 if TYPE_CHECKING:
     import docker
@@ -211,6 +213,26 @@ class DockerEngine:
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         self._do("update", container, body=update_body(options))
+
+    # -- networks and volumes ----------------------------------------------------------------------------------
+
+    def find_objects(self, keys: Collection[str]) -> FoundObjects:
+        with docker_errors("list networks and volumes"):
+            return objects.find(self.client, self.owner, keys)
+
+    def object_events(self, stop: threading.Event) -> Iterator[None]:
+        with docker_errors("follow the engine's events"):
+            yield from objects.events(self.client, stop)
+        if not stop.is_set():
+            raise Unreachable("follow the engine's events", "the engine closed the stream")
+
+    def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
+        with docker_errors(f"create the {kind} {name}"):
+            objects.make(self.client, kind, name, spec, labels)
+
+    def remove_object(self, kind: Kind, name: str) -> None:
+        with docker_errors(f"remove the {kind} {name}"):
+            objects.remove(self.client, kind, name, self.owner)
 
     # -- looking inside ----------------------------------------------------------------------------------------
 

@@ -25,7 +25,11 @@ KINDS = (
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
     ("gone", r"no such container", ""),
-    ("conflict", r"is paused|not running|already (started|paused)|is not paused|task \S+ already exists", ""),
+    ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
+    # What an engine left that was killed amid a start. Nothing of the program runs, and this container never will;
+    # the last line is of one that runs, unknown to the engine.
+    ("spent", r"task \S+ already exists|failed to start shim: mkdir .*: file exists", ""),
+    ("conflict", r"id already in use", "ending the program that a killed engine left, or a reboot"),
 )
 """What the engine says, as a stable kind with a remedy."""
 REMEDY = "`docker info` to see whether the engine runs"

@@ -11,6 +11,8 @@ from rorg.core.observed import Container, from_labels
 from rorg.engines.docker.live import live_options
 from rorg.host.processes import process_start
 
+ENGINES_OWN = ("bridge", "host", "none")
+"""Networks that are always there."""
 NEVER = "0001-01-01T00:00:00Z"
 """What the engine calls the start of a container that never started."""
 
@@ -48,5 +50,12 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
         health=(state.get("Health") or {}).get("Status", ""),
         stop_signal=data["Config"].get("StopSignal") or "",
         image=data.get("Image") or "",
+        networks=_networks(data),
         **from_labels(labels),
     )
+
+
+def _networks(data: Mapping[str, Any]) -> dict[str, str]:
+    """By name, the ids of networks that it joins and that may be another one some day."""
+    found = (data.get("NetworkSettings") or {}).get("Networks") or {}
+    return {name: (n or {}).get("NetworkID") or "" for name, n in found.items() if name not in ENGINES_OWN}

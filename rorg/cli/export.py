@@ -1,0 +1,102 @@
+"""rorg export"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import FILES, Argument, Directory, Option, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.compose.exported import Exported
+
+FORMATS = ("compose",)
+FORMS = ("yaml", "json")
+
+
+def command(
+    format: Annotated[str, Argument(help="compose.", completes=FORMATS)],
+    directory: Directory = None,
+    output: Annotated[
+        Path | None,
+        Option(
+            names=("--output",),
+            help="The Compose file to write; it and what stands beside it must not be there. Default: standard output.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
+    form: Annotated[
+        str,
+        Option(
+            names=("-o",),
+            help="yaml, or json: the file, what it cannot say, and what stands beside it.",
+            completes=FORMS,
+        ),
+    ] = "yaml",
+    force: Annotated[bool, Option(names=("--force",), help="Write over files that are there.")] = False,
+    state_dir: StateDirectory = None,
+) -> None:
+    """Write the robot as a Compose file, without its requests: every option of every container, what needs what, how
+    images are built, networks and volumes. What Compose cannot say stands there in comments.
+
+    Example: rorg export compose --output compose.yaml
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form
+    from rorg.compose.writer import export
+    from rorg.errors import Invalid
+
+    check_form(form, FORMS)
+    if format not in FORMATS:
+        raise Invalid(f"export '{format}'", "there is no such format", "compose")
+    context = Context(state_dir, None, directory, local=True)
+    catalog = context.catalog()
+    root = context.root.resolve()
+    base = (output.parent if output else Path(".")).resolve()
+    name = context.robot or (root.parent.name if root.name == "manifests" else root.name)
+    exported = export(catalog, str(base), name)
+    if output:
+        _write(exported, output, force)
+    _tell(exported, output, form)
+
+
+def _write(exported: Exported, output: Path, force: bool) -> None:
+    """The file, and what it names beside it; secrets are for their owner alone."""
+    from rorg.compose.writer_text import write
+    from rorg.errors import Invalid, Refused
+
+    texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
+    there = [str(path) for path in texts if path.exists()]
+    if there and not force:
+        raise Refused("export the robot", f"{', '.join(there)} is there", "--force, or another name by --output")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        for path, text in texts.items():
+            path.unlink(missing_ok=True)
+            path.touch(0o600 if path.suffix == ".env" else 0o644)
+            path.write_text(text)
+    except OSError as error:
+        raise Invalid(f"write {error.filename}", str(error.strerror), "another file by --output") from error
+
+
+def _tell(exported: Exported, output: Path | None, form: str) -> None:
+    from rorg.cli.output import dump, echo, note
+    from rorg.compose.writer_text import escaped, write
+    from rorg.model.units import counted
+
+    if form == "json":
+        found: dict[str, Any] = {
+            "file": str(output) if output else None,
+            "compose": escaped(exported.document),
+            "notes": [n.as_json() for n in exported.notes],
+            "files": sorted(exported.files),
+        }
+        dump(found, "json")
+    elif output is None:
+        echo(write(exported), end="")
+    if output is None and exported.files:
+        note(f"{', '.join(sorted(exported.files))}: named in it, and written by --output")
+    lost = sum(n.lost for n in exported.notes)
+    told = f", {counted(lost, 'thing')} not carried: see its comments" if lost else ""
+    note(f"{output or 'compose'}: {counted(len(exported.document['services']), 'service')}{told}")

@@ -1,0 +1,205 @@
+"""Several files as one tree: files over files, services that extend others, files that include others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rorg.compose.forms import Context, kept, without
+from rorg.compose.nodes import Node, read_nodes
+from rorg.compose.sections import FILE, SERVICE
+from rorg.compose.variables import Files, Variables, bare, fill
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One document of one file: as it is written, with `!reset` and `!override`, and as a tree in canonical forms."""
+
+    path: Path
+    written: Node
+    tree: Node
+
+    def service(self, name: str) -> Node | None:
+        found = self.tree.mapping.get("services")
+        return found.mapping.get(name) if found else None
+
+    def written_service(self, name: str) -> Node:
+        services = self.written.mapping.get("services")
+        found = services.mapping.get(name) if services else None
+        return found or Node({}, self.written.where)
+
+
+@dataclass
+class Assembler:
+    """What all files of a project have in common. Every mistake is in `diagnostics`."""
+
+    files: Files
+    home: str
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+    paths: dict[Path, None] = field(default_factory=dict)
+    """All that were read."""
+    layers: dict[tuple[Path, Path, int], list[Layer]] = field(default_factory=dict)
+    """Of each file, directory and set of variables."""
+
+    def tree(
+        self, paths: Sequence[Path], directory: Path, variables: Variables, where: Where, trail: tuple[Path, ...] = ()
+    ) -> Node:
+        """What files say together, with what they include."""
+        total: Node | None = None
+        for path in paths:
+            for layer in self.read(path, directory, variables, where):
+                services = self.extended(layer, directory, variables)
+                tree = layer.tree.but({**layer.tree.mapping, **({"services": services} if services else {})})
+                total = tree if total is None else FILE.merge(without(total, layer.written), tree)
+        total = total or Node({}, where)
+        for entry in total.mapping["include"].items if "include" in total.mapping else ():
+            total = self.included(total, entry, directory, variables, (*trail, *paths))
+        return total
+
+    def read(self, path: Path, directory: Path, variables: Variables, where: Where) -> list[Layer]:
+        """The documents of a file in canonical forms; none where it cannot be read, which is told at `where`."""
+        key = (path, directory, id(variables))
+        if key in self.layers:
+            return self.layers[key]
+        self.layers[key] = []
+        text = self.files.text(path, where, "the Compose file")
+        if text is None:
+            return []
+        self.paths[path] = None
+        documents, mistakes = read_nodes(text, str(path))
+        self.diagnostics += mistakes
+        context = Context(directory, self.home, self.diagnostics)
+        for document in documents:
+            written = fill(document, variables, self.diagnostics)
+            tree = FILE.read(kept(written), "", context)
+            if tree is not None:
+                self.layers[key].append(Layer(path, written, tree))
+        return self.layers[key]
+
+    def extended(self, layer: Layer, directory: Path, variables: Variables) -> Node | None:
+        services = layer.tree.mapping.get("services")
+        if services is None:
+            return None
+        every = {name: self.service(name, layer, directory, variables, ()) for name in services.mapping}
+        return services.but({name: node for name, node in every.items() if node is not None})
+
+    def service(
+        self, name: str, layer: Layer, directory: Path, variables: Variables, trail: tuple[tuple[Path, str], ...]
+    ) -> Node | None:
+        """A service with all that it extends."""
+        node = layer.service(name)
+        extends = node.mapping.get("extends") if node else None
+        target = extends.mapping.get("service") if extends else None
+        if node is None or extends is None or target is None:
+            return node
+        own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
+        if (layer.path, name) in trail:
+            ring = " -> ".join([*(one for _, one in trail[trail.index((layer.path, name)) :]), name])
+            self.diagnostics.append(
+                Diagnostic(target.where, f"services extend each other: {ring}", "dropping one extends")
+            )
+            return own
+        found = self.base(name, target, extends, layer, directory, variables)
+        if found is None:
+            return node
+        base_layer, base_directory = found
+        trail = (*trail, (layer.path, name))
+        base = self.service(target.value, base_layer, base_directory, variables, trail)
+        if base is None:
+            return own
+        merged = SERVICE.merge(without(base, layer.written_service(name)), own)
+        return own.but(merged.value)
+
+    def base(
+        self, name: str, target: Node, extends: Node, layer: Layer, directory: Path, variables: Variables
+    ) -> tuple[Layer, Path] | None:
+        """The document that has the service which `name` extends, and where its paths begin."""
+        layers, where = [layer], directory
+        file = extends.mapping.get("file")
+        if file:
+            path = Path(Context(directory, self.home).path(file.value))
+            layers, where = self.read(path, path.parent, variables, file.where), path.parent
+            if not layers:
+                return None
+        found = next((one for one in layers if one.service(target.value) is not None), None)
+        if found is None:
+            known = [
+                known for one in layers for known in one.tree.mapping.get("services", target).mapping if known != name
+            ]
+            inside = f" in {layers[0].path}" if file else ""
+            message = f"service '{name}' extends '{target.value}', which there is not{inside}"
+            self.diagnostics.append(Diagnostic(target.where, message, nearest(target.value, known)))
+            return None
+        return found, where
+
+    def included(
+        self, total: Node, entry: Node, directory: Path, variables: Variables, trail: tuple[Path, ...]
+    ) -> Node:
+        """A tree and what one entry of `include` brings."""
+        context = Context(directory, self.home)
+        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items if "path" in entry.mapping]
+        if not paths:
+            return total
+        if paths[0] in trail:
+            ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))
+            self.diagnostics.append(
+                Diagnostic(entry.where, f"files include each other: {ring}", "dropping one include")
+            )
+            return total
+        said = entry.mapping.get("project_directory")
+        base = Path(context.path(said.value)) if said else paths[0].parent
+        inner = variables.within()
+        env_files = entry.mapping.get("env_file")
+        if env_files:
+            for one in env_files.items:
+                self.env_file(Path(context.path(one.value)), one.where, inner)
+        elif self.files.there(base / ".env"):
+            self.env_file(base / ".env", entry.where, inner)
+        tree = self.tree(paths, base, inner, entry.where, trail)
+        return self.joined(total, _with_bare_names(tree, inner))
+
+    def env_file(self, path: Path, where: Where, variables: Variables) -> None:
+        text = self.files.text(path, where, "the env file")
+        if text is not None:
+            self.paths[path] = None
+            variables.add_file(path, text, self.diagnostics)
+
+    def joined(self, total: Node, other: Node) -> Node:
+        """A tree and another that is included: the same name twice is a mistake, unless both say the same."""
+        entries = dict(total.mapping)
+        for section in RESOURCES:
+            brought = other.mapping.get(section)
+            if brought is None:
+                continue
+            ours = dict(entries[section].mapping) if section in entries else {}
+            for name, node in brought.mapping.items():
+                before = ours.get(name)
+                if before is not None and before.plain() != node.plain():
+                    message = f"{section}.{name} is also in {node.place.file}, which is included"
+                    remedy = "another name, or compose.override.yaml beside the included file in its 'path'"
+                    self.diagnostics.append(Diagnostic(before.place, message, remedy))
+                    continue
+                ours.setdefault(name, node)
+            entries[section] = (entries.get(section) or brought).but(ours)
+        return total.but(entries)
+
+
+def _with_bare_names(tree: Node, variables: Variables) -> Node:
+    """Bare names in environments of an included file take what its own env files say, too."""
+    services = tree.mapping.get("services")
+    if services is None:
+        return tree
+    entries = dict(services.mapping)
+    for name, service in entries.items():
+        environment = service.mapping.get("environment")
+        if environment:
+            filled = {
+                key: bare(key, node, variables) if variables.get(key) is not None else node
+                for key, node in environment.mapping.items()
+            }
+            entries[name] = service.but({**service.mapping, "environment": environment.but(filled)})
+    return tree.but({**tree.mapping, "services": services.but(entries)})

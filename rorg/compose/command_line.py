@@ -1,0 +1,82 @@
+"""A command that is written as one text, split into words as Compose splits it.
+
+Compose knows quotes and backslashes, and no shell: at the first of ; & | < > that stands alone it stops, and what comes
+behind it is no part of the command. $(...) and `...` are parts of a word, as they are written (measured with 2.26.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+ENDS = ";&|<>"
+SPACES = " \t\r\n"
+BACK, SUBSTITUTION = "`", "$("
+"""What a sign is inside of, beside quotes."""
+
+
+def split(text: str) -> tuple[list[str], str]:
+    """The words, and what Compose leaves away of the text. Raises ValueError for quotes that are not closed and for
+    brackets outside of quotes, which it refuses."""
+    found = _Words()
+    at = 0
+    while at < len(text) and not found.ended(text[at]):
+        if text[at] == "\\" and found.quote != "'":
+            at += 1
+            if at == len(text):
+                raise ValueError("not a command line: it ends with a backslash")
+            found.add(text[at])
+        else:
+            found.take(text[at])
+        at += 1
+    if found.quote or found.inside:
+        raise ValueError("not a command line: a quotation is not closed")
+    found.space()
+    return found.words, text[at:]
+
+
+@dataclass
+class _Words:
+    words: list[str] = field(default_factory=list)
+    word: str | None = None
+    quote: str = ""
+    inside: str = ""
+
+    def ended(self, sign: str) -> bool:
+        """Whether the command is over. A number before > is that of a file, and no word."""
+        if sign not in ENDS or self.quote or self.inside:
+            return False
+        if sign == ">" and self.word and self.word[0] in "0123456789":
+            self.word = None
+        return True
+
+    def take(self, sign: str) -> None:
+        if sign in SPACES:
+            self.add(sign) if self.quote or self.inside else self.space()
+        elif sign in ("'", '"') and self.inside != SUBSTITUTION and self.quote in ("", sign):
+            self.quote = "" if self.quote else sign
+            self.word = self.word or ""
+        elif sign in "`()" and not self.quote:
+            self._bracket(sign)
+        else:
+            self.add(sign)
+
+    def _bracket(self, sign: str) -> None:
+        if sign == "`" and self.inside != SUBSTITUTION:
+            self.inside = "" if self.inside else BACK
+        elif sign == "(" and self.inside != BACK:
+            if self.inside or not (self.word or "").endswith("$"):
+                raise ValueError("not a command line: '(' outside of quotes")
+            self.inside = SUBSTITUTION
+        elif sign == ")" and self.inside != BACK:
+            if not self.inside:
+                raise ValueError("not a command line: ')' outside of quotes")
+            self.inside = ""
+        self.add(sign)
+
+    def add(self, sign: str) -> None:
+        self.word = (self.word or "") + sign
+
+    def space(self) -> None:
+        if self.word is not None:
+            self.words.append(self.word)
+            self.word = None

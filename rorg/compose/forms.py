@@ -1,0 +1,346 @@
+"""What may stand at a place of a Compose file: a form checks a node, brings it into the one canonical form, and says
+how what a later file says is laid over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from os.path import normpath
+from pathlib import Path
+from typing import Any
+
+from rorg.compose import units
+from rorg.compose.command_line import split
+from rorg.compose.nodes import Node
+from rorg.model.diagnostics import Diagnostic, nearest
+
+
+@dataclass
+class Context:
+    """Of the file that is read."""
+
+    directory: Path
+    """Where relative paths begin."""
+    home: str
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
+        self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
+
+    def warn(self, node: Node, message: str, remedy: str) -> None:
+        self.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
+
+    def path(self, text: str) -> str:
+        """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
+        if text == "~" or text.startswith("~/"):
+            text = self.home + text[1:]
+        return normpath(self.directory / text)
+
+
+class Form:
+    """Anything, as it is written: `x-` keys and the like."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:  # noqa: ARG002
+        """The canonical form; None where it says nothing, or is wrong and told. `name`: what it is, for messages."""
+        return node
+
+    def merge(self, base: Node, over: Node) -> Node:  # noqa: ARG002
+        """What a later file says, over what one before does."""
+        return over
+
+
+def _wrong(node: Node, name: str, context: Context, wanted: str) -> Node | None:
+    context.error(node, f"{name} is {node.kind()}, and must be {wanted}")
+    return None
+
+
+@dataclass(frozen=True)
+class Scalar(Form):
+    """A text or number that `convert` turns into its value (ValueError: why not)."""
+
+    wanted: str
+    types: tuple[type, ...]
+    """What YAML may say: of bool only where it is among them."""
+    convert: Callable[[Any], Any] = lambda value: value
+    one_of: tuple[str, ...] = ()
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        value = node.value
+        if value is None:
+            return None
+        if not isinstance(value, self.types) or (isinstance(value, bool) and bool not in self.types):
+            remedy = f'"{value}"' if isinstance(value, int | float | bool) and str in self.types else ""
+            context.error(node, f"{name} is {node.kind()}, and must be {self.wanted}", remedy)
+            return None
+        try:
+            value = self.convert(value)
+        except ValueError as error:
+            context.error(node, f"{name}: {error}", self.wanted)
+            return None
+        if self.one_of and value not in self.one_of:
+            context.error(node, f"{name}: '{value}' is not known", nearest(str(value), self.one_of))
+            return None
+        return node.but(value)
+
+
+def _size(value: Any) -> int:
+    return units.size(value) if isinstance(value, str) else int(value)
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, float) and value != int(value):
+        raise ValueError(f"{value} is not a whole number")
+    return units.integer(value) if isinstance(value, str) else int(value)
+
+
+TEXT = Scalar("text", (str,))
+LOOSE = Scalar("text, a number, true or false", (str, int, float, bool), units.shown)
+NUMBER_OR_TEXT = Scalar("text or a number", (str, int, float), units.shown)
+BOOL = Scalar("true or false", (bool, str), lambda v: units.boolean(v) if isinstance(v, str) else v)
+INT = Scalar("a whole number", (int, float, str), _whole)
+FLOAT = Scalar("a number", (int, float, str), lambda v: units.number(v) if isinstance(v, str) else float(v))
+SIZE = Scalar("an amount of memory, as 512m", (int, float, str), _size)
+DURATION = Scalar("a duration, as 1m30s", (str,), units.duration)
+ANY = Form()
+
+
+def one_of(*names: str) -> Scalar:
+    """A text that is one of these."""
+    return Scalar(f"one of {', '.join(names)}", (str,), one_of=names)
+
+
+@dataclass(frozen=True)
+class PathOf(Scalar):
+    """A path of this machine, made absolute, but for what `kept` takes for something else."""
+
+    wanted: str = "a path"
+    types: tuple[type, ...] = (str,)
+    kept: Callable[[str], bool] = lambda _: False
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        found = super().read(node, name, context)
+        if found is None or self.kept(found.value):
+            return found
+        return found.but(context.path(found.value))
+
+
+@dataclass(frozen=True)
+class Words(Form):
+    """A command: a line as a shell splits it, or a list. A later one replaces it."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        if isinstance(node.value, str):
+            try:
+                words, rest = split(node.value)
+            except ValueError as error:
+                context.error(node, f"{name}: {error}", "quotes that are closed, or a list")
+                return None
+            if rest:
+                context.warn(node, f"{name}: Compose leaves away '{rest}', since it runs no shell", "sh -c '...'")
+            return node.but([Node(word, node.where, taken=node.taken) for word in words])
+        if not isinstance(node.value, list):
+            return _wrong(node, name, context, "text or a list")
+        return node.but(_read_all(node.value, TEXT, name, context))
+
+
+@dataclass(frozen=True)
+class ListOf(Form):
+    """A list. What a later one has is appended, or takes the place of what has the same `key`."""
+
+    item: Form = TEXT
+    single: bool = False
+    """One item may stand for a list of it."""
+    key: Callable[[Any], object] | None = None
+    """Of plain items: those with the same one are one."""
+    spread: Callable[[Node, str, Context], list[Node]] | None = None
+    """The long items that one item stands for."""
+    replaced: bool = False
+    """A later list replaces it."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        listed = node.value
+        if self.single and not isinstance(listed, list | dict):
+            listed = [node.but(node.value, key=None, tag="")]
+        if not isinstance(listed, list):
+            return _wrong(node, name, context, "a list")
+        if self.spread:
+            listed = [n for i, one in enumerate(listed) for n in self.spread(one, f"{name}[{i}]", context)]
+        return node.but(self.unique(_read_all(listed, self.item, name, context)))
+
+    def unique(self, items: list[Node]) -> list[Node]:
+        if self.key is None:
+            return items
+        found: dict[object, Node] = {}
+        for item in items:
+            found[self.key(item.plain())] = item
+        return list(found.values())
+
+    def merge(self, base: Node, over: Node) -> Node:
+        return over if self.replaced else base.but(self.unique([*base.items, *over.items]))
+
+
+def _read_all(items: list[Node], form: Form, name: str, context: Context) -> list[Node]:
+    found = (form.read(item, f"{name}[{index}]", context) for index, item in enumerate(items))
+    return [item for item in found if item is not None]
+
+
+@dataclass(frozen=True)
+class MapOf(Form):
+    """A mapping with names that people choose. `names`: a list of them stands for a mapping to nothing."""
+
+    item: Form
+    names: bool = False
+    null: bool = False
+    """A name may have no value, which is then None, or an empty mapping where the form is a section."""
+    extensible: bool = True
+    """Sections whose names begin with x- are not read; a service may be called so all the same."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        entries = node.value
+        if self.names and isinstance(entries, list):
+            read = _read_all(entries, TEXT, name, context)
+            entries = {one.value: Node(None, one.where, one.where, taken=one.taken) for one in read}
+        if not isinstance(entries, dict):
+            return _wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
+        found: dict[str, Node] = {}
+        for key, value in entries.items():
+            if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
+                found[key] = value
+                continue
+            one = self.item.read(value, f"{name}.{key}", context)
+            if one is None and self.null and value.value is None:
+                one = value.but({} if isinstance(self.item, Section) else None)
+            if one is not None:
+                found[key] = one
+        return node.but(found)
+
+    def merge(self, base: Node, over: Node) -> Node:
+        return _merged(base, over, lambda _: self.item)
+
+
+@dataclass(frozen=True)
+class Pairs(Form):
+    """`{NAME: value}` or `[NAME=value]`; a bare NAME has no value."""
+
+    bare: bool = False
+    """A name without a value is None; else it is an empty text."""
+    separators: str = "="
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        if isinstance(node.value, list):
+            return node.but(self.listed(node.value, name, context))
+        if not isinstance(node.value, dict):
+            return _wrong(node, name, context, "a mapping, or a list of NAME=value")
+        found: dict[str, Node] = {}
+        for key, value in node.value.items():
+            one = value.but(None) if value.value is None else LOOSE.read(value, f"{name}.{key}", context)
+            if one is not None:
+                found[key] = one.but("" if one.value is None and not self.bare else one.value)
+        return node.but(found)
+
+    def listed(self, items: list[Node], name: str, context: Context) -> dict[str, Node]:
+        found: dict[str, Node] = {}
+        for index, item in enumerate(items):
+            read = LOOSE.read(item, f"{name}[{index}]", context)
+            if read is None:
+                continue
+            key, separator, value = read.value.partition("=")
+            known = value if separator else (None if self.bare else "")
+            found[key] = Node(known, item.where, item.where, taken=item.taken)
+        return found
+
+    def merge(self, base: Node, over: Node) -> Node:
+        return _merged(base, over, lambda _: TEXT)
+
+
+Short = Callable[[Node, str, Context], "Node | None"]
+"""A short form as a long one; None where it is wrong and told. A mapping is not brought to it."""
+
+
+@dataclass(frozen=True)
+class Section(Form):
+    """A mapping with known keys, and `x-` keys."""
+
+    keys: Mapping[str, Form]
+    short: Short | None = None
+    required: tuple[str, ...] = ()
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    extensible: bool = True
+    finish: Callable[[Node, str, Context], Node] | None = None
+    """What is made of it once it is read."""
+    same: str = ""
+    """Merged key by key only where this key is the same, or not said in both; else the later one holds whole."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        long: Node | None = node
+        if not isinstance(node.value, dict):
+            if self.short is None:
+                return _wrong(node, name, context, "a mapping")
+            long = self.short(node, name, context)
+        if long is None:
+            return None
+        found: dict[str, Node] = {}
+        for key, value in long.mapping.items():
+            if key.startswith("x-") and self.extensible:
+                found[key] = value
+            elif key in self.keys:
+                one = self.keys[key].read(value, f"{name}.{key}" if name else key, context)
+                if one is not None:
+                    found[key] = one
+            else:
+                inside = f"in {name}" if name else "at the top"
+                context.error(value, f"unknown key '{key}' {inside}", nearest(key, self.keys), key=True)
+        for key in self.required:
+            if key not in long.mapping:
+                context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
+        for key, value in self.defaults.items():
+            found.setdefault(key, Node(value, node.where))
+        made = long.but(found)
+        return self.finish(made, name, context) if self.finish else made
+
+    def merge(self, base: Node, over: Node) -> Node:
+        ours, theirs = (node.mapping.get(self.same) for node in (base, over))
+        if self.same and ours and theirs and ours.value != theirs.value:
+            return over
+        return _merged(base, over, lambda key: self.keys.get(key, ANY))
+
+
+def _merged(base: Node, over: Node, form: Callable[[str], Form]) -> Node:
+    entries = dict(base.mapping)
+    for key, value in over.mapping.items():
+        before = entries.get(key)
+        if before is None or before.value is None or value.value is None or value.tag == "override":
+            entries[key] = value
+        else:
+            entries[key] = form(key).merge(before, value)
+    return base.but(entries)
+
+
+def without(base: Node, resets: Node) -> Node:
+    """What is left of what files before say once `!reset` and `!override` of a later one have taken theirs away."""
+    entries = dict(base.mapping)
+    for key, value in resets.mapping.items():
+        if value.tag and key in entries:
+            del entries[key]
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
+            entries[key] = without(entries[key], value)
+    return base.but(entries)
+
+
+def kept(node: Node) -> Node:
+    """Without what is only there to take something away (`!reset`)."""
+    if isinstance(node.value, dict):
+        return node.but({k: kept(v) for k, v in node.value.items() if v.tag != "reset"})
+    if isinstance(node.value, list):
+        return node.but([kept(v) for v in node.value if v.tag != "reset"])
+    return node

@@ -1,0 +1,92 @@
+"""From Compose files to a project, or all that is wrong with them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from rorg.compose.assemble import Assembler
+from rorg.compose.checks import check
+from rorg.compose.nodes import read_nodes
+from rorg.compose.normalise import normalised
+from rorg.compose.project import Loaded
+from rorg.compose.variables import Files, Variables, fill
+from rorg.model.diagnostics import Diagnostic, Where
+
+Read = Callable[[Path], str]
+"""The text of a file; OSError or UnicodeDecodeError where there is none."""
+FILE_NAMES = ("compose.yaml", "compose.yml", "docker-compose.yaml", "docker-compose.yml")
+NAME = "COMPOSE_PROJECT_NAME"
+OVERRIDE_NAMES = tuple(name.replace("compose.", "compose.override.") for name in FILE_NAMES)
+
+
+def load(
+    paths: Sequence[Path],
+    environment: Mapping[str, str],
+    read: Read = Path.read_text,
+    *,
+    directory: Path | None = None,
+    env_files: Sequence[Path] | None = None,
+    profiles: Sequence[str] = (),
+    name: str | None = None,
+) -> Loaded:
+    """The project that files say together, later ones over earlier ones.
+
+    `paths`: one directory stands for the compose.yaml in it (or compose.yml, docker-compose.yaml, docker-compose.yml),
+    with its compose.override.yaml. `environment`: of the process, which comes before `env_files` (default: `.env` in
+    the project's directory, if it is there). `directory`: where relative paths begin, by default that of the first
+    file. `profiles`: those that are enabled (else those of COMPOSE_PROFILES); "*" is all. `name`: of the project; else
+    COMPOSE_PROJECT_NAME, `name:` of the files, or the name of the directory.
+    """
+    files = Files(read)
+    assembler = Assembler(files, environment.get("HOME", ""), files.diagnostics)
+    found = [Path(os.path.abspath(path)) for path in _files(paths, files)]
+    base = Path(os.path.abspath(directory)) if directory else found[0].parent
+    outside = dict(environment)
+    variables = Variables(outside)
+    if env_files is None and files.there(base / ".env"):
+        env_files = [base / ".env"]
+    for path in env_files or ():
+        assembler.env_file(Path(os.path.abspath(path)), Where(str(path)), variables)
+    known = name or variables.get(NAME) or _said_name(found, files, variables) or project_name(base)
+    outside[NAME] = known
+    tree = assembler.tree(found, base, variables, Where(str(found[0])))
+    if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
+        where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(found[0]))
+        remedy = "lower-case letters, digits, - and _, first a letter or digit"
+        files.diagnostics.append(Diagnostic(where, f"'{known}' is no name of a project", remedy))
+    wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
+    project = normalised(tree, known, base, assembler, variables, wanted)
+    files.diagnostics += check(project)
+    diagnostics = tuple(sorted(set(files.diagnostics)))
+    refused = any(d.severity == "error" for d in diagnostics)
+    return Loaded(None if refused else project, diagnostics)
+
+
+def _said_name(paths: Sequence[Path], files: Files, variables: Variables) -> str:
+    """What the last file says that says one; it is needed before files are read, since they may ask for it."""
+    for path in reversed(paths):
+        line = re.search(r"^name:.*$", files.texts.get(path) or "", re.MULTILINE) if files.there(path) else None
+        documents = read_nodes(line[0], str(path))[0] if line else []
+        for document in documents:
+            value = fill(document, variables, []).mapping["name"].value
+            if isinstance(value, str):
+                return value
+    return ""
+
+
+def _files(paths: Sequence[Path], files: Files) -> list[Path]:
+    """Those that a directory stands for; the given ones otherwise."""
+    if len(paths) != 1 or not paths[0].is_dir():
+        return list(paths)
+    inside = paths[0]
+    main = next((inside / name for name in FILE_NAMES if files.there(inside / name)), inside / FILE_NAMES[0])
+    over = [inside / name for name in OVERRIDE_NAMES if files.there(inside / name)]
+    return [main, *over[:1]]
+
+
+def project_name(directory: Path) -> str:
+    """The name that Compose makes of that of a directory."""
+    return re.sub(r"[^a-z0-9_-]", "", directory.name.lower()).lstrip("_-") or "default"

@@ -1,0 +1,162 @@
+"""What holds without being said: environments of services from their files and from outside, the default network, the
+engine's names of networks and volumes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rorg.compose.assemble import RESOURCES, Assembler
+from rorg.compose.nodes import Node
+from rorg.compose.project import Place, Project
+from rorg.compose.variables import Variables, bare, read_env_file
+from rorg.model.diagnostics import Where
+
+
+def normalised(
+    tree: Node, name: str, directory: Path, assembler: Assembler, variables: Variables, profiles: Sequence[str]
+) -> Project:
+    """The project of a tree of canonical forms."""
+    sections: dict[str, dict[str, Node]] = {
+        key: dict(tree.mapping[key].mapping) if key in tree.mapping else {} for key in RESOURCES
+    }
+    services = {key: _service(node, assembler, variables) for key, node in sections["services"].items()}
+    sections["services"] = services
+    if any("default" in node.mapping["networks"].mapping for node in services.values() if "networks" in node.mapping):
+        sections["networks"].setdefault("default", Node({}, tree.where))
+    for kind in ("networks", "volumes", "configs", "secrets"):
+        sections[kind] = {key: _named(key, node, name) for key, node in sections[kind].items() if not _extension(key)}
+    places: dict[Place, Where] = {}
+    taken: dict[Place, tuple[str, ...]] = {}
+    for kind, entries in sections.items():
+        for key, node in entries.items():
+            _walk((kind, key), node, places, taken)
+    of = {key: _profiles(node) for key, node in services.items()}
+    plain = {kind: {key: node.plain() for key, node in entries.items()} for kind, entries in sections.items()}
+    project = Project(
+        name,
+        directory,
+        plain["services"],
+        plain["networks"],
+        plain["volumes"],
+        plain["configs"],
+        plain["secrets"],
+        extensions={key: node.plain() for key, node in tree.mapping.items() if _extension(key)},
+        enabled=frozenset(key for key in services if not of[key] or "*" in profiles or set(of[key]) & set(profiles)),
+        profiles={key: names for key, names in of.items() if names},
+        places=places,
+        taken=taken,
+    )
+    asked = {name for names in taken.values() for name in names}
+    known = {name: found for name, found in variables.asked.items() if name in asked}
+    return replace(project, variables=known, files=tuple(assembler.paths))
+
+
+def _extension(key: str) -> bool:
+    return key.startswith("x-")
+
+
+def _profiles(node: Node) -> tuple[str, ...]:
+    return tuple(one.value for one in node.mapping["profiles"].items) if "profiles" in node.mapping else ()
+
+
+def _walk(path: Place, node: Node, places: dict[Place, Where], taken: dict[Place, tuple[str, ...]]) -> None:
+    if node.place.line:
+        places[path] = node.place
+    if node.taken:
+        taken[path] = node.taken
+    inner: Iterator[tuple[str | int, Node]] = iter(node.mapping.items()) if node.mapping else enumerate(node.items)
+    for key, value in inner:
+        _walk((*path, key), value, places, taken)
+
+
+def _named(key: str, node: Node, project: str) -> Node:
+    """With the engine's name: the project's before it, unless it is somebody else's."""
+    if "name" in node.mapping:
+        return node
+    outside = "external" in node.mapping
+    return node.but({"name": Node(key if outside else f"{project}_{key}", node.where), **node.mapping})
+
+
+def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
+    entries = dict(node.mapping)
+    environment = _environment(entries, assembler, variables)
+    if environment is not None:
+        entries["environment"] = environment
+    labels = _labels(entries, assembler, variables)
+    if labels is not None:
+        entries["labels"] = labels
+    if "secrets" in entries:
+        entries["secrets"] = entries["secrets"].but([_mounted(one) for one in entries["secrets"].items])
+    if "build" in entries:
+        entries["build"] = _build(entries["build"], variables)
+    joins = "networks" in entries and entries["networks"].mapping
+    if not joins and "network_mode" not in entries and "provider" not in entries:
+        entries["networks"] = Node({"default": Node({}, node.where)}, node.where)
+    return node.but(entries)
+
+
+def _mounted(secret: Node) -> Node:
+    """A secret is a file in /run/secrets where nothing else is said."""
+    source = secret.mapping.get("source")
+    if source is None or "target" in secret.mapping:
+        return secret
+    return secret.but({**secret.mapping, "target": source.but(f"/run/secrets/{source.value}")})
+
+
+def _build(build: Node, variables: Variables) -> Node:
+    entries = dict(build.mapping)
+    if "dockerfile_inline" not in entries:
+        entries.setdefault("dockerfile", Node("Dockerfile", build.where))
+    args = entries.get("args")
+    if args:
+        entries["args"] = args.but({key: bare(key, one, variables) for key, one in args.mapping.items()})
+    return build.but(entries)
+
+
+def _environment(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
+    """Env files in their order, and what is said over them."""
+    said, files = entries.get("environment"), entries.get("env_file")
+    if said is None and files is None:
+        return None
+    found: dict[str, Node] = {}
+    for file in files.items if files else ():
+        found |= _of_file(file, assembler, variables, found)
+    for name, node in (said.mapping if said else {}).items():
+        found[name] = bare(name, node, variables)
+    return (said or files or Node({}, Where(""))).but(found)
+
+
+def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dict[str, Node]) -> dict[str, Node]:
+    named = file.mapping["path"]
+    path = Path(named.value)
+    required = file.mapping.get("required")
+    if required is not None and not required.value and not assembler.files.there(path):
+        return {}
+    text = assembler.files.text(path, named.where, "the env file")
+    if text is None:
+        return {}
+    assembler.paths[path] = None
+    raw = "format" in file.mapping
+    earlier = {name: node.value for name, node in before.items() if node.value is not None}
+    read = read_env_file(path, text, variables, assembler.diagnostics, raw, earlier)
+    made: dict[str, Any] = {}
+    for name, (value, where, alone) in read.items():
+        made[name] = Node(value, where, where, taken=(name,) if alone else ())
+    return made
+
+
+def _labels(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
+    """Of `label_file`, and what is said over them."""
+    files = entries.get("label_file")
+    if files is None:
+        return None
+    found: dict[str, Node] = {}
+    for file in files.items:
+        text = assembler.files.text(Path(file.value), file.where, "the file of labels")
+        read = read_env_file(Path(file.value), text or "", variables, assembler.diagnostics)
+        found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
+    said = entries.get("labels")
+    return (said or files).but({**found, **(said.mapping if said else {})})

@@ -1,0 +1,222 @@
+"""Short forms of Compose files, each as its long one."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from rorg.compose.forms import LOOSE, Context
+from rorg.compose.nodes import Node
+
+_PORT = re.compile(
+    r"(?:(?P<ip>\[[0-9a-fA-F:.]+\]|[0-9.]+|[0-9a-fA-F:]*::[0-9a-fA-F:]*?):(?=[0-9-]*:))?"
+    r"(?:(?P<published>[0-9]+(?:-[0-9]+)?)?:)?(?P<target>[0-9]+(?:-[0-9]+)?)(?:/(?P<protocol>[a-z]+))?$"
+)
+PROPAGATION = ("private", "rprivate", "shared", "rshared", "slave", "rslave")
+_MOUNT_FLAGS = (*PROPAGATION, "ro", "rw", "z", "Z", "nocopy", "cached", "delegated", "consistent")
+
+
+def made(node: Node, value: Any) -> Node:
+    """Plain values as nodes, all at the place of the node that they are made from."""
+    if isinstance(value, dict):
+        return node.but({key: _inner(node, one) for key, one in value.items()}, tag="")
+    return _inner(node, value)
+
+
+def _inner(node: Node, value: Any) -> Node:
+    inner = Node(value, node.where, taken=node.taken)
+    if isinstance(value, dict):
+        inner.value = {key: _inner(node, one) for key, one in value.items()}
+    elif isinstance(value, list):
+        inner.value = [_inner(node, one) for one in value]
+    return inner
+
+
+def _text(node: Node, name: str, context: Context, wanted: str) -> str | None:
+    if isinstance(node.value, str):
+        return node.value
+    context.error(node, f"{name} is {node.kind()}, and must be {wanted}")
+    return None
+
+
+def named(key: str) -> Any:
+    """A text stands for a mapping with this key: `build: .`, `extends: base`, `secrets: [token]`."""
+
+    def short(node: Node, name: str, context: Context) -> Node | None:
+        text = _text(node, name, context, "text or a mapping")
+        return None if text is None else made(node, {key: text})
+
+    return short
+
+
+def depends_on(node: Node, name: str, context: Context) -> Node | None:
+    """`[SERVICE]`: each started before."""
+    if not isinstance(node.value, list):
+        context.error(node, f"{name} is {node.kind()}, and must be a list of services, or a mapping")
+        return None
+    found: dict[str, Node] = {}
+    for index, item in enumerate(node.value):
+        service = _text(item, f"{name}[{index}]", context, "the name of a service")
+        if service is not None:
+            one = made(item, {"condition": "service_started", "required": True})
+            one.key = item.where
+            found[service] = one
+    return node.but(found)
+
+
+def ports(node: Node, name: str, context: Context) -> list[Node]:
+    """`[[IP:]PUBLISHED:]TARGET[/PROTOCOL]`, where both may be ranges; one long form for each port."""
+    if isinstance(node.value, dict):
+        return [node]
+    text = str(node.value) if isinstance(node.value, str | int) else ""
+    found = _PORT.match(text)
+    remedy = '"8080:80", "127.0.0.1:8080:80/udp", or {target: 80, published: "8080"}'
+    if not found or isinstance(node.value, bool):
+        context.error(node, f"{name}: '{node.plain()}' is not a port", remedy)
+        return []
+    targets, published = _range(found["target"]), _range(found["published"])
+    if targets is None or published is None or (len(targets) > 1 and len(published) not in (0, len(targets))):
+        context.error(node, f"{name}: the ranges of '{text}' do not fit", "ranges of one length, within 1-65535")
+        return []
+    fixed: dict[str, Any] = {"mode": "ingress", "protocol": found["protocol"] or "tcp"}
+    if found["ip"]:
+        fixed["host_ip"] = found["ip"].strip("[]")
+    if len(targets) == 1 and len(published) > 1:
+        return [made(node, {**fixed, "target": targets[0], "published": found["published"]})]
+    return [
+        made(node, {**fixed, "target": port, **({"published": str(published[i])} if published else {})})
+        for i, port in enumerate(targets)
+    ]
+
+
+def _range(text: str | None) -> list[int] | None:
+    """The ports of `8000` or `8000-8010`; None where these are none."""
+    if not text:
+        return []
+    first, _, last = text.partition("-")
+    found = range(int(first), int(last or first) + 1)
+    return list(found) if found and found[-1] <= 65535 else None
+
+
+def is_path(source: str) -> bool:
+    """Of a short form of a volume: a path, and no name."""
+    return source.startswith((".", "/", "~"))
+
+
+def volume(node: Node, name: str, context: Context) -> Node | None:
+    """`[SOURCE:]TARGET[:FLAG,...]`. A source that does not begin with `.`, `/` or `~` is the name of a volume."""
+    text = _text(node, name, context, "text or a mapping")
+    if text is None:
+        return None
+    parts = text.split(":")
+    if len(parts) > 3 or not all(parts):
+        context.error(node, f"{name}: '{text}' is not a volume", "SOURCE:TARGET, SOURCE:TARGET:ro, or a mapping")
+        return None
+    if len(parts) == 1:
+        return made(node, {"type": "volume", "target": text, "volume": {}})
+    source, target, *rest = parts
+    flags = rest[0].split(",") if rest else []
+    for flag in flags:
+        if flag not in _MOUNT_FLAGS:
+            context.error(node, f"{name}: '{flag}' is no flag of a volume", f"one of {', '.join(_MOUNT_FLAGS)}")
+            return None
+    found: dict[str, Any] = {"source": source, "target": target}
+    if "ro" in flags:
+        found["read_only"] = True
+    if not is_path(source):
+        return made(node, {"type": "volume", **found, "volume": {"nocopy": True} if "nocopy" in flags else {}})
+    bind: dict[str, Any] = {"create_host_path": True}
+    for flag in flags:
+        if flag in PROPAGATION:
+            bind["propagation"] = flag
+        elif flag in ("z", "Z"):
+            bind["selinux"] = flag
+    return made(node, {"type": "bind", **found, "bind": bind})
+
+
+def device(node: Node, name: str, context: Context) -> Node | None:
+    """`SOURCE[:TARGET[:PERMISSIONS]]`."""
+    text = _text(node, name, context, "text or a mapping")
+    parts = (text or "").split(":")
+    if text is None:
+        return None
+    if len(parts) > 3 or not all(parts):
+        context.error(node, f"{name}: '{text}' is not a device", "SOURCE, SOURCE:TARGET, or SOURCE:TARGET:rwm")
+        return None
+    source, target, permissions = [*parts, *("", "rwm")[len(parts) - 1 :]][:3] if len(parts) < 3 else parts
+    return made(node, {"source": source, "target": target or source, "permissions": permissions})
+
+
+def whole_device(node: Node, name: str, context: Context) -> Node:  # noqa: ARG001
+    """A long form, with what it does not say."""
+    entries = dict(node.value)
+    if "source" in entries:
+        entries.setdefault("target", entries["source"])
+    return node.but(entries)
+
+
+def count(value: Any) -> int:
+    """Of devices: a number, or `all`, which is -1. Raises ValueError."""
+    if value == "all":
+        return -1
+    if isinstance(value, str) and not re.fullmatch("[0-9]+", value):
+        raise ValueError(f"'{value}' is neither a number nor 'all'")
+    return int(value)
+
+
+def health_test(node: Node, name: str, context: Context) -> Node | None:
+    """A line is run by a shell."""
+    text = _text(node, name, context, "text or a list")
+    return None if text is None else made(node, ["CMD-SHELL", text])
+
+
+def hosts(node: Node, name: str, context: Context) -> Node | None:
+    """`[HOST=ADDRESS]`, `[HOST:ADDRESS]`, or `{HOST: ADDRESS}`, also with a list of addresses: `[HOST=ADDRESS]`."""
+    if not isinstance(node.value, dict | list):
+        context.error(node, f"{name} is {node.kind()}, and must be a mapping, or a list of HOST=ADDRESS")
+        return None
+    found: list[Node] = []
+    for key, item in node.mapping.items():
+        for address in item.value if isinstance(item.value, list) else [item]:
+            found.append(address.but(f"{key}={address.plain()}"))
+    for index, item in enumerate(node.items):
+        read = LOOSE.read(item, f"{name}[{index}]", context)
+        if read is None:
+            continue
+        host, separator, address = re.match(r"([^=:]*)([=:]?)(.*)", read.value, re.DOTALL).groups()  # type: ignore[union-attr]
+        if not host or not separator or not address:
+            context.error(item, f"{name}: '{read.value}' names no host with an address", "HOST=ADDRESS")
+            continue
+        found.append(read.but(f"{host}={address.strip('[]')}"))
+    return node.but(found)
+
+
+def external(node: Node, name: str, context: Context) -> Node:
+    """`external: {name: NAME}` of old files is `external: true` with that name."""
+    entries = dict(node.value)
+    outside = entries.get("external")
+    if outside is not None and isinstance(outside.value, dict):
+        if "name" in outside.value:
+            entries.setdefault("name", outside.value["name"])
+        entries["external"] = outside.but(True)
+    elif outside is not None and outside.value is False:
+        del entries["external"]
+    if "external" in entries:
+        for key, value in entries.items():
+            if key not in ("name", "external") and not key.startswith("x-"):
+                message = f"{name} is external, and says '{key}', which whoever made it has said"
+                context.error(value, message, f"dropping '{key}' or 'external'", key=True)
+    return node.but(entries)
+
+
+def listed_pairs(node: Node) -> Node:
+    """`{KEY: VALUE}` as `[KEY=VALUE]`."""
+    return node.but([v.but(key if v.value is None else f"{key}={v.value}") for key, v in node.mapping.items()])
+
+
+def all_gpus(node: Node, name: str, context: Context) -> Node | None:
+    """`gpus: all`."""
+    if node.value != "all":
+        context.error(node, f"{name}: '{node.value}' is not known", "'all', or a list of devices")
+        return None
+    return node.but([made(node, {"count": -1})])

@@ -1,0 +1,153 @@
+"""Variables of a project: where their values come from, and filling them in in the values of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rorg.compose.nodes import Node
+from rorg.compose.project import Variable
+from rorg.manifest.dotenv import read_dotenv
+from rorg.manifest.template import Refused, interpolate
+from rorg.model.diagnostics import Diagnostic, Where
+
+
+@dataclass
+class Files:
+    """Reads files, each at most once, and notes what cannot be read."""
+
+    read: Callable[[Path], str]
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+    texts: dict[Path, str | None] = field(default_factory=dict)
+
+    def text(self, path: Path, where: Where, what: str) -> str | None:
+        """None where there is no such file, which is then noted at `where`, for everyone who names it."""
+        if path not in self.texts:
+            self.texts[path] = None
+            try:
+                self.texts[path] = self.read(path)
+            except (OSError, UnicodeError) as error:
+                why = error.strerror if isinstance(error, OSError) else "not a text in UTF-8"
+                self.diagnostics.append(Diagnostic(where, f"cannot read {what} {path}: {why}", "a path that is there"))
+        elif self.texts[path] is None:
+            message = f"cannot read {what} {path}"
+            self.diagnostics.append(Diagnostic(where, message, "a path that is there"))
+        return self.texts[path]
+
+    def there(self, path: Path) -> bool:
+        """Whether it can be read, without a word where it cannot."""
+        if path not in self.texts:
+            try:
+                self.texts[path] = self.read(path)
+            except (OSError, UnicodeError):
+                return False
+        return self.texts[path] is not None
+
+
+@dataclass
+class Variables:
+    """Values for interpolation. What the process's environment says holds before env files."""
+
+    environment: Mapping[str, str]
+    of_files: dict[str, tuple[str, Where]] = field(default_factory=dict)
+    asked: dict[str, Variable] = field(default_factory=dict)
+    """All that anything took."""
+
+    def get(self, name: str) -> str | None:
+        value = self.environment.get(name)
+        if value is None and name in self.of_files:
+            return self.of_files[name][0]
+        return value
+
+    def take(self, name: str) -> str | None:
+        """The same, noted as taken."""
+        value = self.get(name)
+        from_file = name not in self.environment and name in self.of_files
+        self.asked.setdefault(name, Variable(name, value, self.of_files[name][1] if from_file else None))
+        return value
+
+    def add_file(self, path: Path, text: str, diagnostics: list[Diagnostic]) -> None:
+        """Later files hold before earlier ones."""
+        for name, (value, where, _) in read_env_file(path, text, self, diagnostics).items():
+            if value is not None:
+                self.of_files[name] = (value, where)
+
+    def within(self) -> Variables:
+        """For files that are included: the same, to which their own env files add only what is not set yet."""
+        every = {name: value for name, (value, _) in self.of_files.items()} | dict(self.environment)
+        return Variables(every, {}, self.asked)
+
+
+def read_env_file(
+    path: Path,
+    text: str,
+    variables: Variables,
+    diagnostics: list[Diagnostic],
+    raw: bool = False,
+    before: Mapping[str, str] | None = None,
+) -> dict[str, tuple[str | None, Where, bool]]:
+    """Of each name the value, its place, and whether it is a bare name. `raw`: lines NAME=value as they stand, as
+    Docker reads them (`format: raw`). `before`: what earlier files of the same service say."""
+    if raw:
+        return _raw(path, text, variables)
+    earlier = before or {}
+    entries, mistakes = read_dotenv(text, lambda name: _either(variables.take(name), earlier.get(name)))
+    for mistake in mistakes:
+        where = Where(str(path), mistake.line, mistake.column)
+        diagnostics.append(Diagnostic(where, mistake.message, mistake.remedy))
+    found: dict[str, tuple[str | None, Where, bool]] = {}
+    for entry in entries:
+        where = Where(str(path), entry.line, entry.column)
+        diagnostics += [unset(name, where) for name in entry.unset]
+        if not entry.bare or entry.value is not None:
+            found[entry.name] = (entry.value, where, entry.bare)
+    return found
+
+
+def _either(value: str | None, other: str | None) -> str | None:
+    return other if value is None else value
+
+
+def _raw(path: Path, text: str, variables: Variables) -> dict[str, tuple[str | None, Where, bool]]:
+    found: dict[str, tuple[str | None, Where, bool]] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        name, assigned, value = line.lstrip().partition("=")
+        if name and not name.startswith("#"):
+            where = Where(str(path), number)
+            found[name] = (value, where, False) if assigned else (variables.take(name), where, True)
+    return found
+
+
+def unset(name: str, where: Where) -> Diagnostic:
+    """The warning that Compose gives, too."""
+    message = f"variable {name} is not set, so that it is empty here"
+    return Diagnostic(
+        where, message, f"a value of {name} in .env or the environment, or ${{{name}:-default}}", "warning"
+    )
+
+
+def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Node:
+    """The same with its variables filled in; what cannot be stays as it is, and is told."""
+    if isinstance(node.value, dict):
+        return node.but({key: fill(value, variables, diagnostics) for key, value in node.value.items()})
+    if isinstance(node.value, list):
+        return node.but([fill(value, variables, diagnostics) for value in node.value])
+    if not isinstance(node.value, str) or "$" not in node.value:
+        return node
+    found = interpolate(node.value, variables.take)
+    if isinstance(found, Refused):
+        where = node.where
+        if node.exact:
+            where = replace(where, column=where.column + found.offset)
+        diagnostics.append(Diagnostic(where, found.message, found.remedy))
+        return node
+    diagnostics += [unset(name, node.where) for name in found.unset]
+    return node.but(found.text, taken=found.used, exact=node.exact and not found.used)
+
+
+def bare(name: str, node: Node, variables: Variables) -> Node:
+    """A name without a value has that from outside."""
+    if node.value is not None:
+        return node
+    return node.but(variables.take(name), taken=(name,))

@@ -1,0 +1,135 @@
+"""A robot as a Compose file, without its requests: services with every option of their containers, how their images
+are built, and the networks and volumes that they name.
+
+What a Compose file cannot say is a Note: `rorg export compose` writes these into the file as comments.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rorg.compose.exported import Exported
+from rorg.compose.writer_dotenv import dotenv
+from rorg.compose.writer_notes import notes_of
+from rorg.compose.writer_objects import sections
+from rorg.compose.writer_options import OPTIONS, SOCKET, Writing, beside
+from rorg.model.catalog import Catalog, Image, Service
+from rorg.model.image_names import declared, stem
+
+RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
+"""What rorg does when a service ends -> what the engine is to do. Nothing for `never`."""
+BUILD = "build"
+"""The profile of images that no service is made from, but other images are."""
+
+
+def export(catalog: Catalog, base: str, name: str) -> Exported:
+    """The whole robot. `base` is the absolute directory that the Compose file is for: paths below it, or below the one
+    above it, are relative to it. `name` is that of the project, made of any text."""
+    services = {n: s for n, s in sorted(catalog.services.items()) if s.spec is not None}
+    containers = {s.container_name: n for n, s in services.items()}
+    networks = sections("network", catalog.networks, services.values())
+    volumes = sections("volume", catalog.volumes, services.values())
+    document: dict[str, Any] = {"name": project(name), "services": {}}
+    notes, files = list(notes_of(catalog)), dict[str, str]()
+    for service in services.values():
+        writing = Writing(service.name, containers, _keys(networks), _keys(volumes), base)
+        document["services"][service.name] = _service(writing, service, catalog)
+        notes += writing.notes
+        files |= writing.files
+    for image in _only_bases(catalog, services):
+        document["services"][f"image-{stem(image.name)}"] = {
+            "image": image.name,
+            "build": _build(image, base),
+            "profiles": [BUILD],
+        }
+    document |= {k: v for k, v in (("networks", networks), ("volumes", volumes)) if v}
+    return Exported(document, tuple(notes), files, {n: s.description for n, s in services.items() if s.description})
+
+
+def project(name: str) -> str:
+    """A project's name, as Compose allows them: small letters, digits, - and _, and no sign before the first letter."""
+    return re.sub(r"^[^a-z0-9]+", "", re.sub(r"[^a-z0-9_-]+", "-", name.lower())) or "robot"
+
+
+def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[str, Any]:
+    spec = {"container_name": service.name, **(service.spec or {})}
+    secrets = {k: v for k, v in spec.get("environment", {}).items() if k in service.secrets}
+    if secrets:
+        spec["environment"] = {k: v for k, v in spec["environment"].items() if k not in secrets}
+        writing.files[f"{service.name}.env"] = dotenv(secrets)
+        writing.put("env_file", [f"./{service.name}.env"])
+        writing.note("secrets", f"{', '.join(sorted(secrets))}: in {service.name}.env, which is secret", lost=False)
+    if "restart" not in spec and service.restart in RESTART:
+        spec["restart"] = RESTART[service.restart]
+    if spec.get("network_disabled"):
+        spec = {k: v for k, v in spec.items() if k not in ("network_mode", "networks")}
+    if not spec.keys() & {"network_mode", "networks", "network_disabled"}:
+        spec["network_mode"] = "bridge"
+    for option in sorted(spec):
+        OPTIONS[option](writing, option, spec[option])
+    if "deploy" in writing.section and "mem_reservation" in spec:  # Compose wants it said in both places, or in one
+        writing.section["deploy"]["resources"]["reservations"]["memory"] = str(spec["mem_reservation"])
+    if SOCKET in spec.get("environment", {}):
+        writing.note("may_request", "no rorg is there to be asked: its socket and RORG_SOCKET are left out")
+    image = catalog.images.get(declared(str(spec["image"]), catalog.images))
+    if image is not None:
+        writing.put("image", image.name)
+        if image.context is not None:
+            writing.put("build", _build(image, writing.base))
+    if needs := _needs(service, catalog):
+        writing.put("depends_on", needs)
+    return _ordered(writing.section)
+
+
+FIRST = ("image", "build", "container_name", "command", "entrypoint", "depends_on")
+
+
+def _ordered(section: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: section[k] for k in (*FIRST, *sorted(section.keys() - set(FIRST))) if k in section}
+
+
+def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
+    """Its needs; for a meta-service, which is no container, what that needs."""
+    found: dict[str, Any] = {}
+    pending, seen = list(service.needs), set[str]()
+    while pending:
+        name = pending.pop(0)
+        other = catalog.services.get(name)
+        if other is None or name in seen:
+            continue
+        seen.add(name)
+        if other.spec is None:
+            pending += other.needs
+            continue
+        healthy = other.ready is not None and other.ready.kind == "engine"
+        restart = {"restart": True} if name in service.restarts_with else {}
+        found[name] = {"condition": "service_healthy" if healthy else "service_started", **restart}
+    return dict(sorted(found.items()))
+
+
+def _build(image: Image, base: str) -> dict[str, Any]:
+    found: dict[str, Any] = {"context": beside(image.context or ".", base)}
+    if image.dockerfile != "Dockerfile":
+        found["dockerfile"] = image.dockerfile
+    if image.args:
+        found["args"] = {k: None if k in image.secrets else v for k, v in sorted(image.args.items())}
+    if image.target:
+        found["target"] = image.target
+    if image.platform:
+        found["platforms"] = [image.platform]
+    return found
+
+
+def _only_bases(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
+    """Images that are built, and from which no service is made."""
+    used = {declared(str((s.spec or {})["image"]), catalog.images) for s in services.values()}
+    for name, image in sorted(catalog.images.items()):
+        if name not in used and image.context is not None:
+            yield image
+
+
+def _keys(section: Mapping[str, Any]) -> dict[str, str]:
+    """The engine's name -> the key in the Compose file."""
+    return {one["name"]: key for key, one in section.items()}

@@ -1,0 +1,111 @@
+"""What manifests say and no Compose file can: one row for each, so that nothing is dropped in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from rorg.compose.exported import Note
+from rorg.model.catalog import DEVELOPER, Catalog, Idle, Service, Updating
+from rorg.model.graph import parents_first, stands_on
+from rorg.model.units import format_duration, format_memory
+
+Say = Callable[[Service], str]
+
+
+def _resources(service: Service) -> str:
+    cpu = [f"cpu {service.cpu:g}"] if service.cpu else []
+    memory = [f"memory {format_memory(service.memory)}"] if service.memory else []
+    return ", ".join(cpu + memory)
+
+
+def _idle(service: Service) -> str:
+    idle = service.idle
+    if idle == Idle():
+        return ""
+    return f"{idle.action} after {format_duration(idle.linger)}; Compose never ceases a service that nobody uses"
+
+
+def _ready(service: Service) -> str:
+    if service.ready is None or service.ready.kind == "engine":
+        return ""
+    return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
+
+
+def _update(service: Service) -> str:
+    return "" if service.update == Updating() else "Compose replaces a changed service at once, and never goes back"
+
+
+def _names(names: tuple[str, ...]) -> str:
+    return ", ".join(names)
+
+
+SERVICE: tuple[tuple[str, Say], ...] = (
+    ("always_on", lambda s: "Compose starts every service that `up` names" if s.always_on else ""),
+    ("conflicts", lambda s: _names(s.conflicts)),
+    ("exclusive", lambda s: ", ".join(f"{k}: {v}" for k, v in sorted(s.exclusive.items()))),
+    ("may_request", lambda s: _names(s.may_request)),
+    ("may_restart", lambda s: _names(s.may_restart)),
+    ("may_act_for", lambda s: _names(s.may_act_for)),
+    ("may_manage", lambda s: _names(s.may_manage)),
+    ("idle", _idle),
+    ("update", _update),
+    ("ready", _ready),
+    ("live", lambda s: f"{s.live}; Compose restarts nothing that hangs" if s.live else ""),
+    ("interlock", lambda s: f"{s.interlock}; Compose asks nobody before it touches a container" if s.interlock else ""),
+    ("protected", lambda s: "Compose stops any service" if s.protected else ""),
+    ("on_change", lambda s: f"{s.on_change}; Compose does not look at files" if s.on_change != "restart" else ""),
+    ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
+    ("resources", lambda s: _resources(s)),
+    ("labels", lambda s: ", ".join(f"{k}: {v}" for k, v in sorted(s.labels.items()))),
+)
+"""Field of a Service -> what is lost of it; empty where it says nothing. Labels are those of metadata."""
+ELSEWHERE = {
+    *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
+    *("meta", "cpu", "memory", "driver", "defaults", "origins", "where"),
+}
+"""Fields of a Service that are in the file, or are part of another one's row."""
+
+
+def notes_of(catalog: Catalog) -> Iterator[Note]:
+    """Of the robot first, then service by service."""
+    for request in catalog.requests:
+        names = " ".join(request.services)
+        yield Note("", "Request", f"{request.id} of {request.requester}: `docker compose up --detach {names}`")
+    for group in (catalog.groups[n] for n in sorted(catalog.groups)):
+        yield Note("", "Group", f"{group.name}: {', '.join(group.services)}")
+    yield from _policy(catalog)
+    yield from _images(catalog)
+    for name in sorted(catalog.services):
+        service = catalog.services[name]
+        if service.spec is None and name != DEVELOPER:
+            yield Note("", "Service", f"{name} is a meta-service: no container")
+        if service.spec is not None:
+            for field, say in SERVICE:
+                if text := say(service):
+                    yield Note(name, "metadata.labels" if field == "labels" else f"spec.{field}", text)
+            yield from _unhealthy(service)
+
+
+def _policy(catalog: Catalog) -> Iterator[Note]:
+    policy = catalog.policy
+    said = {"budget": policy.budget, "pressure": policy.pressure, "resources": policy.resources}
+    if found := [name for name, value in said.items() if value]:
+        yield Note("", "Policy", f"{', '.join(found)}: Compose looks after no machine")
+
+
+def _unhealthy(service: Service) -> Iterator[Note]:
+    """Compose waits for ever for a service whose image has no check."""
+    if service.ready and service.ready.kind == "engine" and not (service.spec or {}).get("healthcheck"):
+        yield Note(service.name, "spec.ready", "healthy by the check that its image must have", lost=False)
+
+
+def _images(catalog: Catalog) -> Iterator[Note]:
+    below = {name: [b for b in bases if b in catalog.images] for name, bases in stands_on(catalog.images).items()}
+    if bases := [n for n in parents_first(catalog.images) if any(n in own for own in below.values())]:
+        text = f"Compose knows no order of builds; first `docker compose build`, one by one: {', '.join(bases)}"
+        yield Note("", "Image", text, lost=False)
+    for name, image in sorted(catalog.images.items()):
+        if image.import_command:
+            yield Note("", "Image", f"{name} is what a command writes: `{' '.join(image.import_command)}`")
+        if image.secrets:
+            yield Note("", "Image", f"{name}: {', '.join(image.secrets)} from the environment of Compose", lost=False)

@@ -1,0 +1,216 @@
+"""Options of a rendered container in Compose's words.
+
+One entry for each option of the `container:` section: one that is missing here fails a test, so none can be dropped in
+silence. Forms are those of the Compose Specification (services), https://github.com/compose-spec/compose-spec.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rorg.compose.exported import Note
+from rorg.model.catalog import RUN
+from rorg.model.units import format_duration
+from rorg.model.volumes import is_path
+
+Section = dict[str, Any]
+SOCKET = "RORG_SOCKET"
+"""The variable by which a service finds rorg."""
+
+
+class Writing:
+    """What options need to know of the rest, and where they leave what is beside them."""
+
+    def __init__(
+        self,
+        service: str,
+        containers: Mapping[str, str],
+        networks: Mapping[str, str],
+        volumes: Mapping[str, str],
+        base: str,
+    ) -> None:
+        """`containers`: name of a container -> its service; `networks`, `volumes`: the engine's name -> the key in the
+        Compose file; `base`: absolute directory of the Compose file."""
+        self.service, self.containers, self.base = service, containers, base
+        self.networks, self.volumes = networks, volumes
+        self.section: Section = {}
+        self.notes: list[Note] = []
+        self.files: dict[str, str] = {}
+
+    def note(self, option: str, text: str, lost: bool = True) -> None:
+        self.notes.append(Note(self.service, f"spec.{option}", text, lost))
+
+    def put(self, option: str, value: Any) -> None:
+        self.section[option] = value
+
+    def path(self, path: str) -> str:
+        """Of the host, as the Compose file has it: relative where it lies below the file's directory or beside it."""
+        return beside(path, self.base)
+
+
+def beside(path: str, base: str) -> str:
+    """A path relative to a directory, where it lies below that or below the directory above; else as it is."""
+    for root in (base, os.path.dirname(base)):
+        if root != "/" and (path == root or path.startswith(f"{root}/")):
+            inside = os.path.relpath(path, base)
+            return inside if inside.startswith(".") else f"./{inside}"
+    return path
+
+
+Write = Callable[[Writing, str, Any], None]
+
+
+def _same(writing: Writing, option: str, value: Any) -> None:
+    writing.put(option, value)
+
+
+def _seconds(writing: Writing, option: str, value: float) -> None:
+    writing.put(option, format_duration(value))
+
+
+def _no_word(text: str) -> Write:
+    return lambda writing, option, _value: writing.note(f"container.{option}", text)
+
+
+def _healthcheck(writing: Writing, option: str, value: Mapping[str, Any]) -> None:
+    times = ("interval", "timeout", "start_period", "start_interval")
+    writing.put(option, {k: format_duration(v) if k in times else v for k, v in value.items() if v is not None})
+
+
+def _environment(writing: Writing, option: str, value: Mapping[str, str]) -> None:
+    kept = {k: v for k, v in value.items() if RUN not in v}
+    if kept:
+        writing.put(option, kept)
+
+
+def _gpus(writing: Writing, _option: str, value: list[Mapping[str, Any]]) -> None:
+    """As reservations of devices, which every Compose of version 2 knows."""
+    devices = []
+    for gpu in value:
+        device = {k: v for k, v in gpu.items() if v not in (None, {}, [])}
+        if not device.get("device_ids"):
+            device["count"] = "all" if device.get("count") in (None, -1, "all") else device["count"]
+        devices.append({**device, "capabilities": list(dict.fromkeys([*gpu.get("capabilities", []), "gpu"]))})
+    writing.put("deploy", {"resources": {"reservations": {"devices": devices}}})
+
+
+def _links(writing: Writing, _option: str, value: list[str]) -> None:
+    writing.put("external_links", value)
+    writing.note("container.links", "these are names of containers, so they are external_links", lost=False)
+
+
+def _joined(writing: Writing, option: str, value: str) -> None:
+    """A namespace of another container: by its service where it is one of this robot."""
+    kind, _, name = value.partition(":")
+    if kind == "container" and name in writing.containers:
+        value = f"service:{writing.containers[name]}"
+    writing.put(option, value)
+
+
+def _network_mode(writing: Writing, option: str, value: str) -> None:
+    if value in writing.networks:
+        writing.put("networks", {writing.networks[value]: None})
+    else:
+        _joined(writing, option, "bridge" if value == "default" else value)
+
+
+def _networks(writing: Writing, _option: str, value: Mapping[str, Mapping[str, Any]]) -> None:
+    if list(value) in (["bridge"], ["default"]):
+        writing.put("network_mode", "bridge")
+        return
+    found = {}
+    for name, network in value.items():
+        if name in writing.networks:
+            found[writing.networks[name]] = {k: v for k, v in network.items() if v not in (None, [], {})} or None
+        else:
+            writing.note("container.networks", f"Compose joins no other network together with the engine's '{name}'")
+    writing.put("networks", found)
+
+
+def _no_network(writing: Writing, _option: str, value: bool) -> None:
+    if value:
+        writing.put("network_mode", "none")
+        writing.note("container.network_disabled", "network_mode: none is the nearest that Compose knows", lost=False)
+
+
+def _security(writing: Writing, option: str, values: list[str]) -> None:
+    """Compose reads a profile of seccomp from a file."""
+    found = []
+    for value in values:
+        kind, _, text = value.partition("=")
+        if kind == "seccomp" and text.startswith("{"):
+            name = f"{writing.service}.seccomp.json"
+            writing.files[name] = text
+            value = f"seccomp:./{name}"
+        found.append(value)
+    writing.put(option, found)
+
+
+def _volumes(writing: Writing, option: str, values: list[Any]) -> None:
+    found: list[Any] = []
+    for value in values:
+        if isinstance(value, Mapping):
+            source = value.get("source") or ""
+            here = {"bind": writing.path(source), "volume": writing.volumes.get(source, source)}.get(value["type"])
+            found.append({k: v for k, v in {**value, "source": here}.items() if v not in (None, "", {}, False)})
+        elif not value.startswith(RUN):
+            source, colon, rest = value.partition(":")
+            if colon:
+                source = writing.path(source) if is_path(source) else writing.volumes.get(source, source)
+            found.append(source + colon + rest)
+    if found:
+        writing.put(option, found)
+
+
+def _volumes_from(writing: Writing, option: str, values: list[str]) -> None:
+    found = []
+    for value in values:
+        name, colon, mode = value.removeprefix("container:").partition(":")
+        own = (
+            name if name in writing.containers.values() and value.startswith(name) else writing.containers.get(name, "")
+        )
+        found.append((own or f"container:{name}") + colon + mode)
+    writing.put(option, found)
+
+
+def _ulimits(writing: Writing, option: str, value: Mapping[str, Mapping[str, int]]) -> None:
+    writing.put(option, {k: v["soft"] if v["soft"] == v["hard"] else dict(v) for k, v in value.items()})
+
+
+OPTIONS: Mapping[str, Write] = {
+    **dict.fromkeys(
+        (
+            *("annotations", "blkio_config", "cap_add", "cap_drop", "cgroup", "cgroup_parent", "command"),
+            *("container_name", "cpu_period", "cpu_quota", "cpu_shares", "cpus", "cpuset"),
+            *("device_cgroup_rules", "devices", "dns", "dns_opt", "dns_search", "domainname", "entrypoint", "expose"),
+            *("extra_hosts", "group_add", "hostname", "image", "init", "isolation", "labels", "logging"),
+            *("mac_address", "mem_limit", "mem_reservation", "mem_swappiness", "memswap_limit", "oom_kill_disable"),
+            *("oom_score_adj", "pids_limit", "platform", "ports", "privileged", "read_only", "restart", "runtime"),
+            *("shm_size", "stdin_open", "stop_signal", "storage_opt", "sysctls", "tmpfs", "tty", "user"),
+            *("userns_mode", "uts", "working_dir", "cpu_rt_period", "cpu_rt_runtime"),
+        ),
+        _same,
+    ),
+    "cpuset_mems": _no_word("Compose cannot name NUMA nodes"),
+    "environment": _environment,
+    "gpus": _gpus,
+    "healthcheck": _healthcheck,
+    "inherit_environment": _no_word("it is for the process engine"),
+    "ipc": _joined,
+    "links": _links,
+    "masked_paths": _no_word("Compose cannot name paths to hide; security_opt: [systempaths=unconfined] hides none"),
+    "network_disabled": _no_network,
+    "network_mode": _network_mode,
+    "networks": _networks,
+    "pid": _joined,
+    "publish_all_ports": _no_word("Compose publishes only ports that are named; name them in `ports`"),
+    "readonly_paths": _no_word("Compose cannot name such paths"),
+    "security_opt": _security,
+    "stop_grace_period": _seconds,
+    "ulimits": _ulimits,
+    "volume_driver": _no_word("Compose says a driver of each volume, at the top of the file"),
+    "volumes": _volumes,
+    "volumes_from": _volumes_from,
+}

@@ -1,0 +1,119 @@
+"""Networks and volumes of the engine: finding, making and removing them. Only what carries our label is removed."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+from rorg.core.found_objects import FoundObject, FoundObjects
+from rorg.core.objects import LABELS, found_object
+from rorg.core.observed import LABEL_OWNER
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.errors import Refused
+from rorg.errors import EngineError
+from rorg.model.objects import Kind
+
+Body = dict[str, Any]
+EVENTS = ("create", "destroy", "remove")
+"""Events after which another one is there, or one fewer."""
+
+
+def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
+    """All of `owner`, and whatever is called as one of `keys`: two calls, however many there are."""
+    rows: list[FoundObject] = []
+    for row in client.get("/networks"):
+        rows.append(found_object("network", row["Name"], row["Id"], row.get("Labels") or {}))
+    for row in client.get("/volumes")["Volumes"] or ():
+        rows.append(found_object("volume", row["Name"], row["Name"], row.get("Labels") or {}))
+    asked = frozenset(keys)
+    found = {one.key: one for one in rows if one.owner == owner or one.key in asked}
+    return FoundObjects(found, asked, complete=True)
+
+
+def events(client: Client, stop: threading.Event) -> Iterator[None]:
+    """One for each that comes or goes, and one when the stream stands. The engine tells no labels of them."""
+    filters = {"type": ["network", "volume"], "event": list(EVENTS)}
+    with client.stream("GET", "/events", filters=filters) as found:
+
+        def close() -> None:
+            stop.wait()
+            found.close()
+
+        threading.Thread(target=close, daemon=True, name="object-events-closer").start()
+        yield
+        for line in found.lines():
+            if json.loads(line).get("Action") in EVENTS:
+                yield
+
+
+def make(client: Client, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
+    """Makes one. The engine takes a volume that is there for the one that is asked for: whose it is shows after."""
+    if kind == "network":
+        client.post("/networks/create", network_body(name, spec, labels))
+        return
+    made = client.post("/volumes/create", volume_body(name, spec, labels))
+    if (made.get("Labels") or {}).get(LABEL_OWNER) != labels[LABEL_OWNER]:
+        raise EngineError(f"create the volume {name}", "one of that name is there that is not rorg's", "external: true")
+
+
+def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
+    """Removes one of `owner`; what is gone already is fine. Raises EngineError of kind `in_use` where something of
+    somebody's is connected, and of kind `foreign` for what is not ours."""
+    what = f"remove the {kind} {name}"
+    try:
+        data = client.get(f"/{kind}s/{name}")
+    except Refused as no:
+        if no.status == 404:
+            return
+        raise
+    labels = data.get("Labels") or {}
+    if labels.get(LABEL_OWNER) != owner or LABELS[kind] not in labels:
+        raise EngineError(what, "it is not rorg's", kind="foreign")
+    users = sorted(c.get("Name", "") for c in (data.get("Containers") or {}).values())
+    if users:
+        raise EngineError(what, f"connected to it: {', '.join(users)}", "stopping these", kind="in_use")
+    try:
+        client.delete(f"/{kind}s/{data['Id'] if kind == 'network' else name}")
+    except Refused as no:
+        if no.status == 404:
+            return
+        if no.status in (403, 409):
+            raise EngineError(what, no.text, "removing the containers that use it", kind="in_use") from no
+        raise
+
+
+def network_body(name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
+    """The body of POST /networks/create, with nothing that is not declared."""
+    body: Body = {"Name": name, "CheckDuplicate": True, "Labels": dict(labels)}
+    names = {
+        "driver": "Driver",
+        "driver_opts": "Options",
+        "internal": "Internal",
+        "attachable": "Attachable",
+        "enable_ipv6": "EnableIPv6",
+    }
+    body |= {api: spec[option] for option, api in names.items() if option in spec}
+    if "ipam" in spec:
+        body["IPAM"] = _ipam(spec["ipam"])
+    return body
+
+
+def _ipam(value: Mapping[str, Any]) -> Body:
+    names = {
+        "subnet": "Subnet",
+        "gateway": "Gateway",
+        "ip_range": "IPRange",
+        "aux_addresses": "AuxiliaryAddresses",
+    }
+    pools = [{api: pool[option] for option, api in names.items() if option in pool} for pool in value.get("config", [])]
+    more = {"Options": dict(value["options"])} if "options" in value else {}
+    return {"Driver": value.get("driver", "default"), "Config": pools, **more}
+
+
+def volume_body(name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
+    """The body of POST /volumes/create, likewise."""
+    body: Body = {"Name": name, "Labels": dict(labels)}
+    names = {"driver": "Driver", "driver_opts": "DriverOpts"}
+    return {**body, **{api: spec[option] for option, api in names.items() if option in spec}}

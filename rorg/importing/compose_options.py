@@ -1,0 +1,195 @@
+"""The options of one service of Compose as the `container` section of a manifest. What Compose and rorg call alike is
+taken as it is; the rest has a function here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rorg.importing.compose_keys import HEALTHCHECK, SERVICE, SERVICE_NETWORK
+from rorg.importing.compose_mounts import volumes
+from rorg.importing.compose_work import Work, duration, size
+
+ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
+"""Carried over beside the others, since more than one key makes them."""
+
+OF_THE_ENGINE = frozenset(("host", "none", "bridge"))
+"""Networks that are always there, which are joined by network_mode."""
+WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
+"""Options that the engine takes no notice of, by the kind of network."""
+
+
+def options(work: Work, name: str) -> dict[str, Any]:
+    """All that is carried over of a service, in the order of the table."""
+    said = work.project.services[name]
+    found: dict[str, Any] = {}
+    for key, row in SERVICE.items():
+        if row.how == "carried" and key not in ELSEWHERE and said.get(key) is not None:
+            value = _formed(work, name, key, said[key])
+            if value not in ({}, []) or key == "entrypoint":
+                found[key] = value
+    return _on_its_network(work, name, found)
+
+
+def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, Any]:
+    """Without what has no effect on a network that is not the container's own."""
+    own = {work.known("networks", n) for n in work.project.services[name].get("networks") or ()} & OF_THE_ENGINE
+    if own:
+        del found["networks"]
+        found["network_mode"] = min(own)
+    mode = found.get("network_mode", "")
+    without = WITHOUT.get("service" if mode.startswith(("service:", "container:")) else mode, ())
+    for key in without:
+        if key in found:
+            work.note(f"{key} has no effect under network_mode: {mode}", "services", name, key)
+    return {key: value for key, value in found.items() if key not in without}
+
+
+def _formed(work: Work, name: str, key: str, value: Any) -> Any:
+    if key in FORMS_BY_SERVICE:
+        return FORMS_BY_SERVICE[key](work, name, value)
+    if key in FORMS_BY_PROJECT:
+        return FORMS_BY_PROJECT[key](work, value)
+    return FORMS[key](value) if key in FORMS else value
+
+
+def _texts(value: Any) -> Any:
+    return [str(item) for item in value]
+
+
+def _rates(value: Mapping[str, Any]) -> Any:
+    found = dict(value)
+    for key, items in value.items():
+        if isinstance(items, list):
+            found[key] = [{**item, "rate": size(item["rate"])} if "rate" in item else dict(item) for item in items]
+    return found
+
+
+def _devices(value: list[Any]) -> Any:
+    return [_device(item) if isinstance(item, Mapping) else item for item in value]
+
+
+def _device(item: Mapping[str, Any]) -> str:
+    source, access = item["source"], item.get("permissions") or "rwm"
+    target = item.get("target") or source
+    if access != "rwm":
+        return f"{source}:{target}:{access}"
+    return str(source) if target == source else f"{source}:{target}"
+
+
+def _hosts(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return [str(line).replace("=", ":", 1) for line in value]
+    lists = {host: [found] if isinstance(found, str) else found for host, found in value.items()}
+    return [f"{host}:{address}" for host, found in lists.items() for address in found]
+
+
+def gpus(value: Any) -> Any:
+    """Requests of `gpus`, or of devices of a deployment, as one of a container."""
+    if not isinstance(value, list):
+        return value
+    return [{k: "all" if k == "count" and v == -1 else v for k, v in item.items()} for item in value]
+
+
+def _healthcheck(work: Work, name: str, value: Mapping[str, Any]) -> Any:
+    work.check(HEALTHCHECK, value, "services", name, "healthcheck", shown="healthcheck.")
+    carried = {k: v for k, v in value.items() if k in HEALTHCHECK and HEALTHCHECK[k].how == "carried"}
+    if carried.get("disable"):
+        return {"disable": True}
+    return {
+        k: duration(v) if k in ("interval", "timeout", "start_period") else v
+        for k, v in carried.items()
+        if v is not None
+    }
+
+
+def _ports(value: list[Any]) -> Any:
+    return [_port(item) if isinstance(item, Mapping) else str(item) for item in value]
+
+
+def _port(item: Mapping[str, Any]) -> str:
+    address = item.get("host_ip") or ""
+    address = f"[{address}]" if ":" in address else address
+    published, protocol = str(item.get("published") or ""), item.get("protocol") or "tcp"
+    inside = f"{item['target']}" + (f"/{protocol}" if protocol != "tcp" else "")
+    if address:
+        return f"{address}:{published}:{inside}"
+    return f"{published}:{inside}" if published else inside
+
+
+def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
+    """Every network with the service's name as an alias: that is how others find it under Compose."""
+    found = {}
+    for network, said in value.items():
+        work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
+        own = {k: v for k, v in (said or {}).items() if k in SERVICE_NETWORK and SERVICE_NETWORK[k].how == "carried"}
+        names = dict.fromkeys([name, *(own.pop("aliases", None) or ()), *work.aliases.get(name, ())])
+        found[work.called("networks", network)] = {
+            "aliases": list(names),
+            **{k: v for k, v in own.items() if v not in (None, [], {})},
+        }
+    return found
+
+
+def _namespace(work: Work, value: str) -> Any:
+    """service:NAME means one container, also where NAME has several."""
+    kind, colon, other = value.partition(":")
+    return f"service:{work.first(other)}" if kind == "service" and colon else value
+
+
+def _volumes_from(work: Work, value: list[str]) -> Any:
+    found = []
+    for item in value:
+        other, colon, access = item.partition(":")
+        found.append(item if other == "container" else f"{work.first(other)}{colon}{access}")
+    return found
+
+
+def _security(work: Work, value: list[str]) -> Any:
+    found = []
+    for item in value:
+        kind, _, profile = item.partition("=") if "=" in item else item.partition(":")
+        if kind == "seccomp" and profile not in ("unconfined", "builtin", "") and not profile.startswith("{"):
+            item = f"seccomp={work.local(str(work.project.directory / profile))}"
+        found.append(item)
+    return found
+
+
+def _isolation(work: Work, name: str, value: str) -> Any:
+    if value != "default":
+        message = f"isolation: {value} cannot be carried over: it is for Windows"
+        work.refuse(message, "services", name, "isolation", remedy="dropping it")
+    return value
+
+
+FORMS: Mapping[str, Callable[[Any], Any]] = {
+    "blkio_config": _rates,
+    "cpus": float,
+    "devices": _devices,
+    "expose": _texts,
+    "extra_hosts": _hosts,
+    "gpus": gpus,
+    "group_add": _texts,
+    "mem_limit": size,
+    "mem_reservation": size,
+    "memswap_limit": size,
+    "ports": _ports,
+    "shm_size": size,
+    "stop_grace_period": duration,
+}
+"""Of keys whose form is another one here."""
+FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
+    "ipc": _namespace,
+    "network_mode": _namespace,
+    "pid": _namespace,
+    "security_opt": _security,
+    "volumes_from": _volumes_from,
+}
+"""Of those that name other services, or files."""
+FORMS_BY_SERVICE: Mapping[str, Callable[[Work, str, Any], Any]] = {
+    "healthcheck": _healthcheck,
+    "isolation": _isolation,
+    "networks": _networks,
+    "volumes": volumes,
+}
+"""Of those that can be wrong, or go by the service's name."""

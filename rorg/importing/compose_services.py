@@ -1,0 +1,180 @@
+"""Services of Compose as manifests of kind Service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from math import ceil
+from typing import Any
+
+from rorg.importing.compose_deploy import deployed
+from rorg.importing.compose_environment import environment
+from rorg.importing.compose_keys import SERVICE
+from rorg.importing.compose_mounts import files_of
+from rorg.importing.compose_options import options
+from rorg.importing.compose_work import SOUND, Work, duration
+from rorg.importing.manifests import Made
+from rorg.importing.yaml_text import Inline, Noted
+
+HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
+RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
+UNSET = "as Compose does where nothing is said; rorg would restart it always"
+LONGEST = "3650d"
+"""What does not count as ready while it runs: it does once it has ended well."""
+INTERVAL, TIMEOUT, RETRIES = 30.0, 30.0, 3
+"""Of the engine's health checks, where nothing is said."""
+LEAST = 60.0
+"""Seconds until a service that does not become healthy counts as late, at the least."""
+
+
+def services(work: Work, images: Mapping[str, str]) -> list[Made]:
+    """All of them, one for each copy. `images`: what each runs."""
+    _link(work)
+    conditions = _conditions(work)
+    return [made for name in work.project.services for made in _copies(work, name, images[name], conditions)]
+
+
+def _link(work: Work) -> None:
+    """Notes under which names links know the services."""
+    for name, said in work.project.services.items():
+        for index, link in enumerate(said.get("links") or ()):
+            other, _, alias = link.partition(":")
+            if alias and alias != other:
+                work.aliases.setdefault(other, []).append(alias)
+                message = f"link {link}: {other} is called {alias} in its networks too, for all that are in them"
+                work.note(message, "services", name, "links", index)
+
+
+def _conditions(work: Work) -> dict[str, set[str]]:
+    """What dependants wait for, by service."""
+    found: dict[str, set[str]] = {}
+    for said in work.project.services.values():
+        for other, how in (said.get("depends_on") or {}).items():
+            found.setdefault(other, set()).add(how.get("condition") or "")
+    return found
+
+
+def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]]) -> Iterator[Made]:
+    if not SOUND.fullmatch(name):
+        message = f"a service of rorg cannot be called '{name}'"
+        work.refuse(message, "services", name, remedy="letters, digits, - _ and dots, beginning with a letter or digit")
+    elif name == "developer":
+        message = "'developer' is a person's name in rorg, not a service's"
+        work.refuse(message, "services", name, remedy="another name")
+    before = len(work.found)
+    spec = _spec(work, name, image, conditions.get(name, set()))
+    told = [d for d in work.found[before:] if d.severity != "error"]
+    comments = [f"From {work.origin('services', name)}, service {name}."]
+    comments += [f"{d.message}{f'; {d.remedy}' if d.remedy else ''}" for d in told]
+    made = Made("Service", name, spec, tuple(comments))
+    copies = work.copies(name)
+    if copies == 0:
+        work.note("0 copies: it is declared, and not requested", "services", name)
+    for number in range(1, copies + 1) if copies > 1 else ():
+        own = dict(spec, container={**spec["container"], "container_name": _called(work, name, number)})
+        yield replace(made, name=f"{name}-{number}", spec=own)
+    if copies <= 1:
+        yield made
+
+
+def _called(work: Work, name: str, number: int) -> Noted:
+    said = work.project.services[name].get("container_name")
+    return Noted(said or f"{work.project.name}-{name}-{number}", "as Compose calls it")
+
+
+def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any]:
+    said = work.project.services[name]
+    work.check(SERVICE, said, "services", name)
+    spec: dict[str, Any] = {"image": image}
+    if said.get("command") is not None:
+        spec["command"] = list(said["command"])
+    if needs := _needs(work, name):
+        spec["needs"] = needs
+    if ready := _ready(work, name, awaited):
+        spec["ready"] = ready
+    resources, limits = deployed(work, name)
+    spec["restart"] = _restart(work, name, awaited)
+    if resources:
+        spec["resources"] = Inline(resources)
+    container = {"container_name": _called(work, name, 1), **environment(work, name)}
+    if labels := _labels(work, name):
+        container["labels"] = labels
+    container |= {k: v for k, v in options(work, name).items() if k != "container_name"}
+    if "ipc" not in container and (users := _users_of_memory(work, name)):
+        container["ipc"] = "shareable"
+        message = f"ipc: shareable is added, without which the engine lets nobody join: {', '.join(users)} does"
+        work.warn(message, "services", users[0], "ipc")
+    container |= limits
+    mounts = [m for section in ("configs", "secrets") for m in files_of(work, name, section)]
+    if mounts:
+        container["volumes"] = [*container.get("volumes", ()), *mounts]
+    spec["container"] = container
+    return spec
+
+
+def _users_of_memory(work: Work, name: str) -> list[str]:
+    """Services that join the shared memory of this one."""
+    return [other for other, said in work.project.services.items() if said.get("ipc") == f"service:{name}"]
+
+
+def _needs(work: Work, name: str) -> list[Any]:
+    said = work.project.services[name]
+    found: dict[str, Any] = {}
+    for other, how in (said.get("depends_on") or {}).items():
+        if other in work.project.services:
+            found[other] = {"service": other, "restart": True} if how.get("restart") else other
+    for link in said.get("links") or ():
+        other = link.partition(":")[0]
+        found.setdefault(other, other)
+    return list(found.values())
+
+
+def _ready(work: Work, name: str, awaited: set[str]) -> Any:
+    """What those that need it wait for."""
+    if COMPLETED in awaited:
+        if HEALTHY in awaited:
+            message = f"some wait until {name} is healthy, others until it has ended: from now on all wait for its end"
+            work.warn(message, "services", name)
+        return Noted(Inline({"delay": LONGEST}), "those that need it wait until it has ended with exit code 0")
+    if HEALTHY not in awaited:
+        return None
+    if "service_started" in awaited:
+        work.note(f"all that need {name} wait until it is healthy", "services", name)
+    check = work.project.services[name].get("healthcheck") or {}
+    interval, timeout = check.get("interval", INTERVAL), check.get("timeout", TIMEOUT)
+    longest = check.get("start_period", 0.0) + (check.get("retries", RETRIES) + 1) * (interval + timeout)
+    return Inline({"engine": "healthy", "timeout": duration(float(ceil(max(LEAST, longest))))})
+
+
+def _restart(work: Work, name: str, awaited: set[str]) -> Any:
+    said = work.project.services[name]
+    place: tuple[str, ...] = ("services", name, "restart")
+    written = said.get("restart")
+    if written is None and (policy := (said.get("deploy") or {}).get("restart_policy")):
+        place = ("services", name, "deploy", "restart_policy")
+        written = {"none": "no", "on-failure": "on-failure"}.get(policy.get("condition") or "any", "always")
+        if set(policy) - {"condition"}:
+            work.note("rorg restarts with growing delays, without an end", *place)
+    if written is None:
+        return Noted("never", UNSET)
+    kind, colon, _ = str(written).partition(":")
+    if colon:
+        work.note(f"restart: {written}: rorg restarts with growing delays, without an end", *place)
+    found = "on-failure" if kind == "on-failure" else RESTARTS.get(kind, "always")
+    if found == "always" and COMPLETED in awaited:
+        message = f"others wait until {name} has ended, and it is restarted whenever it ends"
+        work.warn(message, *place, remedy="restart: on-failure")
+    return found
+
+
+def _labels(work: Work, name: str) -> dict[str, str]:
+    """Those of the image that is built too, which its containers have."""
+    said = work.project.services[name]
+    built = (said.get("build") or {}).get("labels") or {}
+    if built:
+        work.note("labels of the image are labels of the container from now on", "services", name, "build", "labels")
+    found = {**built, **(said.get("labels") or {})}
+    for key in found:
+        if key.startswith("rorg.io/"):
+            work.refuse(f"the label {key} is rorg's own", "services", name, "labels", key, remedy="another name")
+    return {key: str(value) for key, value in found.items()}

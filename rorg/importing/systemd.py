@@ -1,0 +1,269 @@
+"""Units of systemd as manifests: one Service for each service, one Group for each target."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rorg.importing.manifests import NOTE, Imported, Made
+from rorg.importing.yaml_text import Noted
+from rorg.model.diagnostics import Diagnostic, Where
+
+HOST = "host"
+"""The image of what runs as a process of this machine: that engine looks at no image."""
+TARGETS = ("multi-user.target", "graphical.target", "default.target")
+RESTARTS = {"no": "never", "always": "always", "on-success": "always"}
+"""Restart= -> restart; all others are on-failure."""
+LIMITS = {
+    **{f"Limit{k.upper()}": k for k in ("core", "cpu", "data", "fsize", "memlock", "msgqueue", "nice", "nofile")},
+    **{f"Limit{k.upper()}": k for k in ("nproc", "rss", "rtprio", "rttime", "sigpending", "stack")},
+}
+SILENT = frozenset(("After", "Before", "DefaultDependencies", "Documentation", "Type", "WantedBy", "Alias", "Group"))
+"""Read elsewhere, or of no meaning here: what is needed is started first."""
+REMEDIES = {
+    "ExecStop": "container: {stop_signal: ...}",
+    "ExecReload": "on_change: signal SIGHUP",
+    "WatchdogSec": "a `live` probe",
+    "PIDFile": "a command that stays in the foreground",
+    "Nice": "container: {cpu_shares: ...}",
+    "RestartSec": "leaving it out: delays grow by themselves",
+    "DeviceAllow": "container: {devices: [...]}",
+}
+
+
+@dataclass
+class Unit:
+    """One unit file as it is written."""
+
+    path: Path
+    settings: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
+    """Key -> values with their lines, those of all sections; an empty value takes back those before it."""
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    def where(self, key: str = "") -> Where:
+        """Of the first value of a key."""
+        found = self.settings.get(key)
+        return Where(str(self.path), found[0][1] if found else 1)
+
+    def all(self, key: str) -> list[str]:
+        return [value for value, _ in self.settings.get(key, ())]
+
+    def last(self, key: str, otherwise: str = "") -> str:
+        return (self.all(key) or [otherwise])[-1]
+
+    def words(self, *keys: str) -> list[str]:
+        return [word for key in keys for value in self.all(key) for word in value.split()]
+
+
+def read_unit(path: Path, text: str) -> Unit:
+    """By the rules of systemd.syntax(7): a backslash goes on with the next line, # and ; begin comments."""
+    unit = Unit(path)
+    lines = iter(enumerate(text.splitlines(), 1))
+    for number, line in lines:
+        if line.lstrip()[:1] in ("", "#", ";", "["):
+            continue
+        while line.endswith("\\"):
+            more = next((m for _, m in lines if m.lstrip()[:1] not in ("#", ";")), "")
+            line = f"{line[:-1]} {more}"
+        key, equals, value = line.partition("=")
+        if equals and value.strip():
+            unit.settings.setdefault(key.strip(), []).append((value.strip(), number))
+        elif equals:
+            unit.settings.pop(key.strip(), None)
+    return unit
+
+
+def from_systemd(texts: Mapping[Path, str], image: str, tree: Path) -> Imported:
+    """The manifests of units, given as path -> text. `image`: that of the services; `tree`: where they will lie."""
+    units = {unit.path.name: unit for unit in (read_unit(path, text) for path, text in texts.items())}
+    made, found = list[Made](), list[Diagnostic]()
+    for name, unit in units.items():
+        if name.endswith(".target"):
+            made += _group(unit, units, found)
+        elif name.endswith(".service"):
+            made.append(_Service(unit, units, image, tree, found).made())
+        else:
+            what = f"{name} is no service and no target"
+            found.append(Diagnostic(unit.where(), what, "the .service that it starts"))
+    return Imported(tuple(made), diagnostics=tuple(sorted(found)))
+
+
+def _group(unit: Unit, units: Mapping[str, Unit], found: list[Diagnostic]) -> list[Made]:
+    """What a target brings up, of the units that are imported."""
+    named = set(unit.words("Wants", "Requires", "BindsTo"))
+    members = [u.name for n, u in units.items() if n.endswith(".service") and n in named]
+    members += [
+        u.name for u in units.values() if unit.path.name in u.words("WantedBy", "RequiredBy") and u.name not in members
+    ]
+    if not members:
+        found.append(Diagnostic(unit.where(), f"{unit.path.name} has no services that are imported too", "", NOTE))
+        return []
+    return [
+        Made("Group", unit.name, {"services": members}, (f"From {unit.path}.",), description=unit.last("Description"))
+    ]
+
+
+class _Service:
+    """One unit on its way."""
+
+    def __init__(self, unit: Unit, units: Mapping[str, Unit], image: str, tree: Path, found: list[Diagnostic]) -> None:
+        self.unit, self.units, self.image, self.tree, self.found = unit, units, image, tree, found
+        self.spec: dict[str, Any] = {}
+        self.container: dict[str, Any] = {}
+        self.notes: list[str] = []
+
+    def made(self) -> Made:
+        image = self.image or Noted(HOST, "rorg run --engine process: the command runs on this machine as it is")
+        self.spec |= {"image": image, "command": self._command()}
+        self._needs()
+        self._when()
+        for key in self.unit.settings:
+            if key in READ:
+                READ[key](self, self.unit.last(key))
+            elif key in LIMITS:
+                self._limit(LIMITS[key], self.unit.last(key))
+            elif key not in SILENT and key not in HANDLED:
+                self.tell(key, f"{key} is not carried over", REMEDIES.get(key, ""))
+        if self.container:
+            self.spec["container"] = self.container
+        comments = (f"From {self.unit.path}.", *self.notes)
+        return Made("Service", self.unit.name, self.spec, comments, description=self.unit.last("Description"))
+
+    def tell(self, key: str, message: str, remedy: str = "", severity: str = NOTE) -> None:
+        """A finding; what is only a note stands above the manifest too."""
+        self.found.append(Diagnostic(self.unit.where(key), message, remedy, severity))
+        if severity != "error":
+            self.notes.append(f"{message}{f'; {remedy}' if remedy else ''}")
+
+    def _command(self) -> list[str]:
+        """What is run: one program by itself, several, or one with variables, by a shell."""
+        starts = [_bare(value) for value in self.unit.all("ExecStart")]
+        before = [_bare(value) for value in self.unit.all("ExecStartPre")]
+        if not starts:
+            self.tell("Type", f"{self.unit.name} starts nothing", "ExecStart=", "error")
+        if self.unit.last("Type") == "forking":
+            self.tell(
+                "Type", "Type=forking: rorg runs what stays in the foreground", "the program's option for that", "error"
+            )
+        text = " ".join([*before, *starts])
+        if re.search(r"(?<!%)(%%)*%[a-zA-Z]", text):
+            self.tell(
+                "ExecStart", "specifiers such as %i are filled in by systemd alone", "what they stand for", "error"
+            )
+        if len(starts) == 1 and not before and "$" not in text:
+            try:
+                return shlex.split(starts[0].replace("%%", "%"))
+            except ValueError as error:
+                self.tell("ExecStart", f"not a command line: {error}", "quotes that end", "error")
+                return []
+        self.notes.append("A shell runs it, since it has variables, or more than one command.")
+        lines = [*before, *starts[:-1], *(f"exec {start}" for start in starts[-1:])]
+        return ["sh", "-c", " && ".join(lines).replace("%%", "%")]
+
+    def _needs(self) -> None:
+        for keys, field_ in ((("Requires", "BindsTo", "Requisite", "Wants"), "needs"), (("Conflicts",), "conflicts")):
+            named = dict.fromkeys(self.unit.words(*keys))
+            known = [n.removesuffix(".service") for n in named if n in self.units and n.endswith(".service")]
+            if known:
+                self.spec[field_] = known
+            if others := [n for n in named if n not in self.units]:
+                where = next(key for key in keys if others[0] in self.unit.words(key))
+                self.tell(where, f"{', '.join(others)}: not imported, so not in {field_}")
+
+    def _when(self) -> None:
+        """Whether it runs by itself, and what becomes of it when it ends."""
+        targets = [t for t in self.unit.words("WantedBy", "RequiredBy") if t in TARGETS]
+        if targets:
+            self.spec["always_on"] = Noted(True, f"WantedBy={targets[0]}")
+        written = self.unit.last("Restart", "no")
+        self.spec["restart"] = RESTARTS.get(written, "on-failure")
+        if self.unit.last("Type") == "notify":
+            self.tell("Type", "Type=notify: rorg asks whether it is ready", "a `ready` probe")
+
+    def _limit(self, name: str, value: str) -> None:
+        parts = [-1 if part == "infinity" else int(part) if part.isdigit() else None for part in value.split(":")]
+        if None in parts:
+            self.tell(
+                f"Limit{name.upper()}", f"the limit {value} is not carried over", "a number under container.ulimits"
+            )
+            return
+        self.container.setdefault("ulimits", {})[name] = (
+            parts[0] if len(parts) == 1 else {"soft": parts[0], "hard": parts[-1]}
+        )
+
+    def environment(self, _: str) -> None:
+        """All assignments, each word one."""
+        words = [word for value in self.unit.all("Environment") for word in shlex.split(value)]
+        self.container["environment"] = dict(word.split("=", 1) for word in words if "=" in word)
+
+    def environment_file(self, _: str) -> None:
+        """All files; a dash in front lets one be missing."""
+        files = self.unit.all("EnvironmentFile")
+        self.container["env_file"] = [
+            {"path": f.removeprefix("-"), "required": False} if f.startswith("-") else f for f in files
+        ]
+
+    def user(self, value: str) -> None:
+        """With the group."""
+        group = self.unit.last("Group")
+        self.container["user"] = f"{value}:{group}" if group else value
+
+    def time(self, value: str) -> None:
+        """How long it may take to end."""
+        seconds = sum(float(n) * UNITS[unit] for n, unit in re.findall(r"([0-9.]+)\s*(min|ms|h|s|)", value))
+        if seconds:
+            self.container["stop_grace_period"] = f"{seconds:g}s"
+
+    def memory(self, value: str) -> None:
+        """Bytes, or with a unit."""
+        if re.fullmatch(r"[0-9]+[KMG]?", value):
+            self.container["mem_limit"] = value + "i" * value[-1].isalpha() if not value.isdigit() else int(value)
+        elif value != "infinity":
+            self.tell("MemoryMax", f"MemoryMax={value} is not carried over", "container: {mem_limit: 512Mi}")
+
+    def quota(self, value: str) -> None:
+        """Percent of one CPU."""
+        if re.fullmatch(r"[0-9.]+%", value):
+            self.container["cpus"] = float(value[:-1]) / 100
+
+
+UNITS = {"": 1.0, "s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
+READ: Mapping[str, Callable[[_Service, str], None]] = {
+    "CPUQuota": _Service.quota,
+    "Environment": _Service.environment,
+    "EnvironmentFile": _Service.environment_file,
+    "KillSignal": lambda service, value: service.container.update(stop_signal=value),
+    "MemoryLimit": _Service.memory,
+    "MemoryMax": _Service.memory,
+    "TasksMax": lambda service, value: service.container.update(pids_limit=int(value)) if value.isdigit() else None,
+    "TimeoutSec": _Service.time,
+    "TimeoutStopSec": _Service.time,
+    "User": _Service.user,
+    "WorkingDirectory": lambda service, value: service.container.update(working_dir=value.removeprefix("-")),
+}
+HANDLED = frozenset(
+    (
+        "BindsTo",
+        "Conflicts",
+        "Description",
+        "ExecStart",
+        "ExecStartPre",
+        "RequiredBy",
+        "Requires",
+        "Requisite",
+        "Restart",
+        "Wants",
+    )
+)
+
+
+def _bare(command: str) -> str:
+    """Without the signs in front that say how systemd runs it."""
+    return command.lstrip("-@:+!|").strip()

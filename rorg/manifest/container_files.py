@@ -1,0 +1,91 @@
+"""Files that options of a container name, and whose content is what counts: variables, and profiles of seccomp."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from rorg.manifest.documents import Source
+from rorg.manifest.dotenv import read_dotenv, values_of
+from rorg.manifest.files import read_plain, read_text
+from rorg.manifest.long_forms import EnvFile, read_env_files
+from rorg.manifest.together import Clash
+from rorg.manifest.variables import FILE
+from rorg.model.diagnostics import Diagnostic, Where
+
+NO_FILES = ("unconfined", "builtin")
+"""Profiles of seccomp that the engine has."""
+
+
+def seccomp_file(value: str) -> str:
+    """The file that a value of security_opt names; empty for what names none."""
+    found = re.fullmatch(r"seccomp[=:](.+)", value, re.DOTALL)
+    return found[1] if found and found[1] not in NO_FILES else ""
+
+
+def seccomp_sent(source: Source, values: list[str], found: list[Clash]) -> list[str]:
+    """A profile of seccomp is sent, not named: the engine may be on another machine, and what it says is what counts
+    for the digest."""
+    sent = []
+    for index, value in enumerate(values):
+        if name := seccomp_file(value):
+            try:
+                profile = json.loads(read_text(source.directory / name, source.root))
+            except (OSError, ValueError, RecursionError) as error:
+                why = getattr(error, "strerror", None) or "not JSON"
+                found.append(Clash(("security_opt", index), f"seccomp profile '{name}': {why}", "creating it"))
+                continue
+            value = f"seccomp={json.dumps(profile, separators=(',', ':'))}"
+        sent.append(value)
+    return sent
+
+
+def env_files(
+    source: Source, options: Mapping[str, Any], found: list[Clash], diagnostics: list[Diagnostic]
+) -> dict[str, str]:
+    """The variables of all files that `env_file` names; those of a later one win. What is wrong with the option goes to
+    `found`, what is wrong in a file to `diagnostics`."""
+    variables: dict[str, str] = {}
+    for index, file in enumerate(read_env_files(options["env_file"])):
+        try:
+            more, told = variables_of(source, file, variables)
+        except OSError as error:
+            missing = error.errno == errno.ENOENT
+            if file.required or not missing:
+                remedy = "creating it" if missing else "fixing it"
+                found.append(Clash(("env_file", index), f"env_file '{file.path}': {error.strerror}", remedy))
+            continue
+        variables |= more
+        diagnostics += told
+    return variables
+
+
+def variables_of(
+    source: Source, file: EnvFile, before: Mapping[str, str] = MappingProxyType({})
+) -> tuple[dict[str, str], list[Diagnostic]]:
+    """Those of one file, and what is wrong in it. Its values may name variables of the tree's robot.env, and those of
+    files `before` it and of lines before, which is Compose's order. Raises OSError for one that cannot be read."""
+    text = read_plain(source.directory / file.path, source.root)
+    if file.format == "raw":
+        lines = (line for line in text.splitlines() if "=" in line and not line.lstrip().startswith("#"))
+        return dict(line.split("=", 1) for line in lines), []
+    known = {**source.variables.values, **before}
+    entries, mistakes = read_dotenv(text, known.get)
+    place = str(Path(os.path.normpath(source.directory / file.path)))
+    told = [Diagnostic(Where(place, m.line, m.column), m.message, m.remedy) for m in mistakes]
+    for entry in entries:
+        where = Where(place, entry.line, entry.column)
+        if entry.value is None:
+            message = f"'{entry.name}' has no value and is left out, as no {FILE} declares it"
+            told.append(Diagnostic(where, message, f"{entry.name}=value", "warning"))
+        for name in entry.unset:
+            message = f"'{name}', which the value of {entry.name} names, is set nowhere and counts as empty"
+            remedy = f"{name}=value in {FILE}, or single quotes for a dollar sign of its own"
+            told.append(Diagnostic(where, message, remedy, "warning"))
+    return values_of(entries), told

@@ -1,0 +1,82 @@
+"""One value that holds for a service, with its source, and the manifests that may say it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from rorg.manifest.documents import Source
+from rorg.manifest.field_texts import FieldText, inline, written
+from rorg.manifest.yaml_source import Use
+from rorg.model.diagnostics import Where
+
+NOT_SHOWN = "(not shown)"
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value. `value` is plain JSON (seconds, bytes, cores), `text` as people write it."""
+
+    field: str
+    value: Any
+    text: str
+    kind: str
+    """manifest, profile, policy, env_file or default."""
+    name: str = ""
+    """Of the profile."""
+    where: Where | None = None
+    variables: tuple[Use, ...] = ()
+    """Those of robot.env that it is made of."""
+
+    @property
+    def source(self) -> str:
+        """Where it comes from, for people."""
+        head = f"{self.kind} {self.name}".strip()
+        places = [f"{self.where.file}:{self.where.line}"] if self.where else []
+        return ", ".join(
+            [head, *places, *(f"{u.name} of {u.where.file}:{u.where.line}" for u in self.variables if u.where)]
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """With the source in parts; a value that is not shown is null."""
+        place = {"file": self.where.file, "line": self.where.line} if self.where else {}
+        name = {"name": self.name} if self.name else {}
+        used = [{"name": u.name, "file": u.where.file, "line": u.where.line} for u in self.variables if u.where]
+        source = {"kind": self.kind, **name, **place, **({"variables": used} if used else {})}
+        return {"field": self.field, "value": self.value, "source": source}
+
+
+@dataclass(frozen=True)
+class Level:
+    """One manifest that says something of the service: the service's own, one of its profiles, or the Policy."""
+
+    kind: str
+    source: Source
+
+    @property
+    def name(self) -> str:
+        return self.source.name if self.kind == "profile" else ""
+
+    def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
+        """A value that stands at `path` in this manifest."""
+        plain = value.model_dump(mode="json", exclude_unset=True) if isinstance(value, BaseModel) else value
+        text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
+        document = self.source.document
+        path = written_at(document.value, path)
+        used = tuple(dict.fromkeys(u for at, us in document.filled.items() if at[: len(path)] == path for u in us))
+        return Value(field, plain, text, self.kind, self.name, self.source.where(*path), used)
+
+
+def written_at(value: Any, path: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """A path to a value as it is written: pairs may be a list of KEY=VALUE."""
+    for depth, key in enumerate(path):
+        if isinstance(value, list) and isinstance(key, str):
+            found = (i for i, item in enumerate(value) if str(item).partition("=")[0] == key)
+            return (*path[:depth], *list(found)[-1:])
+        try:
+            value = value[key]
+        except (LookupError, TypeError):
+            break
+    return path

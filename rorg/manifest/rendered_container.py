@@ -1,0 +1,154 @@
+"""The container of one service: its profile, what the manifest says, and what that names files for, as one mapping."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rorg.manifest.container import ContainerOptions
+from rorg.manifest.container_files import env_files, seccomp_sent
+from rorg.manifest.documents import Source
+from rorg.manifest.driver import options_of
+from rorg.manifest.files import real
+from rorg.manifest.option_checks import FINAL
+from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_options, trace
+from rorg.manifest.programs import for_engine
+from rorg.manifest.together import Clash, clashes
+from rorg.model.catalog import RUN
+from rorg.model.diagnostics import Diagnostic
+from rorg.model.volumes import mounted_at
+
+
+def container_of(
+    source: Source, profile: Merged, diagnostics: list[Diagnostic], engine: str
+) -> tuple[dict[str, Any], Origins, tuple[str, ...]]:
+    """Its options, what declares each, and which of its variables are secret."""
+    spec: Any = source.spec
+    options = substitute(dict(profile.container), values_of(source))
+    origins = profile.origins
+    for over, part in parts(source, profile, diagnostics):
+        options = merge_options(options, over)
+        origins = trace(origins, options, over, Origin(part, profile=False))
+    of_files: dict[str, str] = {}
+    written, wrong = dict(options), list[Clash]()
+    if "volumes" in options:
+        options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
+    if "env_file" in options:
+        said, of_files = options.get("environment", {}), env_files(source, options, wrong, diagnostics)
+        options["environment"] = {**of_files, **said}
+        of_files = {k: v for k, v in of_files.items() if k not in said}
+        del options["env_file"]
+    if "security_opt" in options:
+        options["security_opt"] = seccomp_sent(source, options["security_opt"], wrong)
+    diagnostics += [_as_diagnostic(source, written, origins, clash) for clash in wrong]
+    diagnostics += _check(source, options, origins)
+    options = for_engine(source, options, engine)
+    options["image"] = spec.image
+    if spec.command is not None:
+        options["command"] = list(spec.command)
+    return (
+        options,
+        origins,
+        tuple(sorted({*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))})),
+    )
+
+
+def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
+    """What the manifest itself puts on its profile, with the part of it that says so."""
+    spec: Any = source.spec
+    if spec.driver:
+        yield options_of(spec.driver, profile.without_hardware), "driver"
+    own = declared(spec.container)
+    mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
+    if mounts:  # not merged: a volume of this manifest at the same place is a mistake
+        own = {**own, "volumes": own.get("volumes", []) + mounts}
+    yield own, "this manifest"
+    if spec.may_request or spec.may_manage or spec.may_act_for:
+        folder = f"{RUN}/services/{source.name}"
+        # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
+        socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
+        yield {"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"
+
+
+def values_of(source: Source) -> dict[str, str]:
+    """What a profile may leave open, for one service."""
+    resources = source.spec.resources
+    return {
+        "${service}": source.name,
+        "${resources.cpu}": f"{resources.cpu:g}",
+        "${resources.memory}": str(resources.memory),
+    }
+
+
+def substitute(value: Any, values: Mapping[str, str]) -> Any:
+    """The same with what a profile left open filled in."""
+    if isinstance(value, str):
+        return re.sub(r"\$\{[a-z.]+\}", lambda m: values.get(m[0], m[0]), value)
+    if isinstance(value, dict):
+        return {k: substitute(v, values) for k, v in value.items()}
+    return [substitute(v, values) for v in value] if isinstance(value, list) else value
+
+
+def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
+    volumes = []
+    for index, mount in enumerate(source.spec.mounts):
+        where = source.where("spec", "mounts", index)
+        local, _, target = mount.partition(":")
+        if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
+            diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
+        elif not os.path.exists(source.directory / local):
+            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "creating it"))
+        else:
+            volumes.append(f"{real(source.directory / local)}:{target}:ro")
+    return volumes
+
+
+def absolute(volume: Any, directory: Path) -> Any:
+    """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
+    if isinstance(volume, dict):
+        if volume["type"] == "bind" and not volume["source"].startswith("/"):
+            return {**volume, "source": str(real(directory / os.path.expanduser(volume["source"])))}
+        return volume
+    head, colon, tail = volume.partition(":")
+    if head.startswith("~/"):
+        head = os.path.expanduser(head)
+    elif head.startswith((".", "/")) and colon:
+        head = str(real(directory / head)) if head.startswith(".") else head
+    return head + colon + tail
+
+
+def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Diagnostic]:
+    """What only shows when profile and manifest have come together."""
+    late = {k: v for k, v in options.items() if k != "healthcheck" and "${" in json.dumps(v).replace(RUN, "/run/rorg")}
+    if "volumes" in late:
+        late["volumes"] = [v for v in late["volumes"] if not str(v).startswith(RUN)]
+    try:
+        ContainerOptions.model_validate(late, context=FINAL)
+        found = clashes(options)
+    except ValidationError as error:
+        found = [Clash(entry["loc"], entry["msg"].removeprefix("Value error, ")) for entry in error.errors()]
+    return [_as_diagnostic(source, options, origins, clash) for clash in found]
+
+
+def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:
+    """At its place in the manifest, or where that names the profile which brought it."""
+    option, below = str(clash.path[0]), clash.path[1:]
+    spec: Any = source.spec
+    own, ours = declared(spec.container), False
+    if option == "volumes" and below:  # the list began with the profile's
+        place = mounted_at(options["volumes"][below[0]])
+        below = tuple(i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place)[-1:]
+    elif isinstance(options.get(option), list) and below:
+        item = options[option][below[0]]
+        below = tuple(index for index, said in enumerate(own.get(option, ())) if said == item)[:1]
+        ours, option = bool(below), option if below else ""
+    names = [name for name in origins.get(clash.other or str(clash.path[0]), ()) if name.profile or clash.other]
+    by = f", which {names[-1]} declares" if names and names[-1].profile and not ours else ""
+    where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
+    return Diagnostic(where, clash.message + by, clash.remedy)

@@ -1,0 +1,210 @@
+"""Variables in one text, as Compose fills them in.
+
+`$NAME` and `${NAME}` stand for a value, `$$` for one dollar sign. Within braces an operator says what holds otherwise:
+
+| form | gives |
+|---|---|
+| `${NAME:-text}`, `${NAME-text}` | the text where NAME is unset or empty; only where it is unset |
+| `${NAME:?text}`, `${NAME?text}` | an error that cites the text where NAME is unset or empty; only where it is unset |
+| `${NAME:+text}`, `${NAME+text}` | the text where NAME is set and not empty; where it is set; else nothing |
+
+The text of an operator may have variables itself, and ends at the brace that closes it. A dollar sign before anything
+else stays. An unset variable without an operator is empty. Values are not looked at again. The source of these rules
+is the Compose Specification ("Interpolation") and what Docker Compose 2.26 answers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+Lookup = Callable[[str], "str | None"]
+"""The value of a variable; None where it is not set."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_OPERATORS = (":-", ":?", ":+", "-", "?", "+")
+MOST_DEPTH = 50
+"""Of variables within each other's texts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One reference. `start` and `end` are offsets in the whole text; `argument` is the text of the operator."""
+
+    name: str
+    start: int
+    end: int
+    braced: bool = True
+    operator: str = ""
+    argument: tuple[Piece, ...] = ()
+
+
+Piece = str | Variable
+"""Of a parsed text: what stays as it is (with `$` for `$$`), and references."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Why a text cannot be filled in. `name`: the variable that is required and not set; empty where the form is wrong.
+    `offset` counts characters of the text from 0."""
+
+    offset: int
+    message: str
+    remedy: str
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """A text with its variables filled in. `used`: every variable it names, in order; `unset`: those of them that were
+    not set where nothing was said for that, so that they became empty."""
+
+    text: str
+    used: tuple[str, ...] = ()
+    unset: tuple[str, ...] = ()
+
+
+class _Wrong(Exception):
+    def __init__(self, refused: Refused) -> None:
+        self.refused = refused
+
+
+def parse(text: str) -> tuple[Piece, ...] | Refused:
+    """The pieces of a text."""
+    try:
+        return _Parser(text).pieces(0, 0)[0]
+    except _Wrong as wrong:
+        return wrong.refused
+
+
+def interpolate(text: str, lookup: Lookup) -> Filled | Refused:
+    """The text with its variables filled in, or the first reason why not."""
+    if "$" not in text:
+        return Filled(text)
+    pieces = parse(text)
+    if isinstance(pieces, Refused):
+        return pieces
+    used, unset = dict.fromkeys(v.name for v in variables(pieces)), dict[str, None]()
+    try:
+        return Filled(_fill(pieces, lookup, unset), tuple(used), tuple(unset))
+    except _Wrong as wrong:
+        return wrong.refused
+
+
+def reference_at(text: str, offset: int) -> Variable | Refused:
+    """The reference in braces that begins at an offset, whatever follows it."""
+    try:
+        return _Parser(text).braced(offset, 0)[0]
+    except _Wrong as wrong:
+        return wrong.refused
+
+
+def variables(pieces: tuple[Piece, ...]) -> Iterator[Variable]:
+    """All references, those in texts of operators too."""
+    for piece in pieces:
+        if isinstance(piece, Variable):
+            yield piece
+            yield from variables(piece.argument)
+
+
+def escaped(text: str) -> str:
+    """A text that gives this one when it is interpolated."""
+    return text.replace("$", "$$")
+
+
+class _Parser:
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def pieces(self, at: int, depth: int) -> tuple[tuple[Piece, ...], int]:
+        """From there to the end of the text, or within braces (depth > 0) to the brace that closes them; with where
+        that is. Braces of plain text are counted, as in `${A:-{}}`."""
+        found: list[Piece] = []
+        plain, inner, text = at, 0, self.text
+        while at < len(text):
+            char = text[at]
+            if char == "$":
+                found.append(text[plain:at])
+                piece, at = self.dollar(at, depth)
+                found.append(piece)
+                plain = at
+                continue
+            if depth and char == "}":
+                if not inner:
+                    break
+                inner -= 1
+            elif char == "{":
+                inner += 1
+            at += 1
+        found.append(text[plain:at])
+        return tuple(_joined(found)), at
+
+    def dollar(self, at: int, depth: int) -> tuple[Piece, int]:
+        following = self.text[at + 1 : at + 2]
+        if following == "$":
+            return "$", at + 2
+        if following == "{":
+            return self.braced(at, depth)
+        name = _NAME.match(self.text, at + 1)
+        if name is None:
+            return "$", at + 1
+        return Variable(name.group(), at, name.end(), braced=False), name.end()
+
+    def braced(self, at: int, depth: int) -> tuple[Variable, int]:
+        name = _NAME.match(self.text, at + 2)
+        if name is None or depth >= MOST_DEPTH:
+            raise self.wrong(at, "no name of a variable")
+        end, argument, operator = name.end(), tuple[Piece, ...](), ""
+        if self.text[end : end + 1] != "}":
+            operator = next((o for o in _OPERATORS if self.text.startswith(o, end)), "")
+            if not operator and end < len(self.text):
+                raise self.wrong(at, f"{self.text[end]!r} after the name")
+            argument, end = self.pieces(end + len(operator), depth + 1)
+        if end >= len(self.text):
+            raise self.wrong(at, "no closing brace")
+        return Variable(name.group(), at, end + 1, True, operator, argument), end + 1
+
+    def wrong(self, at: int, why: str) -> _Wrong:
+        shown = self.text[at : at + 30].partition("\n")[0]
+        remedy = "${NAME}, ${NAME:-default}, or $$ for a dollar sign of its own"
+        return _Wrong(Refused(at, f"'{shown}' is not a variable: {why}", remedy))
+
+
+def _joined(pieces: list[Piece]) -> Iterator[Piece]:
+    """Plain texts beside each other are one; empty ones are none."""
+    plain = ""
+    for piece in pieces:
+        if isinstance(piece, str):
+            plain += piece
+            continue
+        if plain:
+            yield plain
+        yield piece
+        plain = ""
+    if plain:
+        yield plain
+
+
+def _fill(pieces: tuple[Piece, ...], lookup: Lookup, unset: dict[str, None]) -> str:
+    return "".join(piece if isinstance(piece, str) else _value(piece, lookup, unset) for piece in pieces)
+
+
+def _value(variable: Variable, lookup: Lookup, unset: dict[str, None]) -> str:
+    """Also a text that is not needed is filled in, so that what is required in it is, as in Compose."""
+    value, operator = lookup(variable.name), variable.operator
+    argument = _fill(variable.argument, lookup, unset)
+    there = bool(value) if operator.startswith(":") else value is not None
+    match operator[-1:]:
+        case "-":
+            return (value or "") if there else argument
+        case "+":
+            return argument if there else ""
+        case "?" if not there:
+            how = "empty or not set" if operator == ":?" else "not set"
+            said = f": {argument}" if argument else ""
+            remedy = f"a value of {variable.name} in the environment or an env file"
+            raise _Wrong(Refused(variable.start, f"variable {variable.name} is {how}{said}", remedy, variable.name))
+    if value is None:
+        unset[variable.name] = None
+    return value or ""

@@ -1,0 +1,93 @@
+"""Networks and volumes of a tree, and the services that use them: what these write becomes what the engine calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from rorg.manifest.documents import Source
+from rorg.manifest.programs import PROCESS
+from rorg.model.catalog import Service
+from rorg.model.diagnostics import Diagnostic
+from rorg.model.objects import EngineObject, Kind
+
+Objects = Mapping[str, EngineObject]
+"""Of one kind, by the name that services write."""
+LEFT_OUT: Mapping[Kind, str] = {
+    "network": "the process engine makes no networks: its services use those of this machine",
+    "volume": "the process engine makes no volumes: its services use directories of this machine",
+}
+"""What becomes of them where services are plain processes."""
+
+
+def objects_of(
+    kind: Kind, sources: Mapping[str, Source], engine: str
+) -> tuple[dict[str, EngineObject], list[Diagnostic]]:
+    """All of one kind. An error is that two are called the same; a warning, said once, that `engine` has none."""
+    found = {name: _object(kind, source) for name, source in sources.items()}
+    diagnostics, owners = [], dict[str, str]()
+    for name, one in found.items():
+        first = owners.setdefault(one.called, name)
+        if first != name:
+            where = sources[name].where("spec", "name") if one.called != name else sources[name].where("metadata")
+            diagnostics.append(Diagnostic(where, f"the {kind} '{first}' is called '{one.called}' too", "another name"))
+    if found and engine == PROCESS:
+        where = sources[min(found)].where("kind")
+        diagnostics.append(Diagnostic(where, LEFT_OUT[kind], "the docker engine, where that matters", "warning"))
+    return found, diagnostics
+
+
+def _object(kind: Kind, source: Source) -> EngineObject:
+    spec: Any = source.spec
+    return EngineObject(
+        kind,
+        source.name,
+        spec.name or source.name,
+        spec.model_dump(exclude_none=True, exclude={"name", "external"}),
+        spec.external,
+        source.description,
+        source.labels,
+        source.where("metadata", "name"),
+    )
+
+
+def joined(service: Service, networks: Objects, volumes: Objects) -> Service:
+    """A service with what the engine calls the networks and volumes that it names; what no manifest declares stays as
+    it is written."""
+    spec = service.spec
+    if spec is None or not (networks or volumes):
+        return service
+    found: dict[str, Any] = {}
+    if networks and spec.get("networks"):
+        found["networks"] = {_called(name, networks): options for name, options in spec["networks"].items()}
+    if spec.get("network_mode") in networks:
+        found["network_mode"] = _called(spec["network_mode"], networks)
+    if volumes and spec.get("volumes"):
+        found["volumes"] = [_mounted(volume, volumes) for volume in spec["volumes"]]
+    changed = any(found[option] != spec[option] for option in found)
+    return replace(service, spec={**spec, **found}) if changed else service
+
+
+def _called(name: str, objects: Objects) -> str:
+    return objects[name].called if name in objects else name
+
+
+def _mounted(volume: Any, volumes: Objects) -> Any:
+    if isinstance(volume, Mapping):
+        named = volume["type"] == "volume" and volume.get("source") in volumes
+        return {**volume, "source": _called(volume["source"], volumes)} if named else volume
+    source, colon, rest = volume.partition(":")
+    return _called(source, volumes) + colon + rest if colon else volume
+
+
+def check_default(
+    services: Mapping[str, Service], sources: Mapping[str, Source], networks: Objects
+) -> Iterator[Diagnostic]:
+    """`default` is the engine's own network, which takes no options, unless a manifest declares one of that name."""
+    for name, source in sources.items():
+        options = ((services[name].spec or {}).get("networks") or {}).get("default")
+        if options and any(options.values()) and "default" not in networks:
+            where = source.where("spec", "container", "networks", "default")
+            message = "'default' takes no options, and no Network declares it"
+            yield Diagnostic(where, message, "networks/default.yaml, or the name of a network of your own")

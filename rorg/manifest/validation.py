@@ -1,0 +1,120 @@
+"""What pydantic says of a manifest, put at its place in the file and into the words of manifests."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from rorg.manifest.container import ELSEWHERE, ContainerOptions
+from rorg.manifest.models import API_VERSION, SPECS
+from rorg.manifest.option_forms import Strict
+from rorg.manifest.yaml_source import Document, as_scalar
+from rorg.manifest.yaml_source import Path as Loc
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+
+def validated(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
+    """A value as its model has it, or None with all that is wrong with it; `at` is where the value stands. Text that a
+    variable was filled into is the number or the boolean that YAML reads there, where its field wants one."""
+    try:
+        return model.model_validate(value), []
+    except ValidationError as error:
+        again = _converted(value, document, error, at)
+    try:
+        return model.model_validate(again), []
+    except ValidationError as error:
+        found: dict[tuple[Where, str], Diagnostic] = {}
+        for entry in error.errors(include_url=False):
+            diagnostic = _explain(model, document, entry, at)
+            # A union reports once for each of its members: the first says enough.
+            found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
+        return None, list(found.values())
+
+
+def _converted(value: object, document: Document, error: ValidationError, at: Loc) -> object:
+    """The value with such texts converted, of those that were refused."""
+    places = {_place(document, at + tuple(entry["loc"])) for entry in error.errors(include_url=False)}
+    for place in places & document.filled.keys():
+        value = _put(value, place[len(at) :])
+    return value
+
+
+def _put(value: Any, path: Loc) -> Any:
+    """A copy with the text at a path as the scalar that YAML reads there."""
+    if not path:
+        return as_scalar(value) if isinstance(value, str) else value
+    copy = value.copy()
+    copy[path[0]] = _put(value[path[0]], path[1:])
+    return copy
+
+
+def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Diagnostic:
+    """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
+    loc = _place(document, at + tuple(entry["loc"]))
+    if entry["type"] == "extra_forbidden":
+        return _unknown_key(model, document, loc, at)
+    if entry["type"] == "missing":
+        return Diagnostic(document.where(loc[:-1], key=True), f"'{loc[-1]}' is missing")
+    where = document.where(loc)
+    if loc == ("apiVersion",):
+        return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
+    text = entry["msg"].removeprefix("Value error, ")
+    if entry["type"] == "string_pattern_mismatch" and document.values.get(loc):
+        text = f"{entry['input']!r} is not allowed here; it must match {entry['ctx']['pattern']}"
+    if entry["type"] == "model_type" or entry["type"] == "dict_type":
+        text = "must be a mapping"
+    name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
+    return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
+
+
+def _place(document: Document, loc: Loc) -> Loc:
+    """Without the names that pydantic puts in for the members of a union."""
+    path: Loc = ()
+    for index, part in enumerate(loc):
+        if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
+            path = (*path, part)
+    return path
+
+
+def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> Diagnostic:
+    where, key = document.where(loc, key=True), str(loc[-1])
+    written = document.value.get("kind")
+    kind = written if isinstance(written, str) else ""
+    parent = _model_at(model, loc[len(at) : -1])
+    known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
+    remedy = nearest(key, known)
+    if parent is ContainerOptions and key in ELSEWHERE:
+        remedy = ELSEWHERE[key]
+    elif not parent or remedy.startswith("one of") or not remedy:
+        remedy = _other_level(kind, key) or remedy
+    return Diagnostic(where, f"unknown key '{key}'", remedy)
+
+
+def _other_level(kind: str, key: str) -> str:
+    """A key of the right name at the wrong depth."""
+    if kind == "Service" and key in ContainerOptions.model_fields:
+        return f"spec.container.{key}"
+    if kind in SPECS and key in SPECS[kind].model_fields:
+        return f"spec.{key}"
+    return ELSEWHERE.get(key, "")
+
+
+def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
+    """The model that a path of keys leads to, through optional fields, lists and mappings."""
+    for part in path:
+        if isinstance(part, int):
+            continue
+        field = model.model_fields.get(part)
+        if field is None:
+            continue
+        found = next((t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None)
+        if found is None:
+            return None
+        model = found
+    return model
+
+
+def _types(annotation: object) -> list[Any]:
+    args = get_args(annotation)
+    return [annotation] if not args else [t for a in args for t in _types(a)]

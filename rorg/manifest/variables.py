@@ -1,0 +1,221 @@
+"""Variables of a tree: what its `robot.env` declares, filled into the values of `spec`.
+
+`robot.env` lies at the top of the tree; that of `robots/NAME/` is laid over it for one robot. Both are read as Compose
+reads an .env file (dotenv.py). Nothing is ever taken from the environment of a process: a tree means the same wherever
+it is read. In the manifests of a tree that has such a file, `${NAME}` and Compose's other forms in braces
+(template.py) stand for a value, `$${NAME}` for the text `${NAME}`. NAME is one that is declared, or any other that is
+written in capitals, which then is a mistake. Whatever else has a dollar sign stays as it is: `$NAME`, `$(...)`, `$$`,
+`${service}`, and a shell's `${name}` in small letters. Without such a file nothing is looked for, so that a tree keeps
+its meaning.
+
+A bare NAME in `environment`, or in the `args` of an Image, takes the value of the variable of that name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rorg.manifest.dotenv import read_dotenv
+from rorg.manifest.files import read_plain
+from rorg.manifest.overlay import FOLDER
+from rorg.manifest.template import Refused, interpolate, reference_at
+from rorg.manifest.yaml_source import Document, Use
+from rorg.manifest.yaml_source import Path as Loc
+from rorg.model.diagnostics import Diagnostic, Where, nearest
+
+FILE = "robot.env"
+TAKEN = "service"
+"""`${service}` is the service that a profile is used by."""
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_CAPITALS = re.compile(r"[A-Z_][A-Z0-9_]*")
+_BRACES = re.compile(r"(\$+)\{([A-Za-z_][A-Za-z0-9_]*)")
+_BARE = {
+    "Service": ("container", "environment"),
+    "Profile": ("container", "environment"),
+    "Image": ("args",),
+}
+"""Kind -> where in its spec bare names stand for variables."""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Those of one tree, on one robot."""
+
+    values: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, Where] = field(default_factory=dict)
+    """Of each the line that declares it."""
+    declared: bool = False
+    """Whether there is any file of them."""
+
+
+NONE = Variables()
+
+
+def variable_files(root: Path, robot: str) -> list[Path]:
+    """Where variables may be declared, whether the files are there or not; what a later one says wins."""
+    return [root / FILE, *([root / FOLDER / robot / FILE] if robot else [])]
+
+
+def read_variables(root: Path, robot: str) -> tuple[Variables, list[Diagnostic]]:
+    """The variables of a tree, and all that is wrong with its files of them."""
+    values: dict[str, str] = {}
+    places: dict[str, Where] = {}
+    diagnostics: list[Diagnostic] = []
+    declared = False
+    for path in variable_files(root, robot):
+        try:
+            text = read_plain(path, root)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            found = Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
+            diagnostics.append(found)
+            continue
+        declared = True
+        diagnostics += _declare(text, str(path), values, places)
+    return Variables(values, places, declared), diagnostics
+
+
+def _declare(text: str, file: str, values: dict[str, str], places: dict[str, Where]) -> list[Diagnostic]:
+    """Adds what one file declares to what those before it do."""
+    entries, mistakes = read_dotenv(text, lambda _: None, values)
+    diagnostics = [Diagnostic(Where(file, m.line, m.column), m.message, m.remedy) for m in mistakes]
+    for entry in entries:
+        where = Where(file, entry.line, entry.column)
+        if entry.name == TAKEN or not _NAME.fullmatch(entry.name):
+            message = f"a variable cannot be called '{entry.name}'"
+            diagnostics.append(Diagnostic(where, message, "capital letters, digits and _, such as ROBOT_NAME"))
+        elif entry.value is None:
+            diagnostics.append(Diagnostic(where, f"'{entry.name}' has no value", f"{entry.name}=value"))
+        for name in entry.unset:
+            message = f"{entry.name} is made of '{name}', which no line before it declares"
+            diagnostics.append(Diagnostic(where, message, f"{name}=value in a line before it"))
+        values[entry.name] = entry.value or ""
+        places[entry.name] = where
+    return diagnostics
+
+
+def fill(document: Document, variables: Variables) -> tuple[Document, list[Diagnostic]]:
+    """A manifest with its variables filled in, and what is wrong with them. It knows which values it has from where."""
+    if not isinstance(document.value, dict) or "spec" not in document.value:
+        return document, []
+    filler = _Filler(document, variables)
+    spec = document.value["spec"]
+    if variables.declared:
+        spec = filler.value(spec, ("spec",))
+    bare = _BARE.get(kind) if isinstance(kind := document.value.get("kind"), str) else None
+    if bare:
+        spec = filler.bare(spec, ("spec",), bare)
+    if spec == document.value["spec"] and not filler.filled and not filler.diagnostics:
+        return document, []
+    return replace(document, value={**document.value, "spec": spec}, filled=filler.filled), filler.diagnostics
+
+
+def noted(diagnostics: Iterable[Diagnostic], documents: Iterable[Document]) -> list[Diagnostic]:
+    """The same; where one is about a value that was filled in, it says which variables it has and where they are
+    declared."""
+    notes = {
+        document.where(path): text
+        for document in documents
+        for path, used in document.filled.items()
+        if (text := told(used))
+    }
+    found = []
+    for one in diagnostics:
+        note = notes.get(one.where, "")
+        found.append(one if not note or note in one.message else replace(one, message=f"{one.message} ({note})"))
+    return found
+
+
+def told(used: Iterable[Use]) -> str:
+    """Variables for people, with where they are declared."""
+    return ", ".join(f"{use.name} is set at {use.where.file}:{use.where.line}" for use in used if use.where)
+
+
+class _Filler:
+    """Fills in one document, and notes what it has used where."""
+
+    def __init__(self, document: Document, variables: Variables) -> None:
+        self.document, self.variables = document, variables
+        self.filled: dict[Loc, tuple[Use, ...]] = {}
+        self.diagnostics: list[Diagnostic] = []
+
+    def value(self, value: Any, path: Loc) -> Any:
+        if isinstance(value, str):
+            return self.text(value, path) if "${" in value else value
+        if isinstance(value, dict):
+            return {key: self.value(below, (*path, key)) for key, below in value.items()}
+        return [self.value(v, (*path, i)) for i, v in enumerate(value)] if isinstance(value, list) else value
+
+    def text(self, text: str, path: Loc) -> str:
+        """One text. Of a run of dollar signs before a brace two stand for one, as in Compose."""
+        found, at = [], 0
+        while match := _BRACES.search(text, at):
+            dollars, name = len(match[1]), match[2]
+            found.append(text[at : match.start()])
+            at = match.end(1)
+            if not (name in self.variables.values or _CAPITALS.fullmatch(name)):
+                found.append(match[1])
+                continue
+            found.append("$" * (dollars // 2))
+            if dollars % 2:
+                value, at = self.reference(text, at - 1, path)
+                found.append(value)
+        return "".join(found) + text[at:]
+
+    def reference(self, text: str, at: int, path: Loc) -> tuple[str, int]:
+        """The value of the form in braces that begins there, and where it is over."""
+        form = reference_at(text, at)
+        filled = form if isinstance(form, Refused) else interpolate(text[at : form.end], self._lookup)
+        if isinstance(form, Refused) or isinstance(filled, Refused):
+            assert isinstance(filled, Refused)
+            literal = "${NAME}, ${NAME:-default}, or a second $ in front for that text itself"
+            remedy = f"{filled.name}=value in {FILE}" if filled.name else literal
+            self._refuse(path, filled.message, remedy)
+            return "", len(text)
+        for name in filled.unset:
+            near = nearest(name, self.variables.values)
+            known = f"{near}, " if near and not near.startswith("one of") else ""
+            remedy = f"{known}{name}=value in {FILE}, or $${{{name}}} for that text itself"
+            self._refuse(path, f"no variable '{name}' is declared in {FILE}", remedy)
+        self._use(path, filled.used)
+        return filled.text, form.end
+
+    def bare(self, value: Any, path: Loc, below: tuple[str, ...]) -> Any:
+        """The same with names that have no value given that of the variable, at a path below a value."""
+        if below:
+            if not isinstance(value, dict) or below[0] not in value:
+                return value
+            return {**value, below[0]: self.bare(value[below[0]], (*path, below[0]), below[1:])}
+        if isinstance(value, dict):
+            return {k: self._of_variable(k, (*path, k)) if v is None else v for k, v in value.items()}
+        if not isinstance(value, list):
+            return value
+        return [
+            f"{item}={self._of_variable(item, (*path, index))}" if isinstance(item, str) and "=" not in item else item
+            for index, item in enumerate(value)
+        ]
+
+    def _of_variable(self, name: str, path: Loc) -> str:
+        if name in self.variables.values:
+            self._use(path, (name,))
+        else:
+            message = f"'{name}' has no value, and no variable of that name is declared in {FILE}"
+            self._refuse(path, message, f"a value here, or {name}=value in {FILE}")
+        return self.variables.values.get(name, "")
+
+    def _lookup(self, name: str) -> str | None:
+        """Names that are not looked for stay as they are, within the braces of another one, too."""
+        return self.variables.values.get(name, None if _CAPITALS.fullmatch(name) else f"${{{name}}}")
+
+    def _use(self, path: Loc, names: Iterable[str]) -> None:
+        before = self.filled.get(path, ())
+        uses = (Use(name, self.variables.places.get(name)) for name in names)
+        self.filled[path] = tuple(dict.fromkeys((*before, *uses)))
+
+    def _refuse(self, path: Loc, message: str, remedy: str) -> None:
+        self.diagnostics.append(Diagnostic(self.document.where(path), message, remedy))

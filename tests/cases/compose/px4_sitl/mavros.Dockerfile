@@ -1,0 +1,1 @@
+FROM ros:noetic-ros-core
