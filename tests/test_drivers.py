@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_for
-from robots import VirtualRobot
+from robots import VirtualRobot, write_tree
 
 from rorg.host.devices import DeviceWatch, elsewhere, look
 from rorg.manifest.driver import Driver, options_of
+from rorg.manifest.load import load_or_raise
 from rorg.model.devices import Device, Plugged
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")
@@ -216,6 +217,20 @@ def test_a_driver_gets_its_devices_and_nothing_more():
     }
     assert rendered(devices=[{"path": LASER, "permissions": "r"}]) == {"devices": [f"{LASER}:{LASER}:r"]}
     assert rendered() == {}
+
+
+def test_profiles_that_are_asked_for_give_what_no_driver_is_needed_for(tmp_path):
+    specs = {name: {"profile": name} for name in ("realtime", "gpu", "x11")} | {"all": {"profile": "mine"}}
+    mine = {"extends": ["ros2", "realtime", "gpu", "x11"], "container": {"environment": {"DISPLAY": ":1"}}}
+    found = load_or_raise(write_tree(tmp_path, specs, profiles={"mine": mine})).services
+    assert found["realtime"].spec["cap_add"] == ["SYS_NICE"]
+    assert found["realtime"].spec["ulimits"]["rtprio"] == {"soft": 99, "hard": 99}
+    assert found["gpu"].spec["gpus"] == [{"count": "all"}]
+    assert found["x11"].spec["volumes"] == ["/tmp/.X11-unix:/tmp/.X11-unix:ro"]
+    whole = found["all"].spec
+    assert {"gpus", "cap_add", "ulimits", "volumes", "ipc"} <= set(whole)
+    assert (whole["environment"]["DISPLAY"], whole["environment"]["ROS_DOMAIN_ID"]) == (":1", "0")
+    assert "privileged" not in whole
 
 
 @pytest.mark.parametrize(

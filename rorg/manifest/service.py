@@ -110,7 +110,8 @@ class ServiceSpec(Strict):
         unset="the image's",
     )
     profile: Name | None = unchanging(
-        "A Profile: built in (plain, ros1, ros2) or of this tree. plain: nothing but what is declared here.",
+        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree. plain: nothing but what is "
+        "declared here.",
         "ros1",
         unset="common",
     )
