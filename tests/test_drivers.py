@@ -203,6 +203,14 @@ def test_what_does_not_come_up_at_another_node_is_not_held_against_its_manifest(
     assert robot.sim.memory.of("laser").update.failed == ""
 
 
+def test_drivers_start_before_others_that_could_start_at_the_same_time(robot):
+    names = {f"a{n}": {"always_on": True, "priority": 90} for n in range(6)}
+    robot.declare({**names, "laser": {"always_on": True, "driver": {}, "priority": 10}})
+    robot.settle()
+    started = [line.split()[2] for line in robot.log() if line.startswith("> start")]
+    assert started[0] == "laser"
+
+
 # -- least privilege -------------------------------------------------------------------------------------------
 
 

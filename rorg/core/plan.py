@@ -50,6 +50,8 @@ class Action:
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50
+    driver: bool = False
+    """Of a driver: these go first, since most of a robot waits for its hardware."""
     part_of: str = ""
     """"replace" or "restart" for the actions that do that together."""
     surplus: bool = False
