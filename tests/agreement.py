@@ -143,7 +143,8 @@ def container(
     said = {key: config.get(key) for key in ("Cmd", "Entrypoint", "User", "WorkingDir", "Domainname", "Tty")}
     said |= {key: config.get(key) for key in ("OpenStdin", "StopSignal", "StopTimeout", "Healthcheck", "MacAddress")}
     said["Image"] = config["Image"]
-    said["Hostname"] = None if config["Hostname"] == short else config["Hostname"]
+    given = {id[:12] for id in ids}  # its own, or once it runs that of the container whose network it has
+    said["Hostname"] = None if config["Hostname"] in given else config["Hostname"]
     said["Env"] = sorted(e for e in config.get("Env") or () if "=" in e)  # a name alone sets nothing
     said["ExposedPorts"] = sorted(p if "/" in p else f"{p}/tcp" for p in config.get("ExposedPorts") or ())
     said["Labels"] = _labels(config)

@@ -13,10 +13,11 @@ from conftest import ROOT
 
 from rorg.compose.writer import project
 from rorg.compose.writer_dotenv import dotenv
+from rorg.compose.writer_images import CARRIED, DERIVED
 from rorg.compose.writer_notes import ELSEWHERE, SERVICE
 from rorg.compose.writer_options import OPTIONS, beside
 from rorg.manifest.container import ContainerOptions
-from rorg.model.catalog import Service
+from rorg.model.catalog import Image, Service
 
 CASE = ROOT / "tests/cases/export/robot"
 """A robot with every option. `compose.yaml` is what is written of it; Compose 2.26.1 takes it, and answers what stands
@@ -40,6 +41,10 @@ def test_every_field_of_a_service_has_a_row():
     rows = {name for name, _ in SERVICE} - {"resources"}  # which are `cpu` and `memory`
     assert rows | ELSEWHERE == {field.name for field in fields(Service)}
     assert not rows & ELSEWHERE
+
+
+def test_every_field_of_an_image_is_carried_or_has_a_note():
+    assert CARRIED | DERIVED | {"import_command"} == {field.name for field in fields(Image)}
 
 
 def test_the_file_is_the_one_that_compose_takes(folder):

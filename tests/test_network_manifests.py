@@ -12,7 +12,7 @@ from robots import write_tree
 from rorg.core.desired import desire
 from rorg.core.found_objects import FoundObjects
 from rorg.core.objects import changed_options, declared_options, found_object, object_labels
-from rorg.engines.docker.objects import network_body, volume_body
+from rorg.engines.docker.objects import find, network_body, volume_body
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.errors import EngineError
 from rorg.manifest.load import load
@@ -89,6 +89,16 @@ def test_the_default_network_takes_options_where_it_is_declared(tmp_path):
     (error,) = loaded(tmp_path / "bare", {"nav": service}).errors
     assert "no Network declares it" in error.message
     assert loaded(tmp_path / "declared", {"nav": service}, networks={"default": {}}).catalog
+
+
+def test_a_name_that_is_almost_declared_is_a_warning(tmp_path):
+    service = {"container": {"networks": ["roz"], "volumes": ["map:/maps", "data:/data"]}}
+    kinds = {"networks": {"ros": {}, "hosts": {}}, "volumes": {"maps": {"name": "lab_maps"}}}
+    found = loaded(tmp_path, {"nav": service, "plain": {}}, **kinds)
+    assert found.catalog
+    assert [(d.message, d.remedy) for d in found.diagnostics if d.severity == "warning"] == [
+        ("no Volume is called 'map'", "'maps'")
+    ]
 
 
 def test_the_process_engine_says_once_what_it_leaves_out(tmp_path):
@@ -203,6 +213,20 @@ def test_a_pass_asks_nothing_where_all_is_known():
         assert observer.looks <= looks + 1, "the one with which the stream of events begins"
     finally:
         observer.stop()
+
+
+def test_a_driver_of_volumes_that_hangs_holds_up_no_network():
+    class Hanging:
+        def get(self, path, timeout=None):
+            if path == "/volumes":
+                assert timeout, "it would wait for ever"
+                raise TimeoutError
+            return [{"Name": "ros", "Id": "n1", "Labels": {}}]
+
+    found = find(Hanging(), "me", {"network/ros", "volume/maps"})
+    assert found.complete
+    assert found.found.keys() == found.asked == {"network/ros"}
+    assert "volumes" in found.error
 
 
 def test_an_engine_that_cannot_say_holds_nobody_else_up():

@@ -3,9 +3,12 @@ touched."""
 
 from __future__ import annotations
 
+import re
+
 import commands
 import pytest
-from conftest import wait_for
+from conftest import BASE_IMAGE, wait_for
+from robots import WORK, write_tree
 
 from rorg.core.objects import LABELS
 from rorg.core.observed import LABEL_OWNER
@@ -59,6 +62,39 @@ def test_they_are_made_and_used_again(docker_robot, client):
     assert named(client, "network", "t15_ros")["Id"] == network["Id"]
 
 
+def rorg(robot, *words: str, code: int = 0) -> str:
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker", "DOCKER_HOST": robot.host}
+    done = commands.rorg(*words, cwd=robot.tree, code=code, **environment)
+    return done.stdout + done.stderr
+
+
+def test_commands_show_them(docker_robot, client):
+    """Where a rorg runs, and where none does."""
+    robot = docker_robot
+    write_tree(robot.tree, {"base": SERVICE}, networks=NETWORKS, volumes={**VOLUMES, "t15_site": {"external": True}})
+    told = rorg(robot, "diff", "-o", "wide", code=1)
+    assert re.search(r"\+ +create +network/ros +base uses it", told)
+    assert re.search(r"\+ +create +base +no container, after network/ros, volume/maps", told)
+    rorg(robot, "apply", "--yes")
+    assert [line.split() for line in rorg(robot, "get", "networks").splitlines()] == [
+        ["NAME", "STATE", "ENGINE", "SERVICES"],
+        ["ros", "present", "t15_ros", "base"],
+    ]
+    robot.start()
+    robot.wait(lambda: robot.active() == {"base"})
+    assert [line.split() for line in rorg(robot, "get", "volumes", "-o", "wide").splitlines()] == [
+        ["NAME", "STATE", "ENGINE", "SERVICES", "OURS", "DECLARED"],
+        ["maps", "present", "t15_maps", "base", "yes", "yes"],
+        ["t15_site", "none", "t15_site", "no", "yes"],
+    ]
+    assert "uses network/ros, uses volume/maps" in rorg(robot, "graph")
+    assert '"base" -> "volume/maps";' in rorg(robot, "graph", "-o", "dot")
+    robot.stop()
+    blocked = {**SERVICE, "container": {"volumes": ["t15_site:/site"]}}
+    write_tree(robot.tree, {"base": blocked}, volumes={"t15_site": {"external": True}})
+    assert "docker volume create t15_site" in rorg(robot, "apply", "--yes", code=4)
+
+
 def test_a_network_goes_with_its_manifest_and_a_volume_stays(docker_robot, client):
     robot = docker_robot
     robot.declare({"base": SERVICE}, networks=NETWORKS, volumes=VOLUMES)
@@ -108,8 +144,7 @@ def test_what_somebody_else_made_is_never_touched(docker_robot, client):
 
 
 def down(robot, *words: str) -> str:
-    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "docker", "DOCKER_HOST": robot.host}
-    return commands.rorg("down", "--yes", *words, cwd=robot.tree, **environment).stderr
+    return rorg(robot, "down", "--yes", *words)
 
 
 @pytest.mark.parametrize("serving", [True, False])
@@ -145,3 +180,20 @@ def test_down_keeps_volumes(docker_robot, client):
     assert "stays; --volumes removes it" in told
     assert named(client, "network", "t15_ros") is None
     assert named(client, "volume", "t15_maps")
+
+
+def test_a_network_that_somebody_else_uses_holds_nothing_up(docker_robot, client):
+    """It stays, and that is told."""
+    robot = docker_robot
+    robot.declare({"base": SERVICE}, networks=NETWORKS, volumes=VOLUMES)
+    robot.wait(lambda: robot.active() == {"base"})
+    body = {"Image": BASE_IMAGE, "Cmd": WORK, "HostConfig": {"NetworkMode": "t15_ros"}}
+    other = client.post("/containers/create", body, name="t15_other")["Id"]
+    try:
+        client.post(f"/containers/{other}/start")
+        robot.stop()
+        assert "connected to it: t15_other" in down(robot, "--volumes")
+        assert named(client, "network", "t15_ros")
+        assert named(client, "volume", "t15_maps") is None
+    finally:
+        client.delete(f"/containers/{other}", force=True)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from robots import write_tree
 from test_past import Repository
 
 from rorg.daemon.past import load_at
 from rorg.daemon.tree import Tree
+from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load
 from rorg.manifest.variables import NONE, Variables, fill
@@ -264,3 +267,14 @@ def test_long_forms_and_short_ones_are_one_configuration(tmp_path):
     (root / "services/arm.env").write_text("A=1\n")
     specs = [{**service(root, name).spec, "environment": {}} for name in ("arm", "Arm2")]
     assert specs[0] == specs[1]
+
+
+def test_a_large_file_costs_no_more_a_line_than_a_small_one():
+    """Whoever may commit to the tree shall not hold up the loop."""
+    costs = []
+    for lines in (2_000, 20_000):
+        began = time.process_time()
+        entries, _ = read_dotenv("A=1\n" * lines + "LAST=${A}\n", lambda _: None)
+        costs.append((time.process_time() - began) / lines)
+        assert (entries[-1].line, entries[-1].value) == (lines + 1, "1")
+    assert costs[1] < 4 * costs[0]

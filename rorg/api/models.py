@@ -106,9 +106,10 @@ class Edge(BaseModel):
 
 
 class Graph(BaseModel):
-    """Who needs and who requests whom."""
+    """Who needs and who requests whom, and who uses what."""
 
     services: list[str]
+    objects: list[str] = Field(default=[], description="Networks and volumes: network/NAME, volume/NAME.")
     always_on: list[str]
     edges: list[Edge]
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from rorg.api.current import Current, missing
+from rorg.core.uses import used_objects
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import made_from, stands_on
@@ -60,12 +61,16 @@ def groups(catalog: Catalog) -> list[dict[str, Any]]:
 
 
 def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
-    """Who needs and who requests whom, by the manifests and by the requests that live."""
+    """Who needs and who requests whom, and who uses which network or volume, by the manifests and by the requests that
+    live."""
     edges = {(s.name, n, "needs") for s in catalog.services.values() for n in s.needs}
     for request in (*catalog.requests, *live):
         edges |= {(request.requester, m, "requests") for s in request.services for m in catalog.members(s)}
+    objects, uses, _ = used_objects(catalog)
+    edges |= {(name, one, "uses") for name, found in uses.items() for one in found}
     return {
         "services": sorted(catalog.services),
+        "objects": sorted(objects),
         "always_on": sorted(name for name, s in catalog.services.items() if s.always_on),
         "edges": [{"from": a, "to": b, "kind": kind} for a, b, kind in sorted(edges)],
     }

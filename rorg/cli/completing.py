@@ -29,6 +29,8 @@ KINDS = {
     "service": (SERVICES, "service", "svc"),
     "group": (GROUPS, "group"),
     "image": ("images", "image"),
+    "network": ("networks", "network"),
+    "volume": ("volumes", "volume"),
     "profile": ("profiles", "profile"),
     "policy": ("policies", "policy"),
     "request": (REQUESTS, "request"),

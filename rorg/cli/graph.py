@@ -35,7 +35,7 @@ def command(
     ] = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Show who needs and who requests whom, or what images stand on.
+    """Show who needs and who requests whom, with the networks and volumes that they use, or what images stand on.
 
     Example: rorg graph images -o mermaid
     """
@@ -90,14 +90,15 @@ def _drawn_services(graph: Graph, form: str) -> str:
     """By needs alone they have levels: who requests whom can be a circle."""
     from rorg.cli.drawing import Arrow, Drawing, draw
 
-    levels: Sequence[Sequence[str]] = [graph["services"]]
+    objects = graph.get("objects", [])  # none from an rorg of before
+    levels: Sequence[Sequence[str]] = [[*graph["services"], *objects]]
     if form == "svg":
         from rorg.images.graph import generations, hierarchy
 
-        needs = {n: [e["to"] for e in graph["edges"] if e["from"] == n and e["kind"] == "needs"] for n in levels[0]}
+        needs = {n: [e["to"] for e in graph["edges"] if e["from"] == n and e["kind"] != "requests"] for n in levels[0]}
         levels = generations(hierarchy(needs))
     arrows = [Arrow(e["from"], e["to"], e["kind"] == "requests") for e in graph["edges"]]
-    return draw(Drawing(levels, arrows, bold=graph["always_on"]), form)
+    return draw(Drawing(levels, arrows, bold=graph["always_on"], dashed=objects), form)
 
 
 def _images(context: Context, form: str) -> None:

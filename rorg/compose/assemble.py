@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rorg.compose.forms import Context, kept, without
+from rorg.compose.forms import Context
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
+from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
@@ -98,10 +99,10 @@ class Assembler:
             return node
         own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
         if (layer.path, name) in trail:
-            ring = " -> ".join([*(one for _, one in trail[trail.index((layer.path, name)) :]), name])
-            self.diagnostics.append(
-                Diagnostic(target.where, f"services extend each other: {ring}", "dropping one extends")
-            )
+            ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
+            if name == min(ring):  # each ring is met once from each of its services
+                message = f"services extend each other: {' -> '.join([*ring, name])}"
+                self.diagnostics.append(Diagnostic(target.where, message, "dropping one extends"))
             return own
         found = self.base(name, target, extends, layer, directory, variables)
         if found is None:

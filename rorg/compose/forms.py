@@ -69,7 +69,7 @@ class Scalar(Form):
         if value is None:
             return None
         if not isinstance(value, self.types) or (isinstance(value, bool) and bool not in self.types):
-            remedy = f'"{value}"' if isinstance(value, int | float | bool) and str in self.types else ""
+            remedy = self.otherwise(value)
             context.error(node, f"{name} is {node.kind()}, and must be {self.wanted}", remedy)
             return None
         try:
@@ -81,6 +81,12 @@ class Scalar(Form):
             context.error(node, f"{name}: '{value}' is not known", nearest(str(value), self.one_of))
             return None
         return node.but(value)
+
+    def otherwise(self, value: object) -> str:
+        """A remedy for a value of another type."""
+        if str not in self.types or not isinstance(value, int | float | bool):
+            return ""
+        return self.wanted if self.convert is units.duration else f'"{units.shown(value)}"'
 
 
 def _size(value: Any) -> int:
@@ -324,23 +330,3 @@ def _merged(base: Node, over: Node, form: Callable[[str], Form]) -> Node:
         else:
             entries[key] = form(key).merge(before, value)
     return base.but(entries)
-
-
-def without(base: Node, resets: Node) -> Node:
-    """What is left of what files before say once `!reset` and `!override` of a later one have taken theirs away."""
-    entries = dict(base.mapping)
-    for key, value in resets.mapping.items():
-        if value.tag and key in entries:
-            del entries[key]
-        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
-            entries[key] = without(entries[key], value)
-    return base.but(entries)
-
-
-def kept(node: Node) -> Node:
-    """Without what is only there to take something away (`!reset`)."""
-    if isinstance(node.value, dict):
-        return node.but({k: kept(v) for k, v in node.value.items() if v.tag != "reset"})
-    if isinstance(node.value, list):
-        return node.but([kept(v) for v in node.value if v.tag != "reset"])
-    return node

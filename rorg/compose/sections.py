@@ -21,7 +21,8 @@ from rorg.compose.forms import (
     Words,
     one_of,
 )
-from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE, Changed
+from rorg.compose.key_forms import Changed, Either
+from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE
 
 SERVICE = Section(
     {
@@ -123,7 +124,7 @@ SERVICE = Section(
         "working_dir": TEXT,
     }
 )
-_EXTERNAL = keys.Either(Section({"name": TEXT}), BOOL)
+_EXTERNAL = Either(Section({"name": TEXT}), BOOL)
 _IPAM = Section(
     {
         "driver": TEXT,

@@ -7,15 +7,16 @@ What a Compose file cannot say is a Note: `rorg export compose` writes these int
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from rorg.compose.exported import Exported
 from rorg.compose.writer_dotenv import dotenv
-from rorg.compose.writer_notes import notes_of
+from rorg.compose.writer_images import build, only_bases
+from rorg.compose.writer_notes import condition, notes_of
 from rorg.compose.writer_objects import sections
-from rorg.compose.writer_options import OPTIONS, SOCKET, Writing, beside
-from rorg.model.catalog import Catalog, Image, Service
+from rorg.compose.writer_options import OPTIONS, SOCKET, Writing
+from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
 
 RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
@@ -38,10 +39,10 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
         document["services"][service.name] = _service(writing, service, catalog)
         notes += writing.notes
         files |= writing.files
-    for image in _only_bases(catalog, services):
+    for image in only_bases(catalog, services):
         document["services"][f"image-{stem(image.name)}"] = {
             "image": image.name,
-            "build": _build(image, base),
+            "build": build(image, catalog.images, base),
             "profiles": [BUILD],
         }
     document |= {k: v for k, v in (("networks", networks), ("volumes", volumes)) if v}
@@ -77,7 +78,7 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
     if image is not None:
         writing.put("image", image.name)
         if image.context is not None:
-            writing.put("build", _build(image, writing.base))
+            writing.put("build", build(image, catalog.images, writing.base))
     if needs := _needs(service, catalog):
         writing.put("depends_on", needs)
     return _ordered(writing.section)
@@ -103,31 +104,9 @@ def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
         if other.spec is None:
             pending += other.needs
             continue
-        healthy = other.ready is not None and other.ready.kind == "engine"
         restart = {"restart": True} if name in service.restarts_with else {}
-        found[name] = {"condition": "service_healthy" if healthy else "service_started", **restart}
+        found[name] = {"condition": condition(other.ready), **restart}
     return dict(sorted(found.items()))
-
-
-def _build(image: Image, base: str) -> dict[str, Any]:
-    found: dict[str, Any] = {"context": beside(image.context or ".", base)}
-    if image.dockerfile != "Dockerfile":
-        found["dockerfile"] = image.dockerfile
-    if image.args:
-        found["args"] = {k: None if k in image.secrets else v for k, v in sorted(image.args.items())}
-    if image.target:
-        found["target"] = image.target
-    if image.platform:
-        found["platforms"] = [image.platform]
-    return found
-
-
-def _only_bases(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
-    """Images that are built, and from which no service is made."""
-    used = {declared(str((s.spec or {})["image"]), catalog.images) for s in services.values()}
-    for name, image in sorted(catalog.images.items()):
-        if name not in used and image.context is not None:
-            yield image
 
 
 def _keys(section: Mapping[str, Any]) -> dict[str, str]:

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from rorg.compose.exported import Note
-from rorg.model.catalog import DEVELOPER, Catalog, Idle, Service, Updating
+from rorg.compose.writer_images import is_directory
+from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Service, Updating
 from rorg.model.graph import parents_first, stands_on
+from rorg.model.image_names import declared, stem
 from rorg.model.units import format_duration, format_memory
 
+BY_ITS_END = 365.0 * 86400
+"""Seconds after which nobody waits: a service that is ready only then is ready when it has ended well."""
 Say = Callable[[Service], str]
 
 
@@ -25,8 +29,17 @@ def _idle(service: Service) -> str:
     return f"{idle.action} after {format_duration(idle.linger)}; Compose never ceases a service that nobody uses"
 
 
+def condition(ready: Probe | None) -> str:
+    """What Compose calls it that a service is waited for so."""
+    if ready is not None and ready.kind == "engine":
+        return "service_healthy"
+    if ready is not None and (ready.delay or 0.0) > BY_ITS_END:
+        return "service_completed_successfully"
+    return "service_started"
+
+
 def _ready(service: Service) -> str:
-    if service.ready is None or service.ready.kind == "engine":
+    if service.ready is None or condition(service.ready) != "service_started":
         return ""
     return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
 
@@ -101,7 +114,10 @@ def _unhealthy(service: Service) -> Iterator[Note]:
 
 def _images(catalog: Catalog) -> Iterator[Note]:
     below = {name: [b for b in bases if b in catalog.images] for name, bases in stands_on(catalog.images).items()}
-    if bases := [n for n in parents_first(catalog.images) if any(n in own for own in below.values())]:
+    needed = {base for own in below.values() for base in own}
+    made = {declared(str(s.spec["image"]), catalog.images): n for n, s in sorted(catalog.services.items()) if s.spec}
+    built = [n for n in parents_first(catalog.images) if n in needed and catalog.images[n].context is not None]
+    if bases := [made.get(n, f"image-{stem(n)}") for n in built if not is_directory(catalog.images[n])]:
         text = f"Compose knows no order of builds; first `docker compose build`, one by one: {', '.join(bases)}"
         yield Note("", "Image", text, lost=False)
     for name, image in sorted(catalog.images.items()):

@@ -12,11 +12,11 @@ from rorg.core.objects import changed_options, object_digest, object_labels
 from rorg.core.plan import Action, Waiting
 from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
-from rorg.core.uses import keys_of
 from rorg.core.view import View
 from rorg.model.codes import BLOCKED
 from rorg.model.objects import EngineObject, subject
 from rorg.model.units import format_seconds
+from rorg.model.used import keys_of
 
 
 def declared_objects(situation: Situation) -> list[str]:

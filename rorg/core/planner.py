@@ -129,9 +129,7 @@ class Planner:
                 waitings[waiting] = None
                 if step.verb in ("update", "rename", "signal"):
                     continue
-                # What runs meanwhile is there for those who need it, whatever is to take its place later.
-                serves = step.verb == "create" and view.active(service.name) and view.s.memory.of(service.name).ready
-                return tuple(actions), tuple(waitings), "" if serves else waiting.reason
+                return tuple(actions), tuple(waitings), waiting.reason
             own = (service.name,) if actions else ()
             actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
         return tuple(actions), tuple(waitings), ""

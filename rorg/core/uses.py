@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
-from rorg.model.catalog import Catalog, Spec
-from rorg.model.objects import EngineObject, subject
-from rorg.model.volumes import is_path
+from rorg.model.catalog import Catalog
+from rorg.model.objects import EngineObject
+from rorg.model.used import keys_of
 
 Uses = Mapping[str, tuple[str, ...]]
 
@@ -27,22 +26,3 @@ def used_objects(catalog: Catalog) -> tuple[Mapping[str, EngineObject], Uses, Us
         for one in found:
             users.setdefault(one, []).append(name)
     return objects, uses, {one: tuple(sorted(names)) for one, names in users.items()}
-
-
-def keys_of(spec: Spec) -> Iterator[str]:
-    """All networks and named volumes that a container of this spec uses, declared or not."""
-    for name in spec.get("networks") or ():
-        yield subject("network", name)
-    if spec.get("network_mode"):
-        yield subject("network", str(spec["network_mode"]))
-    for volume in spec.get("volumes") or ():
-        if name := _named(volume):
-            yield subject("volume", name)
-
-
-def _named(volume: Any) -> str:
-    """The name of a volume; empty for a path of the host, and for one without a name."""
-    if isinstance(volume, Mapping):
-        return str(volume.get("source") or "") if volume.get("type") == "volume" else ""
-    source, colon, _ = volume.partition(":")
-    return source if colon and not is_path(source) else ""

@@ -42,7 +42,7 @@ class ObjectObserver:
     def look_for(self, keys: Collection[str]) -> None:
         """What is to be found by its name, besides all of ours. Costs nothing where that is known already."""
         with self._lock:
-            new = not self._found.asked.issuperset(keys)
+            new = not self._keys.issuperset(keys)
             if new:
                 self._keys = frozenset(keys)
         if new:

@@ -78,6 +78,7 @@ class _Reader:
         self.entries: list[Entry] = []
         self.mistakes: list[Mistake] = []
         self.before = dict(before)
+        self.line, self.line_at, self.seen = 1, 0, 0
 
     def lookup(self, name: str) -> str | None:
         value = self.given(name)
@@ -86,6 +87,16 @@ class _Reader:
     def end_of_line(self, at: int) -> int:
         end = self.text.find("\n", at)
         return len(self.text) if end < 0 else end
+
+    def place(self, at: int) -> tuple[int, int]:
+        """Line and column of an offset. Places are asked for from the front to the end, so each line is counted once,
+        however many there are."""
+        if at >= self.seen:
+            self.line += self.text.count("\n", self.seen, at)
+            self.line_at = max(self.line_at, self.text.rfind("\n", self.seen, at) + 1)
+            self.seen = at
+            return self.line, at - self.line_at + 1
+        return self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at)
 
     def blanks(self, at: int) -> int:
         while at < len(self.text) and self.text[at] in _BLANKS:
@@ -104,14 +115,13 @@ class _Reader:
         return False
 
     def wrong(self, at: int, message: str, remedy: str, variable: str = "") -> _Wrong:
-        line = self.text.count("\n", 0, at) + 1
-        return _Wrong(Mistake(line, at - self.text.rfind("\n", 0, at), message, remedy, variable))
+        return _Wrong(Mistake(*self.place(at), message, remedy, variable))
 
     def statement(self) -> None:
         export = re.compile(rf"export[{_BLANKS}]+(?=[^=:\s])").match(self.text, self.at)
         begin = export.end() if export else self.at
         name, end = self.name(begin)
-        line, column = self.text.count("\n", 0, begin) + 1, begin - self.text.rfind("\n", 0, begin)
+        line, column = self.place(begin)
         if self.text[end : end + 1] not in ("=", ":"):
             self.at = end
             value = self.given(name)

@@ -22,7 +22,7 @@ from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
-from rorg.manifest.used_objects import check_default, joined, objects_of
+from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
 from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
@@ -228,8 +228,10 @@ def _objects(
     """The services by what the engine calls their networks and volumes; and these."""
     networks, found = objects_of("network", by_kind.get("Network", {}), engine)
     volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
-    found += [*more, *check_default(services, by_kind.get("Service", {}), networks)]
-    return {n: joined(s, networks, volumes) for n, s in services.items()}, networks, volumes, found
+    sources = by_kind.get("Service", {})
+    found += [*more, *check_default(services, sources, networks)]
+    services = {n: joined(s, networks, volumes) for n, s in services.items()}
+    return services, networks, volumes, [*found, *misspelt(services, sources, networks, volumes)]
 
 
 def _images(

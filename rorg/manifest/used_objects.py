@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,9 +12,14 @@ from rorg.manifest.programs import PROCESS
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.objects import EngineObject, Kind
+from rorg.model.used import keys_of
 
 Objects = Mapping[str, EngineObject]
 """Of one kind, by the name that services write."""
+ALIKE = 0.8
+"""From this likeness on (of difflib) a name is taken for a misspelt one."""
+OWN = frozenset(("host", "none", "bridge", "default"))
+"""Networks that the engine has by itself."""
 LEFT_OUT: Mapping[Kind, str] = {
     "network": "the process engine makes no networks: its services use those of this machine",
     "volume": "the process engine makes no volumes: its services use directories of this machine",
@@ -91,3 +97,18 @@ def check_default(
             where = source.where("spec", "container", "networks", "default")
             message = "'default' takes no options, and no Network declares it"
             yield Diagnostic(where, message, "networks/default.yaml, or the name of a network of your own")
+
+
+def misspelt(
+    services: Mapping[str, Service], sources: Mapping[str, Source], networks: Objects, volumes: Objects
+) -> Iterator[Diagnostic]:
+    """Names that are almost those of a Network or Volume: the engine has no such network, and makes a new volume."""
+    for name, source in sources.items():
+        for key in keys_of(services[name].spec or {}):
+            kind, _, called = key.partition("/")
+            declared = networks if kind == "network" else volumes
+            known = {*declared, *OWN, *(one.called for one in declared.values())}
+            near = [] if called in known else difflib.get_close_matches(called, known - OWN, 1, ALIKE)
+            if near:
+                where = source.where("spec", "container", f"{kind}s")
+                yield Diagnostic(where, f"no {kind.capitalize()} is called '{called}'", f"'{near[0]}'", "warning")

@@ -32,7 +32,7 @@ TAKEN = "service"
 """`${service}` is the service that a profile is used by."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _CAPITALS = re.compile(r"[A-Z_][A-Z0-9_]*")
-_BRACES = re.compile(r"(\$+)\{([A-Za-z_][A-Za-z0-9_]*)")
+_BRACES = re.compile(r"(?<!\$)(\$+)\{([A-Za-z_][A-Za-z0-9_]*)")
 _BARE = {
     "Service": ("container", "environment"),
     "Profile": ("container", "environment"),

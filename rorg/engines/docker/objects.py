@@ -13,23 +13,32 @@ from rorg.core.observed import LABEL_OWNER
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
 from rorg.errors import EngineError
-from rorg.model.objects import Kind
+from rorg.model.objects import Kind, subject
 
 Body = dict[str, Any]
+PATIENCE = 10.0
+"""Seconds for the list of volumes."""
 EVENTS = ("create", "destroy", "remove")
 """Events after which another one is there, or one fewer."""
 
 
 def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
-    """All of `owner`, and whatever is called as one of `keys`: two calls, however many there are."""
+    """All of `owner`, and whatever is called as one of `keys`: two calls, however many there are. The engine asks each
+    driver for its volumes, and waits for one that hangs: then nothing is known of volumes, and networks go on."""
     rows: list[FoundObject] = []
     for row in client.get("/networks"):
         rows.append(found_object("network", row["Name"], row["Id"], row.get("Labels") or {}))
-    for row in client.get("/volumes")["Volumes"] or ():
-        rows.append(found_object("volume", row["Name"], row["Name"], row.get("Labels") or {}))
-    asked = frozenset(keys)
+    asked, error = frozenset(keys), ""
+    try:
+        for row in client.get("/volumes", PATIENCE)["Volumes"] or ():
+            rows.append(found_object("volume", row["Name"], row["Name"], row.get("Labels") or {}))
+    except TimeoutError:
+        asked = frozenset(key for key in asked if not key.startswith(subject("volume", "")))
+        error = f"the engine has not listed its volumes within {PATIENCE:g} s"
+    # Two networks may be called the same: ours is the one that counts.
+    rows.sort(key=lambda one: one.owner == owner)
     found = {one.key: one for one in rows if one.owner == owner or one.key in asked}
-    return FoundObjects(found, asked, complete=True)
+    return FoundObjects(found, asked, complete=True, error=error)
 
 
 def events(client: Client, stop: threading.Event) -> Iterator[None]:
