@@ -12,6 +12,7 @@ import pytest
 from conftest import wait_for
 from robots import VirtualRobot, write_tree
 
+from rorg.errors import Invalid
 from rorg.host.devices import DeviceWatch, elsewhere, look
 from rorg.manifest.driver import Driver, options_of
 from rorg.manifest.load import load_or_raise
@@ -239,6 +240,23 @@ def test_profiles_that_are_asked_for_give_what_no_driver_is_needed_for(tmp_path)
     assert {"gpus", "cap_add", "ulimits", "volumes", "ipc"} <= set(whole)
     assert (whole["environment"]["DISPLAY"], whole["environment"]["ROS_DOMAIN_ID"]) == (":1", "0")
     assert "privileged" not in whole
+
+
+def test_a_service_leaves_out_what_its_profile_gives(tmp_path):
+    service = {
+        "profile": "ros1",
+        "unset_environment": ["ROS_HOSTNAME"],
+        "container": {"environment": {"ROS_IP": "10.0.0.2"}},
+    }
+    tree = write_tree(tmp_path, {"roscore": {}, "nav": service})
+    environment = load_or_raise(tree).services["nav"].spec["environment"]
+    assert "ROS_HOSTNAME" not in environment
+    assert (environment["ROS_IP"], environment["ROS_MASTER_URI"]) == ("10.0.0.2", "http://localhost:11311")
+    write_tree(tmp_path, {"roscore": {}, "nav": {**service, "unset_environment": ["ROS_HOSTNAM", "ROS_IP"]}})
+    with pytest.raises(Invalid) as wrong:
+        load_or_raise(tree)
+    assert "no profile of it gives 'ROS_HOSTNAM'" in str(wrong.value)
+    assert "'ROS_IP' is given and unset at once" in str(wrong.value)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -21,7 +21,7 @@ from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_opti
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN
-from rorg.model.diagnostics import Diagnostic
+from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.volumes import mounted_at
 
 
@@ -35,6 +35,7 @@ def container_of(
     for over, part in parts(source, profile, diagnostics):
         options = merge_options(options, over)
         origins = trace(origins, options, over, Origin(part, profile=False))
+    options = _without(source, options, diagnostics)
     of_files: dict[str, str] = {}
     written, wrong = dict(options), list[Clash]()
     if "volumes" in options:
@@ -57,6 +58,21 @@ def container_of(
         origins,
         tuple(sorted({*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))})),
     )
+
+
+def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, Any]:
+    """The same but for variables that the manifest does not want of its profile."""
+    spec, known = cast(Any, source.spec), options.get("environment", {})
+    own = declared(spec.container).get("environment", {})
+    for index, name in enumerate(spec.unset_environment):
+        where = source.where("spec", "unset_environment", index)
+        if name in own:
+            diagnostics.append(Diagnostic(where, f"'{name}' is given and unset at once", "one of them"))
+        elif name not in known:
+            remedy = nearest(name, known) or "leaving it out"
+            diagnostics.append(Diagnostic(where, f"no profile of it gives '{name}'", remedy))
+    kept = {k: v for k, v in known.items() if k not in spec.unset_environment}
+    return {**options, "environment": kept} if spec.unset_environment else options
 
 
 def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:

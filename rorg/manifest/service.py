@@ -194,6 +194,9 @@ class ServiceSpec(Strict):
         "says wins. On the process engine; containers have none of it.",
         ["ROS_*", "DISPLAY"],
     )
+    unset_environment: list[Annotated[str, Field(pattern=SECRET)]] = recreate(
+        "Variables that its profile gives and it does not want.", ["ROS_HOSTNAME"], list
+    )
     secrets: list[Annotated[str, Field(pattern=SECRET)]] = unchanging(
         "Names of variables, or of build arguments of its image, whose values are shown and recorded nowhere. What "
         "comes from an env_file is secret by itself.",
