@@ -313,6 +313,8 @@ def test_on_real_engines_a_driver_follows_its_device(real_robot, tmp_path):
     robot.settle()
     assert [c.service for c in robot.containers()] == ["laser"]
     assert robot.container("laser").id != first.id
+    told = [line for line in robot.log() if "laser: " in line]
+    assert ["is not there" in line for line in told] == [True, False, True, False, True, False], told
     assert number_inside(robot) in (NULL, None)
 
 
