@@ -24,7 +24,7 @@ MISTAKES = {
     "volumes: ['data:/x']": "names 'data', which volumes of the top does not declare",
     "networks: [n]": "names 'n', which networks of the top does not declare",
     "secrets: [s]": "names 's', which secrets of the top does not declare",
-    'command: "unclosed \'quote"': "not a command line: no closing quotation",
+    'command: "unclosed \'quote"': "not a command line: a quotation is not closed",
     "user: ${U": "'${U' is not a variable: no closing brace",
     "hostname: ${H:?name it}": "variable H is empty or not set: name it",
     "restart: [a]": "services.a.restart is a list, and must be text",

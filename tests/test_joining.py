@@ -10,6 +10,7 @@ from robots import VirtualRobot, write_tree
 
 from rorg.core.desired import desire
 from rorg.core.joining import joined_of
+from rorg.manifest.effective import effective
 from rorg.manifest.load import load, load_or_raise
 from rorg.model.joining import resolved
 from rorg.model.units import stamp
@@ -105,6 +106,15 @@ def test_what_joins_needs_and_follows_what_it_joins(tmp_path):
     assert services["logs"].needs == ("base",)
     assert services["logs"].restarts_with == ()
     assert services["db"].joins == {"base": ("volumes_from",)}
+
+
+def test_an_implied_need_is_explained_with_the_option_that_says_so(tmp_path):
+    profile = {"lab": {"container": {"network_mode": "service:base"}}}
+    scan = {"profile": "lab", "needs": ["lidar"], "container": {"volumes_from": ["lidar"]}}
+    write_tree(tmp_path, {"base": {}, "lidar": {}, "scan": scan, "it": JOINED["logs"]}, profiles=profile)
+    told = {v.field: (v.value, str(v.where)) for v in effective(tmp_path, "scan") if v.field.startswith("needs")}
+    assert [value for value, _ in told.values()] == ["lidar", {"service": "base", "restart": True}]
+    assert "profiles/lab.yaml:7" in told["needs[1]"][1]
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,9 @@ def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
         ready = service.ready if service else None
         if step.running_since is None:
             continue
-        if ready is None or ready.kind == "delay" or ask((name, "ready"), Target(ready, step.incarnation, 0.0)).ok:
+        if ready is not None and ready.completed:
+            continue
+        if ready is None or ready.delay is not None or ask((name, "ready"), Target(ready, step.incarnation, 0.0)).ok:
             progress[name] = replace(step, running_since=0.0, ready=True)
     return Memory(progress, kept=first.memory.kept)
 

@@ -13,6 +13,8 @@ from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
+MOST_INCLUDES = 50
+"""Files on the way to an included one."""
 RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
 
 
@@ -142,8 +144,9 @@ class Assembler:
     ) -> Node:
         """A tree and what one entry of `include` brings."""
         context = Context(directory, self.home)
-        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items if "path" in entry.mapping]
-        if not paths:
+        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items]
+        if not paths or len(trail) > MOST_INCLUDES:
+            self.diagnostics.append(Diagnostic(entry.where, "an include without a path, or too deep", "path: FILE"))
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))

@@ -136,7 +136,7 @@ class Words(Form):
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
-            return None
+            return node  # takes away what files before say
         if isinstance(node.value, str):
             try:
                 words, rest = split(node.value)
@@ -295,8 +295,22 @@ class Section(Form):
             long = self.short(node, name, context)
         if long is None:
             return None
+        found = self.entries(long, name, context)
+        missing = [key for key in self.required if key not in found]
+        for key in missing:
+            if key not in long.mapping or long.mapping[key].value is None:
+                context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
+        if missing:
+            return None
+        for key, value in self.defaults.items():
+            found.setdefault(key, Node(value, node.where))
+        made = long.but(found)
+        return self.finish(made, name, context) if self.finish else made
+
+    def entries(self, node: Node, name: str, context: Context) -> dict[str, Node]:
+        """What it says, without keys that there are not."""
         found: dict[str, Node] = {}
-        for key, value in long.mapping.items():
+        for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible:
                 found[key] = value
             elif key in self.keys:
@@ -306,13 +320,7 @@ class Section(Form):
             else:
                 inside = f"in {name}" if name else "at the top"
                 context.error(value, f"unknown key '{key}' {inside}", nearest(key, self.keys), key=True)
-        for key in self.required:
-            if key not in long.mapping:
-                context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
-        for key, value in self.defaults.items():
-            found.setdefault(key, Node(value, node.where))
-        made = long.but(found)
-        return self.finish(made, name, context) if self.finish else made
+        return found
 
     def merge(self, base: Node, over: Node) -> Node:
         ours, theirs = (node.mapping.get(self.same) for node in (base, over))

@@ -81,7 +81,7 @@ def _named(key: str, node: Node, project: str) -> Node:
 
 
 def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
-    entries = dict(node.mapping)
+    entries = {key: one for key, one in node.mapping.items() if one.value is not None or _extension(key)}
     environment = _environment(entries, assembler, variables)
     if environment is not None:
         entries["environment"] = environment

@@ -11,8 +11,6 @@ from rorg.model.graph import parents_first, stands_on
 from rorg.model.image_names import declared, stem
 from rorg.model.units import format_duration, format_memory
 
-BY_ITS_END = 365.0 * 86400
-"""Seconds after which nobody waits: a service that is ready only then is ready when it has ended well."""
 Say = Callable[[Service], str]
 
 
@@ -33,7 +31,7 @@ def condition(ready: Probe | None) -> str:
     """What Compose calls it that a service is waited for so."""
     if ready is not None and ready.kind == "engine":
         return "service_healthy"
-    if ready is not None and (ready.delay or 0.0) > BY_ITS_END:
+    if ready is not None and ready.completed:
         return "service_completed_successfully"
     return "service_started"
 

@@ -155,6 +155,8 @@ def unready(view: View, service: Service, blocked: str, planned: Collection[str]
     if step.running_since is None:
         return f"is not running ({step.error or 'ended'})"
     ready = service.ready
+    if ready is not None and ready.completed:
+        return f"has not ended ({format_seconds(view.now - step.running_since)})"
     seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
     limit = "" if seconds is None else f" of {format_seconds(seconds)}"
     detail = f": {step.probe}" if step.probe else ""

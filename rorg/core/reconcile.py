@@ -56,7 +56,7 @@ class _Reconciled:
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
-        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), _changed(stale))
+        swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
         if swap.stays and swap.old:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
@@ -141,12 +141,22 @@ class _Reconciled:
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
-        """Those that may be gone back to. One that would only be joined to others is what the new one is."""
+        """Those that may be gone back to. One that would only be joined to others is what the new one is; what cannot
+        start any more is nothing to go back to."""
         return [
             c
             for c, diff in stale
-            if (diff.recreate or c.id not in self.moved) and can_return(self.view, self.service, c)
+            if (diff.recreate or c.id not in self.moved)
+            and can_return(self.view, self.service, c)
+            and not self.on_another(c)
         ]
+
+    def changed(self, stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:
+        """Options in which containers are otherwise than declared, and which may wait for a better time. Not of a run
+        whose namespace has ended: that is replaced whatever has changed."""
+        if any(c.id in self.moved and c.alive for c, _ in stale):
+            return ()
+        return tuple(sorted({field for _, difference in stale for field in difference.recreate}))
 
     def not_to_be_made(self) -> bool:
         """Nobody wants it, and its device, or what its container would be joined to, is not there."""
@@ -197,7 +207,7 @@ class _Reconciled:
             "create",
             None,
             self.why_stale(stale) if stale else "no container",
-            _changed(stale),
+            self.changed(stale),
             {
                 "name": name,
                 "spec": given(spec, self.service, self.s.devices),
@@ -289,8 +299,3 @@ class _Reconciled:
         if action == "remove":
             return away(container, why, self.service, volumes=True)
         return [stop(container, why, self.service)]
-
-
-def _changed(stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:
-    """Options in which containers are otherwise than declared."""
-    return tuple(sorted({field for _, difference in stale for field in difference.recreate}))

@@ -35,7 +35,7 @@ def came_up_at(step: Progress, service: Service) -> float | None:
     a moment of running, and never later than its bake ends. None while it is not ready."""
     if step.well_since is None:
         return None
-    asked = service.ready is not None and service.ready.kind != "delay"
+    asked = service.ready is not None and service.ready.delay is None
     return step.well_since if asked else step.well_since + min(TRIAL, service.update.bake)
 
 

@@ -102,7 +102,7 @@ def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Ta
     if wanted and step.running_since is not None:
         service, run = situation.desired.catalog.services[name], step.incarnation
         current = next(iter(situation.observed.by_service().get(name, ())), None)
-        if service.ready and service.ready.kind != "delay":
+        if service.ready and service.ready.delay is None:
             since = asked if step.answered is not None and not told_since(step, asked) else None
             if not step.ready or since is not None or service.ready.failures:
                 every = max(service.ready.interval, 1.0) if step.ready and since is None else service.ready.interval

@@ -78,6 +78,8 @@ class Swap:
         step, ready, kept = self.step, self.service.ready, "the container before is kept until this one"
         if step.well_since is None:
             since, limit, what = step.running_since, ready.timeout if ready else None, "is ready"
+            if ready and ready.completed:
+                return Waiting(self.service.name, f"{kept} has ended with exit code 0")
             limit = ready.delay if ready and ready.delay is not None else limit
         else:
             since, limit, what = step.well_since, self.service.update.bake, "has been well"

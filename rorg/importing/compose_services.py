@@ -19,8 +19,6 @@ from rorg.importing.yaml_text import Inline, Noted
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
 UNSET = "as Compose does where nothing is said; rorg would restart it always"
-LONGEST = "3650d"
-"""What does not count as ready while it runs: it does once it has ended well."""
 INTERVAL, TIMEOUT, RETRIES = 30.0, 30.0, 3
 """Of the engine's health checks, where nothing is said."""
 LEAST = 60.0
@@ -135,7 +133,7 @@ def _ready(work: Work, name: str, awaited: set[str]) -> Any:
         if HEALTHY in awaited:
             message = f"some wait until {name} is healthy, others until it has ended: from now on all wait for its end"
             work.warn(message, "services", name)
-        return Noted(Inline({"delay": LONGEST}), "those that need it wait until it has ended with exit code 0")
+        return Inline({"completed": True})
     if HEALTHY not in awaited:
         return None
     if "service_started" in awaited:
@@ -162,8 +160,9 @@ def _restart(work: Work, name: str, awaited: set[str]) -> Any:
         work.note(f"restart: {written}: rorg restarts with growing delays, without an end", *place)
     found = "on-failure" if kind == "on-failure" else RESTARTS.get(kind, "always")
     if found == "always" and COMPLETED in awaited:
-        message = f"others wait until {name} has ended, and it is restarted whenever it ends"
-        work.warn(message, *place, remedy="restart: on-failure")
+        message = f"others wait until {name} has ended, so it is restarted only where that fails"
+        work.warn(message, *place)
+        return "on-failure"
     return found
 
 

@@ -75,7 +75,7 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
             for key, part in fields_of(told.model or BaseModel).items():
                 yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
         elif name == "needs":
-            yield from _needs(levels, told)
+            yield from _needs(levels, told, service)
         elif name != "container":
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
 
@@ -122,14 +122,20 @@ def _probe(levels: list[Level], name: str, service: Service) -> Iterator[Value]:
             return
 
 
-def _needs(levels: list[Level], told: FieldText) -> Iterator[Value]:
-    count = 0
+def _needs(levels: list[Level], told: FieldText, service: Service) -> Iterator[Value]:
+    count, implied = 0, dict(service.joins)
     for level in (levels[0], *reversed(levels[1:])):
         for index, need in enumerate(getattr(level.source.spec, "needs", ())):
             plain = need.service if not need.restart else {"service": need.service, "restart": True}
             if need.service != levels[0].source.name or level is levels[0]:
                 yield level.value(f"needs[{count}]", told, plain, "spec", "needs", index)
                 count += 1
+                implied.pop(need.service, None)
+    for name, options in implied.items():
+        level = next(one for one in levels if getattr(one.source.spec.container, options[0], None) is not None)
+        plain = {"service": name, "restart": True} if name in service.restarts_with else name
+        yield level.value(f"needs[{count}]", told, plain, "spec", "container", options[0])
+        count += 1
 
 
 # -- the container ---------------------------------------------------------------------------------------------

@@ -93,6 +93,10 @@ class Ready(ServiceProbe):
     """When a running service counts as ready. Without it, running is ready."""
 
     delay: Duration | None = unchanging("Ready so long after its start.", "3s")
+    completed: Literal[True] | None = unchanging(
+        "It is a task: what needs it waits until it has ended with exit code 0. Needs `restart: never` or on-failure.",
+        True,
+    )
     timeout: Duration = unchanging("Longest time to become ready; after it the service counts as late.", "60s", 30.0)
     failures: Failures | None = unchanging(
         "Go on probing a ready service, once a second at the most; so many failures in a row, and it is not ready any "
@@ -113,4 +117,4 @@ class Interlock(Probe):
     """What must allow it before a container of this service is touched. `file`: it is there, on this machine."""
 
 
-FORMS = ("delay", "tcp", "http", "file", "exec", "log", "engine", "ros_node", "ros_topic", "ros_service")
+FORMS = ("delay", "completed", "tcp", "http", "file", "exec", "log", "engine", "ros_node", "ros_topic", "ros_service")

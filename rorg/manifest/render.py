@@ -62,7 +62,15 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         labels=source.labels,
         where=source.where("metadata", "name"),
     )
-    return service, diagnostics
+    return service, [*diagnostics, *_endless(source, service)]
+
+
+def _endless(source: Source, service: Service) -> list[Diagnostic]:
+    """A task that nobody can wait for."""
+    if not (service.ready and service.ready.completed and service.restart == "always"):
+        return []
+    message = "a task that is restarted whenever it ends is never completed"
+    return [Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")]
 
 
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
@@ -101,6 +109,8 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
     if kind == "tcp":
         host, _, port = str(target).rpartition(":")
         target = f"{host or '127.0.0.1'}:{port}"
+    if kind == "completed":
+        target = ""
     interval = model.interval
     if interval is None:
         interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]

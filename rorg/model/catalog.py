@@ -11,6 +11,7 @@ from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
+from rorg.model.units import LONGEST
 
 DEVELOPER = "developer"
 """The built-in meta-service: a person. Always active, so its requests live until they are released."""
@@ -61,7 +62,7 @@ class Probe:
     """A question to a service: `ready`, `live` or `interlock`."""
 
     kind: str
-    """delay, tcp, http, file, exec, log, engine, ros_node, ros_topic or ros_service."""
+    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic or ros_service."""
     target: float | str | tuple[str, ...]
     timeout: float = 30.0
     """Seconds after which a service counts as late."""
@@ -74,10 +75,20 @@ class Probe:
 
     @property
     def delay(self) -> float | None:
-        """The seconds that are its whole answer, where it asks nobody; None of every other kind."""
+        """The seconds that are its whole answer, where it asks nobody; None of every other kind. A task does not become
+        ready however long it runs: it is `completed` once it has ended."""
+        if self.completed:
+            return LONGEST
         return float(self.target) if self.kind == "delay" and not isinstance(self.target, tuple) else None
 
+    @property
+    def completed(self) -> bool:
+        """Of a task, which others wait for until it has ended well."""
+        return self.kind == "completed"
+
     def __str__(self) -> str:
+        if self.completed:
+            return self.kind
         target = " ".join(self.target) if isinstance(self.target, tuple) else self.target
         return f"{self.kind} {target}"
 
