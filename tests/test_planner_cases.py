@@ -31,6 +31,7 @@ from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import Hold, Request
+from rorg.model.devices import Plugged
 from rorg.model.live import LIVE
 from rorg.model.objects import EngineObject
 from rorg.model.units import parse_time
@@ -58,6 +59,7 @@ KEYS = {
     "suspended",
     "interlocks",
     "pressure",
+    "devices",
     "networks",
     "volumes",
     "found",
@@ -120,10 +122,17 @@ def container_of(entry: dict, catalog) -> Container:
         live={**live, **entry.get("live", {})},
         oom_killed=entry.get("oom_killed", False),
         previous=entry.get("previous", ""),
+        devices=canonical(entry["devices"]) if "devices" in entry else "",
         networks=entry.get("networks", {}),
         joined=canonical(entry["joined"]) if "joined" in entry else "",
         created_at=entry.get("created_at", ""),
     )
+
+
+def plugged(said: str) -> Plugged:
+    """ "c 188:0 /dev/ttyUSB0", or why it cannot be used."""
+    kind, *rest = said.split(" ")
+    return Plugged(" ".join(rest[1:]), f"{kind} {rest[0]}") if kind in ("b", "c") else Plugged(problem=said)
 
 
 def objects_of(case: dict, desired) -> FoundObjects | None:
@@ -189,6 +198,7 @@ def test_plan(path, tmp_path):
     results = {
         (n, "interlock"): ProbeResult("", said == "allows", now, said) for n, said in case.get("interlocks", {}).items()
     }
+    known = case.get("devices", {})
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
     desired = desire(catalog, contents=case.get("contents"))
     decision = decide(
@@ -210,6 +220,7 @@ def test_plan(path, tmp_path):
             load=quiet,
             purge=case.get("purge", False),
             images={r: Missing(**m) for r, m in case.get("images", {}).items()},
+            devices={d: plugged(known[d.identity]) for d in desired.devices if d.identity in known},
         )
     )
     assert decision.plan.text() == case["plan"]

@@ -36,6 +36,7 @@ from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
 NAMES = [f"s{n}" for n in range(6)]
+DEVICE = "/dev/arm"
 EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES", "24"))
 QUIET = 100.0
 """Seconds at the end of every run in which nothing may happen any more."""
@@ -75,6 +76,9 @@ def services(draw):
             "ready": draw(st.sampled_from([{"delay": "300ms"}, {"tcp": 1234}])),
             "live": draw(st.sampled_from([None, {"tcp": 1234}])),
             "interlock": draw(st.sampled_from([None, None, None, {"file": "/allow"}])),
+            "driver": draw(
+                st.sampled_from([None, None, None, {"devices": [DEVICE]}, {"devices": [DEVICE], "unplugged": "keep"}])
+            ),
             "priority": draw(st.sampled_from([20, 50, 80])),
             "protected": draw(st.integers(0, 4)) == 0,
             "exclusive": exclusive,
@@ -141,6 +145,9 @@ VERBS = (
     "revert",
     "retry",
     "reborn",
+    "unplug",
+    "plug",
+    "plug_elsewhere",
 )
 EVENTS = st.lists(
     st.tuples(st.sampled_from(VERBS), st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)), max_size=16
@@ -572,6 +579,8 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
         connect(robot, verb, "n" + name[1:] if name != "s2" else "n1", world)
     elif verb == "reborn":
         robot.reborn(restore(json.loads(json.dumps(snapshot(robot.decision, {})))))
+    elif verb in ("unplug", "plug", "plug_elsewhere"):
+        replug(robot, verb)
     elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):
         spoil(robot, verb, name, world)
     elif verb in ("kill", "pause", "freeze", "thaw", "request_as", "removing"):
@@ -660,6 +669,15 @@ def spoil(robot: SimRobot, verb: str, name: str, world: World) -> None:
         robot.extra = (1.0, 2 << 30) if verb == "load" else (0.0, 0)
     else:
         robot.locked = {name} if verb == "lock" and "interlock" in world.specs[name] else set()
+
+
+def replug(robot: SimRobot, verb: str) -> None:
+    """A person pulls the plug of the device of drivers, or puts it in."""
+    if verb == "unplug":
+        robot.engine.unplug(DEVICE)
+        robot.at(robot.now + 4.0, lambda: robot.engine.plug(DEVICE))
+    else:
+        robot.engine.plug(DEVICE, number={"plug": "c 188:0", "plug_elsewhere": "c 188:1"}[verb])
 
 
 def meddle(robot: SimRobot, verb: str, current: Container) -> None:

@@ -267,7 +267,7 @@ def test_who_holds_a_request_is_told_what_it_loses(robot, behaviour):
     with behaviour.request("arm", wait=20, on_lost=heard.append) as held:
         assert not held.lost.is_set()
         wait_for(lambda: behaviour.watcher._connections)
-        people.hold("lidar", 30, "cleaning")
+        people.hold("lidar", 30, "cleaning", force=True)
         wait_for(lambda: {loss.service for loss in heard} == {"arm", "lidar"})
         assert {loss.cause for loss in heard} == {"held"}
         assert held.lost.wait(60)

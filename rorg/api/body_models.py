@@ -25,11 +25,20 @@ class PutRequest(Body):
     ttl: Annotated[str, Field(max_length=20)] | None = Field(default=None, description="Lease, such as 10s.")
 
 
-class HoldBody(Body):
+Force = Annotated[bool, Field(description="Though it stops what moves hardware, or others with it.")]
+
+
+class SuspendBody(Body):
     """For how long, and why."""
 
     duration: Annotated[str, Field(max_length=20)] = Field(description="How long, such as 10m.")
     reason: Short = ""
+
+
+class HoldBody(SuspendBody):
+    """For how long, and why."""
+
+    force: Force = False
 
 
 class HoldsBody(Body):
@@ -40,6 +49,7 @@ class HoldsBody(Body):
         default=None, description="How long, such as 10m; null ends their holds."
     )
     reason: Short = ""
+    force: Force = False
 
 
 class RetryBody(Body):

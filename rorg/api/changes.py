@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.api.current import Current
+from rorg.core.affected import Affected, by_hold, by_restart
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Hold, Request
@@ -69,22 +70,27 @@ def release(key: tuple[str, str]) -> Change:
 
 def restart(current: Current, name: str, force: bool, now: float) -> Change:
     """A wish to restart a service, or each of a group, made at `now`, in seconds since the epoch. Raises Missing;
-    Invalid for what has no container; Unconfirmed for what moves hardware, without `force`; Refused for what nobody
-    active requests."""
+    Invalid for what has no container; Refused for what nobody active requests; Unconfirmed, without `force`, where it
+    moves hardware or others go along."""
     names = tuple(s.name for s in current.containers_of(name))
     if not names:
         raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
-    drivers = [n for n in names if current.catalog.services[n].driver]
-    if drivers and not force:
-        raise Unconfirmed(f"restart {name}", f"{', '.join(drivers)} moves hardware", "again with force", drivers)
     if not any(current.statuses[n].wanted for n in names):
         cause = "it is not wanted, so there is nothing to restart"
         raise Refused(f"restart {name}", cause, f"`rorg request {name}`")
+    if not force:
+        _ask(f"restart {name}", by_restart(current.decision.situation, current.decision.memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         return replace(document, restarts={**document.restarts, **dict.fromkeys(names, stamp(now))})
 
     return _about(Change(edit, "restart", f"restart of {', '.join(names)}", names))
+
+
+def _ask(what: str, affected: Affected) -> None:
+    """Raises Unconfirmed where a person should know who is affected."""
+    if affected.names:
+        raise Unconfirmed(what, str(affected), "again with force", affected.names)
 
 
 def retry(current: Current, asked: Sequence[str], now: float) -> Change:
@@ -107,9 +113,12 @@ def retry(current: Current, asked: Sequence[str], now: float) -> Change:
     return _about(Change(edit, "retry", f"another try of {', '.join(names)}", names))
 
 
-def hold(current: Current, asked: Sequence[str], seconds: float | None, reason: str, now: float) -> Change:
+def hold(
+    current: Current, asked: Sequence[str], seconds: float | None, reason: str, now: float, force: bool = False
+) -> Change:
     """Holds services and groups, all of them or none, for so many seconds from `now` (since the epoch) on; without
-    `seconds` their holds end. Raises Missing, and Invalid for what has no container."""
+    `seconds` their holds end. Raises Missing; Invalid for what has no container; Unconfirmed, without `force`, where it
+    stops what moves hardware, or others with it."""
     found: list[str] = []
     for name in asked:
         own = [s.name for s in current.containers_of(name)]
@@ -118,6 +127,8 @@ def hold(current: Current, asked: Sequence[str], seconds: float | None, reason: 
             raise Invalid(f"hold {name}", cause, "the services that it requests")
         found += own
     names = tuple(dict.fromkeys(found))
+    if seconds is not None and not force:
+        _ask(f"hold {', '.join(asked)}", by_hold(current.decision.situation, current.decision.memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}

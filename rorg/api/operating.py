@@ -9,7 +9,7 @@ from fastapi import FastAPI, Query
 from fastapi.responses import Response
 
 from rorg.api.bodies import accepted
-from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody
+from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody, SuspendBody
 from rorg.api.callers import Requester, Who, needs
 from rorg.api.inputs import seconds_of
 from rorg.api.models import Held
@@ -29,7 +29,8 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
         force: bool = False,
         requester: Requester = None,  # noqa: ARG001
     ) -> Response:
-        """Stop and start a service, or each of a group. Drivers only with `force`."""
+        """Stop and start a service, or each of a group. Where it moves hardware, or others go along, only with `force`:
+        the refusal names them in `confirm`."""
         names, change = operations.restart(caller, name, force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
@@ -60,14 +61,18 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
 def _add_holds(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
     async def hold(name: str, body: HoldBody, caller: Who) -> Response:
-        """Keep a service, or a group's, from being active for a time, whoever requests it."""
-        names, change = operations.hold(caller, [name], seconds_of(body.duration, "duration"), body.reason)
+        """Keep a service, or a group's, from being active for a time, whoever requests it. Where that stops what moves
+        hardware, or others with it, only with `force`: the refusal names them in `confirm`."""
+        seconds = seconds_of(body.duration, "duration")
+        names, change = operations.hold(caller, [name], seconds, body.reason, body.force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
     @app.put("/v1/holds", dependencies=[needs("hold")], response_model=Held)
     async def hold_all(body: HoldsBody, caller: Who) -> Response:
-        """Keep services and groups from being active for a time, all of them or none; without a duration that ends."""
-        names, change = operations.hold(caller, body.services, seconds_of(body.duration, "duration"), body.reason)
+        """Keep services and groups from being active for a time, all of them or none; without a duration that ends.
+        `force` as for one of them."""
+        seconds = seconds_of(body.duration, "duration")
+        names, change = operations.hold(caller, body.services, seconds, body.reason, body.force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
     @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
@@ -78,7 +83,7 @@ def _add_holds(app: FastAPI, operations: Operations) -> None:
 
 def _add_suspension(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
-    async def suspend(body: HoldBody, caller: Who) -> Response:
+    async def suspend(body: SuspendBody, caller: Who) -> Response:
         """Change nothing for a time."""
         seconds = seconds_of(body.duration, "duration")
         return accepted(await asyncio.wrap_future(operations.suspend(caller, seconds, body.reason)))

@@ -223,10 +223,10 @@ class Operations:
         return change.services, self._change(caller, change)
 
     def hold(
-        self, caller: Caller, names: Sequence[str], seconds: float | None, reason: str
+        self, caller: Caller, names: Sequence[str], seconds: float | None, reason: str, force: bool = False
     ) -> tuple[tuple[str, ...], Future[int]]:
         """Holds services and groups, all or none, for so long; None ends it. (Names of what is held, the change.)"""
-        change = changes.hold(self.current, names, seconds, reason, time.time())
+        change = changes.hold(self.current, names, seconds, reason, time.time(), force)
         return change.services, self._change(caller, change)
 
     def suspend(self, caller: Caller, seconds: float | None, reason: str) -> Future[int]:

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from rorg.api import changes, views
-from rorg.api.body_models import HoldBody, HoldsBody, PutRequest, RetryBody
+from rorg.api.body_models import HoldsBody, PutRequest, RetryBody, SuspendBody
 from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import read, request_of, seconds_of
@@ -62,10 +62,10 @@ class Local:
     def hold(self, body: dict[str, Any]) -> list[str]:
         asked = read(HoldsBody, body)
         seconds = seconds_of(asked.duration, "duration")
-        return self._do(changes.hold(self.current, asked.services, seconds, asked.reason, time.time()))
+        return self._do(changes.hold(self.current, asked.services, seconds, asked.reason, time.time(), asked.force))
 
     def suspend(self, body: dict[str, Any] | None) -> None:
-        asked = read(HoldBody, body) if body else None
+        asked = read(SuspendBody, body) if body else None
         seconds = seconds_of(asked.duration, "duration") if asked else None
         self._do(changes.suspend(seconds, asked.reason if asked else "", time.time()))
 

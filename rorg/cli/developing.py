@@ -14,9 +14,11 @@ from rorg.cli.exec import NO_PROGRAM
 from rorg.cli.output import consent, missing, note
 from rorg.cli.shell import BASH_OR_SH
 from rorg.core.desired import desire
+from rorg.core.devices import given
 from rorg.engines.docker.dev import DevContainers
 from rorg.engines.docker.engine import DockerEngine
 from rorg.errors import EngineError, Invalid, Refused
+from rorg.host.devices import look
 from rorg.host.git import identity
 from rorg.host.person import Person, caller
 from rorg.images.dev import (
@@ -92,7 +94,8 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
     if (short := name.removeprefix("service/")) in services:
         service, declared = services[short]
         # Joined to what goes by that name when it is made, whether the service itself runs or not.
-        spec = resolved(declared, service.joins, {n: rendered[n].container_name for n in service.joins})
+        names = {n: rendered[n].container_name for n in service.joins}
+        spec = resolved(_plugged(what, service, declared), service.joins, names)
         return short, spec, service, content.named(str(spec["image"]))
     if (short := name.removeprefix("image/")) in images:
         return f"image/{short}", plain_spec(content.references.get(short, short)), None, short
@@ -101,6 +104,15 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
     if short in catalog.services:
         raise Invalid(what, f"{short} is a meta-service, which has no container", "a service that has one")
     raise missing("service or image", name, {*services, *images})
+
+
+def _plugged(what: str, service: Service, spec: Spec) -> Spec:
+    """Its container with the nodes that its devices have now. Raises Invalid for one that is not there."""
+    found = look(service.devices)
+    for device, now in found.items():
+        if now.problem:
+            raise Invalid(what, f"{device} {now.problem}", "plugging it in")
+    return given(spec, service, found)
 
 
 def _workspace(given: Path | None) -> str:

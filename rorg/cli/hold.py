@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory
+from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory, Yes
 from rorg.cli.output import check_form, print_rows
 
 
@@ -11,16 +11,18 @@ def command(
     duration: For = None,
     reason: Reason = "",
     end: End = False,
+    yes: Yes = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Keep services from being active, whoever requests them, for a time; it ends by itself.
+    """Keep services from being active, whoever requests them, for a time; it ends by itself. Asks first where that
+    stops what moves hardware, or others with it.
 
     Example: rorg hold arm --for 10m --reason calibration
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operating import confirmed, operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration, format_seconds
 
@@ -31,7 +33,8 @@ def command(
         raise Invalid(f"hold {', '.join(services)}", "--for and --end contradict each other", "one of them")
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
-    names = operating(Context(state_dir, engine)).hold(body)
+    robot = operating(Context(state_dir, engine))
+    names = confirmed(lambda force: robot.hold({**body, "force": force}), yes, "Hold")
     text = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
     rows = [{"service": n, "held": not end, "seconds": None if end else duration, "reason": reason} for n in names]
     print_rows(rows, output, ("service", "held", "seconds", "reason"), text=text)

@@ -22,8 +22,10 @@ from rorg.history.database import reading
 from rorg.history.runs import Runs
 from rorg.host.clock import booted_at
 from rorg.host.contents import Contents
+from rorg.host.devices import elsewhere, look
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog
+from rorg.model.devices import Device, Plugged
 from rorg.model.units import parse_time
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
@@ -94,8 +96,16 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             wall=time.time(),
             confirmed=document.removals,
             retries=document.retries,
+            devices=devices(place, desired),
         )
     )
+
+
+def devices(place: Place, desired: Desired) -> dict[Device, Plugged]:
+    """What there is of the devices of drivers."""
+    if not desired.devices:
+        return {}
+    return look(desired.devices) if place.engine().local else elsewhere(desired.devices)
 
 
 def _remembered(place: Place) -> Memory:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rorg.cli.output import consent
 from rorg.errors import Unconfirmed
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ class Operating(Protocol):
         """Tries changes of services again that failed; returns their names."""
 
     def hold(self, body: dict[str, Any]) -> list[str]:
-        """Holds services, or ends that; returns their names."""
+        """Holds services, or ends that; returns their names. Raises Unconfirmed."""
 
     def suspend(self, body: dict[str, Any] | None) -> None:
         """Suspends rorg; None ends that."""
@@ -77,24 +79,18 @@ class Served:
         self.client.release(id, requester)
 
     def restart(self, name: str, force: bool) -> list[str]:
-        from rorg_client import Refused
-
         self._addressable(name)
-        try:
+        with asking():
             return self.client.restart(name, force)
-        except Refused as refused:
-            if not refused.confirm:
-                raise
-            what = refused.what.removeprefix("cannot ")
-            raise Unconfirmed(what, refused.cause, refused.remedy, refused.confirm) from refused
 
     def retry(self, names: list[str]) -> list[str]:
         found: list[str] = self.client.call("POST", "/v1/retries", {"services": names})["services"]
         return found
 
     def hold(self, body: dict[str, Any]) -> list[str]:
-        found: list[str] = self.client.call("PUT", "/v1/holds", body)["services"]
-        return found
+        with asking():
+            found: list[str] = self.client.call("PUT", "/v1/holds", body)["services"]
+            return found
 
     def suspend(self, body: dict[str, Any] | None) -> None:
         self.client.call("PUT" if body else "DELETE", "/v1/suspension", body)
@@ -117,6 +113,30 @@ class Served:
     def wait(self, names: list[str], timeout: float) -> None:
         with watched(self.client, names):
             self.client.wait(*names, timeout=timeout)
+
+
+@contextmanager
+def asking() -> Iterator[None]:
+    """Raises Unconfirmed where the running rorg wants to be told once more."""
+    from rorg_client import Refused
+
+    try:
+        yield
+    except Refused as refused:
+        if not refused.confirm:
+            raise
+        what = refused.what.removeprefix("cannot ")
+        raise Unconfirmed(what, refused.cause, refused.remedy, refused.confirm) from refused
+
+
+def confirmed(act: Callable[[bool], list[str]], yes: bool, verb: str) -> list[str]:
+    """Does it; where others are affected only with consent: `--yes`, or that of the person at the terminal, who is
+    told whom. Raises Refused."""
+    try:
+        return act(yes)
+    except Unconfirmed as asked:
+        consent(asked.what, f"{asked.why}. {verb}?", f"{asked.why}; it needs confirmation")
+        return act(True)
 
 
 def watched(client: Client, names: list[str]) -> AbstractContextManager[object]:

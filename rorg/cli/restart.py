@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import check_form, consent, print_rows
+from rorg.cli.output import check_form, print_rows
 
 
 def command(
@@ -15,23 +15,19 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and start a service (or each of a group) that is active. Drivers ask first.
+    """Stop and start a service (or each of a group) that is active. Asks first where that moves hardware, or others
+    go along.
 
     Example: rorg restart navigation --wait --timeout 30s
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
-    from rorg.errors import Unconfirmed
+    from rorg.cli.operating import confirmed, operating
 
     check_form(output)
     robot = operating(Context(state_dir, engine))
     if wait:
         robot.waiting(f"wait for {service}")
-    try:
-        names = robot.restart(service, force=yes)
-    except Unconfirmed as asked:
-        consent(f"restart {service}", f"{asked.why}. Restart?", f"{asked.why}; it needs confirmation")
-        names = robot.restart(service, force=True)
+    names = confirmed(lambda force: robot.restart(service, force), yes, "Restart")
     text = f"restart of {', '.join(names)} requested"
     print_rows([{"service": name} for name in names], output, ("service",), text=text)
     if wait:

@@ -64,6 +64,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("live", lambda s: f"{s.live}; Compose restarts nothing that hangs" if s.live else ""),
     ("interlock", lambda s: f"{s.interlock}; Compose asks nobody before it touches a container" if s.interlock else ""),
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
+    ("devices", lambda s: "Compose waits for none of them, and stops nothing when one goes" if s.devices else ""),
     ("on_change", lambda s: f"{s.on_change}; Compose does not look at files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
     ("resources", lambda s: _resources(s)),
@@ -72,7 +73,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
 """Field of a Service -> what is lost of it; empty where it says nothing. Labels are those of metadata."""
 ELSEWHERE = {
     *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
-    *("meta", "cpu", "memory", "driver", "defaults", "origins", "where"),
+    *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where"),
 }
 """Fields of a Service that are in the file, or are part of another one's row."""
 

@@ -85,6 +85,15 @@ def _environment(writing: Writing, option: str, value: Mapping[str, str]) -> Non
         writing.put(option, kept)
 
 
+def _devices(writing: Writing, option: str, value: list[str]) -> None:
+    """By path alone: Compose knows no other names of them."""
+    kept = [device for device in value if device.startswith("/")]
+    if kept:
+        writing.put(option, kept)
+    for device in (d for d in value if d not in kept):
+        writing.note(f"container.{option}", f"Compose names devices by path, and this is {device}")
+
+
 def _gpus(writing: Writing, _option: str, value: list[Mapping[str, Any]]) -> None:
     """As reservations of devices, which every Compose of version 2 knows."""
     devices = []
@@ -184,7 +193,7 @@ OPTIONS: Mapping[str, Write] = {
         (
             *("annotations", "blkio_config", "cap_add", "cap_drop", "cgroup", "cgroup_parent", "command"),
             *("container_name", "cpu_period", "cpu_quota", "cpu_shares", "cpus", "cpuset"),
-            *("device_cgroup_rules", "devices", "dns", "dns_opt", "dns_search", "domainname", "entrypoint", "expose"),
+            *("device_cgroup_rules", "dns", "dns_opt", "dns_search", "domainname", "entrypoint", "expose"),
             *("extra_hosts", "group_add", "hostname", "image", "init", "isolation", "labels", "logging"),
             *("mac_address", "mem_limit", "mem_reservation", "mem_swappiness", "memswap_limit", "oom_kill_disable"),
             *("oom_score_adj", "pids_limit", "platform", "ports", "privileged", "read_only", "restart", "runtime"),
@@ -194,6 +203,7 @@ OPTIONS: Mapping[str, Write] = {
         _same,
     ),
     "cpuset_mems": _no_word("Compose cannot name NUMA nodes"),
+    "devices": _devices,
     "environment": _environment,
     "gpus": _gpus,
     "healthcheck": _healthcheck,

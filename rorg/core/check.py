@@ -116,7 +116,8 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
     ends = action.verb in ("pause", "remove", "stop")
-    if name in situation.wanted and ends and not (action.part_of or action.surplus):
+    unplugged = action.verb == "stop" and name in situation.unplugged
+    if name in situation.wanted and ends and not (action.part_of or action.surplus or unplugged):
         return [f"{action}, which is wanted"]
     return []
 

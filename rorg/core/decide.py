@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
+from typing import Any
 
 from rorg.core.admission import Admission, admission_for, admit
 from rorg.core.cache import Cache
 from rorg.core.check import check
 from rorg.core.desired import Desired
+from rorg.core.devices import unplugged
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
@@ -28,6 +30,7 @@ from rorg.core.situation import Situation
 from rorg.core.wanted import Wanted, urgent
 from rorg.core.withheld import Withheld, over, withhold
 from rorg.model.catalog import Hold, Request
+from rorg.model.devices import Device, Plugged
 from rorg.model.units import format_time, parse_time, stamp
 
 FRESH = 1.0
@@ -65,6 +68,8 @@ class Inputs:
     """Service -> when somebody asked that what failed of it be tried again."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    devices: Mapping[Device, Plugged] = field(default_factory=dict)
+    """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
     purge: bool = False
     """A person has said that volumes of ours go too."""
     cache: Cache | None = None
@@ -195,6 +200,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         images=inputs.images,
         purge=inputs.purge,
         withheld=withheld,
+        **_devices(inputs),
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
 
@@ -230,6 +236,11 @@ def _evicted(
     return memory, eviction, admission
 
 
+def _devices(inputs: Inputs) -> dict[str, Any]:
+    """Those of drivers, for a Situation."""
+    return {"devices": inputs.devices, "unplugged": unplugged(inputs.desired, inputs.devices)}
+
+
 def _followed(
     memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
 ) -> tuple[Memory, Followed | None]:
@@ -245,6 +256,7 @@ def _followed(
         inputs.now,
         inputs.booted_at,
         touched,
+        unplugged(inputs.desired, inputs.devices),
     )
 
 

@@ -11,6 +11,7 @@ from rorg.core.diff import declared_now
 from rorg.core.digest import digest
 from rorg.core.uses import used_objects
 from rorg.model.catalog import RUN, Catalog, Probe, Service
+from rorg.model.devices import Device
 from rorg.model.image_names import declared
 from rorg.model.objects import EngineObject
 
@@ -39,6 +40,10 @@ class Desired:
     """Set -> the services that change together."""
     interlocks: Mapping[str, Probe]
     """Of the services that have one."""
+    drivers: tuple[str, ...] = ()
+    """Services that wait for devices."""
+    devices: tuple[Device, ...] = ()
+    """All of these."""
     objects: Mapping[str, EngineObject] = field(default_factory=dict)
     """Networks and volumes, by their subject in a plan."""
     uses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -88,6 +93,8 @@ def desire(
         },
         sets=_sets(services),
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
+        drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
+        devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
     )
 

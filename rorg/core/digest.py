@@ -12,6 +12,7 @@ from typing import Any
 from rorg.core.masking import marked, secrets_of
 from rorg.core.observed import (
     LABEL_DECLARED,
+    LABEL_DEVICES,
     LABEL_JOINED,
     LABEL_OWNER,
     LABEL_PREVIOUS,
@@ -71,10 +72,11 @@ def labels(
     previous: str = "",
     secrets: Collection[str] = (),
     joined: Mapping[str, str] | None = None,
+    devices: str = "",
 ) -> Mapping[str, str]:
     """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
     the place of which one. `secrets`: variables whose values are not to be read from it. `joined`: service -> id of its
-    container, whose namespaces or volumes this one has."""
+    container, whose namespaces or volumes this one has. `devices`: the nodes that it is given."""
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
@@ -83,6 +85,7 @@ def labels(
         LABEL_DECLARED: canonical(declared_fields(spec, secrets)),
         **({} if rules == Rules() else {LABEL_RULES: _write_rules(rules)}),
         **({LABEL_PREVIOUS: previous} if previous else {}),
+        **({LABEL_DEVICES: devices} if devices else {}),
         **({LABEL_JOINED: canonical(joined)} if joined else {}),
     }
 

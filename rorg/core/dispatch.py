@@ -29,7 +29,8 @@ class DispatchLimits:
 def select(
     ready: Iterable[Action], in_flight: Mapping[str, InFlight], limits: DispatchLimits, now: float
 ) -> list[Action]:
-    """Actions to begin now. `ready` are those that follow nothing, urgent ones first, then the higher priority."""
+    """Actions to begin now. `ready` are those that follow nothing, urgent ones first, then drivers, then the higher
+    priority."""
     busy = [f.action for f in in_flight.values() if now - f.since < STUCK]
     room = {
         True: limits.urgent - sum(a.urgent for a in busy),

@@ -30,6 +30,7 @@ class Followed:
     results: ProbeResults
     in_flight: Collection[str]
     booted_at: str
+    unplugged: frozenset[str]
     progress: Mapping[str, Progress]
     restless: frozenset[str]
     """Services whose memory another look might change though nothing else has: it has just changed, or does so with the
@@ -46,15 +47,16 @@ def follow(
     now: float,
     booted_at: str,
     touched: Collection[str],
+    unplugged: Collection[str] = (),
 ) -> tuple[Memory, Followed]:
     """Takes note of what is wanted and observed now. `touched` are services whose containers are others, or otherwise,
-    than at the last look. Of a complete observation."""
+    than at the last look; `unplugged` those of which a device is not there. Of a complete observation."""
     services, by_service = desired.catalog.services, observed.by_service()
     same = kept is not None and kept.desired is desired and kept.wanted is wanted and kept.booted_at == booted_at
     if kept is None or not same or any(n not in desired.digests for n in touched):
         kept, names = None, set(desired.digests)
     else:
-        names = _to_look_at(kept, memory, desired, results, touched)
+        names = _to_look_at(kept, memory, desired, results, touched) | (kept.unplugged ^ set(unplugged))
     gone = memory.progress.keys() - desired.digests.keys() - by_service.keys()
     progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     restless = set(kept.restless) if kept else set[str]()
@@ -69,10 +71,10 @@ def follow(
             busy=name in memory.in_flight,
             now=now,
             booted_at=booted_at,
+            unplugged=name in unplugged,
         )
         step = _one(before, service, desired, seen)
-        same = step is before and name in memory.progress
-        if not same:
+        if not (same := step is before and name in memory.progress):
             progress[name], changed = step, True
         (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)
     together = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)
@@ -84,6 +86,7 @@ def follow(
         results=results,
         in_flight=frozenset(memory.in_flight),
         booted_at=booted_at,
+        unplugged=frozenset(unplugged),
         progress=memory.progress,
         restless=frozenset(restless),
     )

@@ -13,6 +13,7 @@ from rorg.core.plan import Waiting
 from rorg.core.steps import Step
 from rorg.core.view import View
 from rorg.model.catalog import Service
+from rorg.model.codes import DEVICE
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
@@ -61,6 +62,8 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
         held = held_back(view, service, step.fields)
         if held:
             return (), held
+    if step.verb in ("start", "resume") and name in view.s.unplugged:
+        return (), Waiting(name, view.s.unplugged[name], code=DEVICE)
     tried = memory.attempts.get(step.verb)
     if tried and tried.at and tried.at > view.now:
         wait = format_seconds(tried.at - view.now)

@@ -16,6 +16,7 @@ LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"
 LABEL_RULES = "rorg.io/rules"
 LABEL_PREVIOUS = "rorg.io/previous"
+LABEL_DEVICES = "rorg.io/devices"
 LABEL_JOINED = "rorg.io/joined"
 SERVICE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
 """What a service may be called, in any version."""
@@ -29,6 +30,7 @@ class Labelled(TypedDict):
     declared: str
     rules: str
     previous: str
+    devices: str
     joined: str
 
 
@@ -41,6 +43,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
         "declared": labels.get(LABEL_DECLARED, ""),
         "rules": labels.get(LABEL_RULES, ""),
         "previous": labels.get(LABEL_PREVIOUS, ""),
+        "devices": labels.get(LABEL_DEVICES, ""),
         "joined": labels.get(LABEL_JOINED, ""),
     }
 
@@ -67,6 +70,8 @@ class Container:
     """The label rorg.io/rules: what of its manifest still counts when no manifest declares it any more."""
     previous: str = ""
     """The label rorg.io/previous: id of the container that it takes the place of, kept until this one is proven."""
+    devices: str = ""
+    """The label rorg.io/devices: JSON of the nodes that it was given for its devices."""
     joined: str = ""
     """The label rorg.io/joined: JSON of the services whose containers it is joined to, each with the id of its one."""
     created_at: str = ""

@@ -22,8 +22,8 @@ from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
 from rorg.model.objects import is_object
 
-Turn = tuple[bool, int, int, Action]
-"""(not urgent, -priority, place, what may be begun now): sorted, who comes first."""
+Turn = tuple[bool, bool, int, int, Action]
+"""(not urgent, no driver, -priority, place, what may be begun now): sorted, who comes first."""
 OWN = ("observed", "memory", "now", "interlocks")
 """What of a situation is looked at for each service by itself; all else concerns everybody."""
 COMMON = tuple(f.name for f in fields(Situation) if f.name not in OWN)
@@ -174,7 +174,7 @@ def _renewed(kept: Planned, planner: Planner, looked_at: tuple[str, ...], leavin
         (restless.add if now.restless else restless.discard)(name)
         old, new = _turn(before, place), _turn(now, place)
         if old:
-            del turns[bisect_left(turns, old[:3])]
+            del turns[bisect_left(turns, old[:4])]
         if new:
             insort(turns, new)
     return Planned(
@@ -192,4 +192,6 @@ def _renewed(kept: Planned, planner: Planner, looked_at: tuple[str, ...], leavin
 def _turn(plan: ServicePlan, place: int) -> Turn | None:
     """Only the first action of a chain can follow nothing."""
     first = plan.actions[0] if plan.actions else None
-    return (not first.urgent, -first.priority, place, first) if first and not first.after else None
+    if first is None or first.after:
+        return None
+    return not first.urgent, not first.driver, -first.priority, place, first

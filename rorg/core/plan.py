@@ -50,6 +50,8 @@ class Action:
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50
+    driver: bool = False
+    """Of a driver: these go first, since most of a robot waits for its hardware."""
     part_of: str = ""
     """"replace" or "restart" for the actions that do that together."""
     surplus: bool = False
@@ -81,10 +83,10 @@ class Waiting:
     until: float | None = None
     """Time of the loop's clock at which to look again, where that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), no-image (that cannot be had), blocked (a
-    network or volume is not there, or not rorg's), withheld (its removal waits for a
-    person's word), deferred (it is left for later), preempted or suspended. Of what only takes its time: image (that
-    is being built or pulled), baking (all is done, and it is seen how it does), or empty."""
+    """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), blocked (a network or
+    volume is not there, or not rorg's), withheld (its removal waits for a person's word), deferred (it is left for
+    later), preempted or suspended. Of what only takes its time: image (that is being built or pulled), baking (all is
+    done, and it is seen how it does), or empty."""
 
     @property
     def goes_on(self) -> bool:

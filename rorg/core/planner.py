@@ -146,6 +146,7 @@ class Planner:
             args=step.args,
             urgent=self._is_urgent(service.name, step, view),
             priority=service.priority,
+            driver=service.driver,
             part_of=step.part_of,
             surplus=step.surplus,
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 from rorg.core.adjust import adjust, passing_name
 from rorg.core.deferred import content_to_restart_for, deferred
+from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
@@ -17,6 +18,7 @@ from rorg.core.steps import Step, away, restarting, stop
 from rorg.core.swap import Swap
 from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
+from rorg.model.codes import DEVICE
 from rorg.model.units import format_seconds
 
 
@@ -42,6 +44,7 @@ class _Reconciled:
         self.view, self.service, self.moving = view, service, moving
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
+        self.nodes = nodes_of(service, view.s.devices)
         self.moved = {c.id: other for c in view.of(service.name) if (other := moved(view, service, c))}
         """Container -> a service that has another container than the one that it was joined to."""
         self.notes: list[Waiting] = []
@@ -58,8 +61,8 @@ class _Reconciled:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
-        if current is None and self.nothing_to_join():
-            return []
+        if current is None and self.not_to_be_made():
+            return self.cease(stale[0][0]) if stale else []
         steps: list[Step] = []
         new_name = ""
         if current is None:
@@ -87,11 +90,12 @@ class _Reconciled:
         return restarting(current and current[0], steps)
 
     def difference(self, container: Container, spec: Spec) -> Difference:
-        """One that is at rest cannot start on a network that is another one by now, though it is called the same."""
+        """One that is at rest cannot start on a network that is another one by now, though it is called the same; and
+        none has a device that is another node by now."""
         found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
-        if not self.on_another(container):
-            return found
-        return replace(found, recreate=(*found.recreate, "networks"))
+        nodes = (NODES,) if not found.recreate and replugged(container, self.nodes) else ()
+        networks = ("networks",) if self.on_another(container) else ()
+        return replace(found, recreate=(*found.recreate, *nodes, *networks)) if nodes or networks else found
 
     def on_another(self, container: Container) -> bool:
         """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
@@ -154,11 +158,13 @@ class _Reconciled:
             return ()
         return tuple(sorted({field for _, difference in stale for field in difference.recreate}))
 
-    def nothing_to_join(self) -> bool:
-        """Nobody wants it, and what its container would be joined to is not there."""
+    def not_to_be_made(self) -> bool:
+        """Nobody wants it, and its device, or what its container would be joined to, is not there."""
         other = missing(self.view, self.service)
-        if not other or self.name in self.s.wanted:
+        if self.name in self.s.wanted or not (other or self.name in self.s.unplugged):
             return False
+        if not other:
+            return True
         if other in self.s.wanted or is_made_ahead(self.view, other):
             self.notes.append(Waiting(self.name, f"waits for a container of {other}"))
         return True
@@ -193,7 +199,9 @@ class _Reconciled:
         declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
         spec, joined = with_ids(self.view, self.service)
         previous, secrets = old.id if old else "", self.service.secrets
-        marks = labels(self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined)
+        marks = labels(
+            self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined, self.nodes
+        )
         before = old or next((c for c, _ in stale), None)
         return Step(
             "create",
@@ -202,7 +210,7 @@ class _Reconciled:
             self.changed(stale),
             {
                 "name": name,
-                "spec": spec,
+                "spec": given(spec, self.service, self.s.devices),
                 "labels": marks,
                 "digest": made_from,
                 "before": before.id if before else "",
@@ -245,7 +253,7 @@ class _Reconciled:
         if container.state == "paused":
             return [Step("resume", container, why)]
         if container.active:
-            return []
+            return self.without_device(container)
         if container.state == "dead":
             return [Step("remove", container, "the engine calls it dead", surplus=True)]
         if self.step.spent(container):
@@ -255,6 +263,14 @@ class _Reconciled:
         if container.state == "exited" and self.step.exited == container.incarnation:
             why += f"; {self.step.error}"
         return [Step("start", container, why, args=start)]
+
+    def without_device(self, container: Container) -> list[Step]:
+        """What becomes of one that runs and whose device is gone."""
+        why = self.s.unplugged.get(self.name, "")
+        if not why or self.service.unplugged == "keep":
+            return []
+        self.notes.append(Waiting(self.name, why, code=DEVICE))
+        return [stop(container, why, self.service)]
 
     def cease(self, container: Container) -> list[Step]:
         """A service that nobody wants: as its idle policy says. (Removal is steps()'s: nothing is kept then.)"""

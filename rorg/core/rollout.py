@@ -60,7 +60,7 @@ def judged(step: Progress, service: Service, desired: Desired, seen: Seen) -> Pr
     """Takes note of a trial that is over, and of an edition that has stayed well. Only of a wanted service, and not
     while we act on it."""
     containers = seen.containers.get(service.name, ())
-    if not containers or not seen.wanted or seen.busy or step.update.drawn:
+    if not containers or not seen.wanted or seen.busy or seen.unplugged or step.update.drawn:
         return step
     pair = candidate(containers, step.update) if len(containers) > 1 else None
     if pair is None:

@@ -12,7 +12,8 @@ from rorg.core.observed import Container
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
     """`containers` are those of all services, of each the one that counts first; `ready` and `live` are its probe
-    results; `busy`: a call of it is under way; `now` is of the loop's clock, seconds."""
+    results; `busy`: a call of it is under way; `unplugged`: a device of it is not there; `now` is of the loop's
+    clock, seconds."""
 
     wanted: bool
     containers: Mapping[str, Sequence[Container]]
@@ -21,6 +22,7 @@ class Seen:
     busy: bool
     now: float
     booted_at: str
+    unplugged: bool = False
 
     def current(self, service: str) -> Container | None:
         return next(iter(self.containers.get(service, ())), None)

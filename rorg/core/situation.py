@@ -10,6 +10,7 @@ from rorg.core.memory import Memory
 from rorg.core.missing import Missing
 from rorg.core.observed import Observed
 from rorg.core.wanted import Wanted
+from rorg.model.devices import Device, Plugged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +50,10 @@ class Situation:
     """Why nothing is done at all now."""
     images: Mapping[str, Missing] = field(default_factory=dict)
     """By reference, those from which no container can be made now."""
+    devices: Mapping[Device, Plugged] = field(default_factory=dict)
+    """What there is of the devices of drivers, as far as it is known."""
+    unplugged: Mapping[str, str] = field(default_factory=dict)
+    """Services of which a device cannot be used now, each with why."""
     purge: bool = False
     """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
     withheld: Mapping[str, str] = field(default_factory=dict)

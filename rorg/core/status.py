@@ -241,7 +241,7 @@ def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
         return "Idle"
     if ready:
         return "Completed" if reason == "Completed" else "Healthy"
-    return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory") else "Progressing"
+    return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory", "NoDevice") else "Progressing"
 
 
 ENDS = ("pause", "stop", "remove")
@@ -274,6 +274,8 @@ def _readiness(
     if step.ready:
         ending = _ending(situation, service, current, actions)
         return (False, "Ending", ending) if ending else (True, "Ready", "")
+    if service.name in situation.unplugged and not (current is not None and current.active):
+        return False, "NoDevice", situation.unplugged[service.name]
     if current is None:
         return False, "NoContainer", waiting or step.error
     if current.state == "exited" and step.exited == current.incarnation and not waiting:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from rorg.core.backoff import STALLED_AFTER
+from rorg.core.devices import NODES
 from rorg.core.images import held_back
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
@@ -49,7 +50,7 @@ class Swap:
             self.new, self.old = new, pair[1]
             if self.denied and not self.failed and pair[0].active:
                 self.old, self.spare = pair  # the one on trial runs, and what is to take its place cannot
-        elif new is None and stale:
+        elif new is None and stale and set(changed) != {NODES}:  # what has another node now cannot be gone back to
             self.old = stale[0] if self.worthy(stale[0]) else None
 
     @property

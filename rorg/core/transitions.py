@@ -31,7 +31,14 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
         step = _exit(step, current, now, seen.booted_at)
     step = _ready(step, service, seen.ready, now)
     step = _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
-    return _well(step, now)
+    return _patient(_well(step, now)) if seen.unplugged else _well(step, now)
+
+
+def _patient(step: Progress) -> Progress:
+    """What goes wrong without its device is no failure to wait longer for: it starts as soon as that is back."""
+    if not (step.exits or "start" in step.attempts):
+        return step
+    return replace(step, exits=0, attempts=step.but("start"), error="")
 
 
 def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:

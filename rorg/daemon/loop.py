@@ -17,6 +17,8 @@ from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
+from rorg.host.devices import elsewhere
+from rorg.model.devices import Device, Plugged
 from rorg.model.objects import is_object
 from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
@@ -45,7 +47,7 @@ class Loop:
         self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
         self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
-        self.images = parts.images
+        self.images, self.devices = parts.images, parts.devices
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
@@ -194,9 +196,14 @@ class Loop:
             confirmed=document.removals,
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
+            devices=self._devices(),
             purge=document.down and document.purge,
             cache=self.decision.cache if self.decision else None,
         )
+
+    def _devices(self) -> Mapping[Device, Plugged]:
+        wanted = self.tree.desired.devices
+        return self.devices.of(wanted) if self.engine.local else elsewhere(wanted)
 
     def _without_all(self, inputs: Inputs) -> Inputs:
         """Of a robot that is taken down: nothing is asked for, and everything may go."""

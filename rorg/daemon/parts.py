@@ -16,6 +16,7 @@ from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
+from rorg.host.devices import DeviceWatch
 from rorg.host.load import Sampler
 from rorg.probes.prober import Prober
 from rorg.store.state_dir import StateDir
@@ -43,6 +44,7 @@ class Collaborators:
     leases: Leases
     recorder: Recorder
     publisher: Publisher
+    devices: DeviceWatch
     images: ImageManager | None
     """None where an image is no more than a name."""
     generations: Generations

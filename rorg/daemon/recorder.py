@@ -125,6 +125,7 @@ class Recorder:
             "pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"]), self._pressure, decision
         )
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
+        self._devices(decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         if observed.complete:
             self._passages.note(decision)
@@ -248,6 +249,17 @@ class Recorder:
     def _holds(self, decision: Decision) -> None:
         held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
         self.event("holds", held or "no service is held", services=list(decision.holds))
+
+    def _devices(self, decision: Decision) -> None:
+        for name in decision.situation.desired.drivers:
+            why = decision.situation.unplugged.get(name, "")
+            self._when_new(f"device {name}", why, self._plugged, (name, why))
+
+    def _plugged(self, what: tuple[str, str]) -> None:
+        """That a device of a driver has gone, or is back."""
+        name, why = what
+        text = f"{name}: {why or 'all of its devices are there'}"
+        self.event("unplugged" if why else "plugged", text, service=name)
 
     def _withheld(self, decision: Decision) -> None:
         found = decision.situation.withheld

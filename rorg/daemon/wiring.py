@@ -27,6 +27,7 @@ from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.host.clock import booted_at, wall_clock
+from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
@@ -73,15 +74,14 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     """The same over a tree that may have been read."""
     owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
     wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
-    about = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}
-    stopping = threading.Event()
+    about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
     prober = Prober(
         clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
     )
     sampler = _sampler(engine, lambda: loop, wakes)
-    ros = RosPurger(recorder.purged)
+    ros, devices = RosPurger(recorder.purged), DeviceWatch(wakes.wake)
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
@@ -89,7 +89,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     images = _image_manager(engine, owner, state, recorder, wakes)
     notified = Wakeup(state.path, wakes.requests_changed)
     bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
-    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, watcher, notified, observer)
+    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, devices, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -104,6 +104,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         recorder=recorder,
         publisher=publisher,
         images=images,
+        devices=devices,
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
         threads=threads,

@@ -7,7 +7,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
-from rorg.manifest.models import API_VERSION, NOT_YET, SPECS
+from rorg.manifest.models import API_VERSION, SPECS
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, as_scalar
 from rorg.manifest.yaml_source import Path as Loc
@@ -83,10 +83,6 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     where, key = document.where(loc, key=True), str(loc[-1])
     written = document.value.get("kind")
     kind = written if isinstance(written, str) else ""
-    path: Any = (kind, *loc[len(at) :])
-    feature = NOT_YET.get(path)
-    if feature:
-        return Diagnostic(where, f"'{key}' is not supported yet ({feature})", "leaving it out")
     parent = _model_at(model, loc[len(at) : -1])
     known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
     remedy = nearest(key, known)

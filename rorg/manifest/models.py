@@ -171,8 +171,3 @@ FOLDERS = {
     "policies": "Policy",
     "requests": "Request",
 }
-
-NOT_YET = {
-    ("Service", "driver", "hotplug"): "hot-plugging",
-}
-"""Fields that are planned: refused by name rather than accepted and ignored."""

@@ -23,7 +23,7 @@ COMMON = "common"
 
 @cache
 def built_in_profiles() -> dict[str, Source]:
-    """The profiles that come with rorg: common, plain, ros1, ros2."""
+    """The profiles that come with rorg: common, plain, ros1, ros2, realtime, gpu, x11."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
         source, diagnostics = read_source(

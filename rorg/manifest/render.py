@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rorg.manifest.documents import Source
+from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
@@ -52,7 +53,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        driver=spec.driver is not None,
+        **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,
         defaults=tuple(sorted(path for path, names in origins.items() if names == (SHIPPED,))),

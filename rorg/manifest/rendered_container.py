@@ -7,27 +7,22 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.container_files import env_files, seccomp_sent
 from rorg.manifest.documents import Source
+from rorg.manifest.driver import options_of
 from rorg.manifest.files import real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_options, trace
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN
-from rorg.model.diagnostics import Diagnostic
+from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.volumes import mounted_at
-
-REALTIME = {
-    "cap_add": ["SYS_NICE"],
-    "ulimits": {"rtprio": {"soft": 99, "hard": 99}, "memlock": {"soft": -1, "hard": -1}},
-}
-"""What a control loop needs to run at a real-time priority with its memory locked."""
 
 
 def container_of(
@@ -40,6 +35,7 @@ def container_of(
     for over, part in parts(source, profile, diagnostics):
         options = merge_options(options, over)
         origins = trace(origins, options, over, Origin(part, profile=False))
+    options = _without(source, options, diagnostics)
     of_files: dict[str, str] = {}
     written, wrong = dict(options), list[Clash]()
     if "volumes" in options:
@@ -64,11 +60,26 @@ def container_of(
     )
 
 
+def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, Any]:
+    """The same but for variables that the manifest does not want of its profile."""
+    spec, known = cast(Any, source.spec), options.get("environment", {})
+    own = declared(spec.container).get("environment", {})
+    for index, name in enumerate(spec.unset_environment):
+        where = source.where("spec", "unset_environment", index)
+        if name in own:
+            diagnostics.append(Diagnostic(where, f"'{name}' is given and unset at once", "one of them"))
+        elif name not in known:
+            remedy = nearest(name, known) or "leaving it out"
+            diagnostics.append(Diagnostic(where, f"no profile of it gives '{name}'", remedy))
+    kept = {k: v for k, v in known.items() if k not in spec.unset_environment}
+    return {**options, "environment": kept} if spec.unset_environment else options
+
+
 def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
     """What the manifest itself puts on its profile, with the part of it that says so."""
     spec: Any = source.spec
     if spec.driver:
-        yield _driver(spec.driver, profile.without_hardware), "driver"
+        yield options_of(spec.driver, profile.without_hardware), "driver"
     own = declared(spec.container)
     mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
     if mounts:  # not merged: a volume of this manifest at the same place is a mistake
@@ -98,21 +109,6 @@ def substitute(value: Any, values: Mapping[str, str]) -> Any:
     if isinstance(value, dict):
         return {k: substitute(v, values) for k, v in value.items()}
     return [substitute(v, values) for v in value] if isinstance(value, list) else value
-
-
-def _driver(driver: Any, without_hardware: bool) -> dict[str, Any]:
-    """Least privilege: the named devices, the named groups, and the limits of real time only where asked for."""
-    devices = list(driver.devices)
-    if without_hardware:
-        devices = [f"/dev/null:{(d.split(':') + [d])[1] if ':' in d else d}" for d in devices]
-    options: dict[str, Any] = {}
-    if devices:
-        options["devices"] = devices
-    if driver.groups and not without_hardware:
-        options["group_add"] = list(driver.groups)
-    if driver.realtime and not without_hardware:
-        options = merge_options(options, REALTIME)
-    return options
 
 
 def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:

@@ -112,6 +112,9 @@ def _loosen(value: Any) -> Any:
     for name, field in properties.items():
         if any("$ref" in form for form in field.get("anyOf", ())):
             continue  # a mapping of its own, such as tmpfs of a mount
+        if name == "devices" and "DriverDevice" in field.get("items", {}).get("$ref", ""):
+            field["items"] = {"anyOf": [{"type": "string"}, field["items"]]}
+            continue
         written: list[Any] | None = _WRITTEN.get(name)
         if name in _PAIRS:
             written = [

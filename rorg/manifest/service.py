@@ -9,9 +9,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
+from rorg.manifest.driver import Driver
 from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.long_forms import Device
-from rorg.manifest.option_forms import Strict, Text, Words
+from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.scalars import Memory, Name
@@ -26,20 +26,6 @@ class Resources(Strict):
         "Expected CPU, in cores.", 0.6, 0.0
     )
     memory: Memory = unchanging("Expected memory.", "180Mi", 0)
-
-
-class Driver(Strict):
-    """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first."""
-
-    devices: list[Device] = recreate(
-        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm, or a mapping.",
-        ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
-        list,
-    )
-    groups: list[Annotated[Text, check.GROUP]] | None = recreate(
-        "Extra groups inside the container, such as dialout or video.", ["dialout"]
-    )
-    realtime: bool = recreate("SYS_NICE, rtprio 99 and unlimited memlock.", True, False)
 
 
 class Need(Strict):
@@ -124,7 +110,8 @@ class ServiceSpec(Strict):
         unset="the image's",
     )
     profile: Name | None = unchanging(
-        "A Profile: built in (plain, ros1, ros2) or of this tree. plain: nothing but what is declared here.",
+        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree. plain: nothing but what is "
+        "declared here.",
         "ros1",
         unset="common",
     )
@@ -206,6 +193,9 @@ class ServiceSpec(Strict):
         "Variables that a process has of the environment of `rorg run`: names and patterns, or all. What `container` "
         "says wins. On the process engine; containers have none of it.",
         ["ROS_*", "DISPLAY"],
+    )
+    unset_environment: list[Annotated[str, Field(pattern=SECRET)]] = recreate(
+        "Variables that its profile gives and it does not want.", ["ROS_HOSTNAME"], list
     )
     secrets: list[Annotated[str, Field(pattern=SECRET)]] = unchanging(
         "Names of variables, or of build arguments of its image, whose values are shown and recorded nowhere. What "

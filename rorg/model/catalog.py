@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
+from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
@@ -133,6 +134,10 @@ class Service:
     memory: int = 0
     """Expected use, bytes."""
     driver: bool = False
+    devices: tuple[Device, ...] = ()
+    """Those without which it does not run."""
+    unplugged: str = "stop"
+    """What becomes of it when one of them goes: stop or keep."""
     spec: Spec | None = None
     """None for a meta-service."""
     secrets: tuple[str, ...] = ()

@@ -2,6 +2,8 @@
 
 IMAGE, NO_IMAGE = "image", "no-image"
 """An image is being built or pulled; or it cannot be had."""
+DEVICE = "device"
+"""A device of a driver is not there, or cannot be told from others."""
 BLOCKED = "blocked"
 """A network or volume is not there, or not rorg's, and a person has to see to it."""
 BAKING = "baking"

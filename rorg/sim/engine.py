@@ -18,6 +18,7 @@ from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_label
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
+from rorg.model.devices import Plugged
 from rorg.model.joining import NAMESPACES
 from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
@@ -80,6 +81,8 @@ class SimEngine:
         """Service -> (cores, bytes) that it takes while it runs."""
         self.answers: dict[tuple[str, ...], tuple[int, bytes]] = {}
         """Command -> its exit code and output; all others say nothing and exit 0."""
+        self.devices: dict[str, Plugged] = {}
+        """Identity of a device -> what there is of it; nothing waits for others."""
         self.objects: dict[str, FoundObject] = {}
         """Networks and volumes by key, those of others too."""
         self._ids = (f"{n:064x}" for n in itertools.count(1))
@@ -282,6 +285,13 @@ class SimEngine:
         pass
 
     # -- behind rorg's back ------------------------------------------------------------------------------------
+
+    def plug(self, identity: str, node: str = "/dev/ttyUSB0", number: str = "c 188:0") -> None:
+        """A device is plugged in, and has this node."""
+        self.devices[identity] = Plugged(node, number)
+
+    def unplug(self, identity: str) -> None:
+        self.devices[identity] = Plugged(problem="is not there")
 
     def kill(self, container: str, code: int = 137) -> None:
         """It ends by itself."""

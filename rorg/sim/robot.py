@@ -156,6 +156,9 @@ class SimRobot:
             confirmed=self.document.removals,
             retries=self.document.retries,
             cache=self.cache,
+            devices={
+                d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices
+            },
         )
 
     def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:

@@ -165,9 +165,10 @@ class AsyncClient:
             await asyncio.sleep(RESTART_PAUSE)
         return names
 
-    async def hold(self, name: str, seconds: float, reason: str = "") -> list[str]:
-        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names."""
-        return await self.do(calls.hold(name, seconds, reason))
+    async def hold(self, name: str, seconds: float, reason: str = "", force: bool = False) -> list[str]:
+        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names. Raises
+        Refused, with whom in `confirm`, where that stops what moves hardware, or others with it, without `force`."""
+        return await self.do(calls.hold(name, seconds, reason, force))
 
     async def unhold(self, name: str) -> None:
         await self.do(calls.unhold(name))

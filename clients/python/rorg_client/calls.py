@@ -210,8 +210,9 @@ def restart(name: str, force: bool) -> Call[list[str]]:
     return Call("POST", _query(f"/v1/services/{_of(name)}/restart", force=force or None), pick="services")
 
 
-def hold(name: str, seconds: float, reason: str) -> Call[list[str]]:
-    return Call("PUT", f"/v1/holds/{_of(name)}", {"duration": duration(seconds), "reason": reason}, pick="services")
+def hold(name: str, seconds: float, reason: str, force: bool) -> Call[list[str]]:
+    body = {"duration": duration(seconds), "reason": reason, **({"force": True} if force else {})}
+    return Call("PUT", f"/v1/holds/{_of(name)}", body, pick="services")
 
 
 def unhold(name: str) -> Call[None]:

@@ -185,9 +185,10 @@ class Client:
             time.sleep(RESTART_PAUSE)
         return names
 
-    def hold(self, name: str, seconds: float, reason: str = "") -> list[str]:
-        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names."""
-        return self.do(calls.hold(name, seconds, reason))
+    def hold(self, name: str, seconds: float, reason: str = "", force: bool = False) -> list[str]:
+        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names. Raises
+        Refused, with whom in `confirm`, where that stops what moves hardware, or others with it, without `force`."""
+        return self.do(calls.hold(name, seconds, reason, force))
 
     def unhold(self, name: str) -> None:
         self.do(calls.unhold(name))
