@@ -31,6 +31,7 @@ LINES = {
     "init": ["init robot"],
     "import": ["import roslaunch nosuch.launch"],
     "validate": ["validate", "validate robot --engine process"],
+    "doctor": ["doctor --engine process", "doctor -o json --engine process"],
     "diff": ["diff", "diff -o json", "diff {tree}"],
     "apply": ["apply --yes --wait", "apply {tree} --yes"],
     "get": ["get", "get services navigation", "get groups -o json", "get images", "get requests -o yaml"],

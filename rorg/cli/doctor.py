@@ -86,14 +86,15 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
 
 
 def _server(context: Context) -> dict[str, Any]:
-    """Whether an rorg runs on the state directory, and answers this user."""
+    """Whether an rorg runs on the state directory, or at the socket that was named, and answers this user."""
     from rorg_client import Client
     from rorg_client import Error as ClientError
 
     from rorg.cli.places import NAME, may_connect
     from rorg.errors import Refused
 
-    owner, path = context.state.owner(), context.state.run / NAME
+    near = context.remote and not context.place.elsewhere
+    owner, path = context.state.owner(), Path(context.remote) if near else context.state.run / NAME
     found: dict[str, Any] = {"running": (owner or {}).get("pid", 0), "socket": str(path)}
     if not path.exists():
         return found
