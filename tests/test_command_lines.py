@@ -162,7 +162,7 @@ def held(line: str, code: int, told: tuple[int, str, str]) -> list[str]:
     got, out, err = told
     err = "".join(line for line in err.splitlines(True) if not line.startswith("no rorg runs on "))  # stands above
     # A tree with mistakes has a line for each; what is refused is shown before.
-    long = code in (4, 5) or any(word in line for word in ("broken", "empty"))
+    long = code in (4, 5) or any(word in line for word in ("broken", "empty", "import compose"))
     checks = {
         f"exit code {got}, not {code}": got == code,
         "a traceback": "Traceback" not in err + out and "internal error" not in err,

@@ -104,8 +104,11 @@ def test_a_reader_that_has_seen_enough_ends_it_well(robot, line):  # noqa: F811
     assert process.stderr.read() == b""
 
 
+TWO = ("logs", "export")
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_with_forms_offers_all_and_is_in_the_reference(name):
     found = [p for p in parameters(command_of(name)) if "-o" in getattr(p.declared, "names", ())]
-    assert all(set(FORMS) <= set(p.declared.completes) for p in found) or name == "logs", "lines have two forms"
+    assert all(set(FORMS) <= set(p.declared.completes) for p in found) or name in TWO, "lines and files have two forms"
     assert not found or f"`{name}`" in (ROOT / "docs/reference/output.md").read_text()

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import typer.main
+from findings_page import findings
 from pydantic import BaseModel
 
 import rorg.errors
@@ -165,6 +166,7 @@ def main() -> None:
         ("cli.md", cli()),
         ("exit-codes.md", exit_codes()),
         ("api.md", api()),
+        ("findings.md", NOTE + findings()),
     ):
         path = HERE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:

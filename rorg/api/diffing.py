@@ -84,6 +84,7 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
         "robot": about["tree"]["robot"],
         "commit": "",
         "errors": about["tree"]["errors"],
+        "warnings": about["tree"]["warnings"],
         "requests_errors": about["requests_errors"],
         **shown(decision, with_calls_under_way(decision), unified),
     }
@@ -97,6 +98,7 @@ def supposed(operations: Operations, past: Past, unified: bool) -> dict[str, Any
         "robot": about["tree"]["robot"],
         "commit": past.commit,
         "errors": [],
+        "warnings": [],
         "requests_errors": about["requests_errors"],
         **shown(decision, decision.plan, unified),
     }

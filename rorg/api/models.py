@@ -237,6 +237,7 @@ class Differences(BaseModel):
     commit: str = Field(description="Whose manifests these are, where `rev` was asked for; else empty.")
     fingerprint: str = Field(description="Of the manifests that this was made from.")
     errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")
+    warnings: list[dict[str, Any]] = Field(default=[], description="Of the tree: what is wrong, though it counts.")
     requests_errors: list[str]
     withheld: list[str] = Field(description="Whose removal waits for a person's word.")
     probed: list[str] = Field(description="Services that have a probe of their readiness.")

@@ -16,6 +16,7 @@ class DiagnosticView(BaseModel):
     severity: str = Field(description="error or warning.")
     message: str
     remedy: str
+    code: str = Field("", description="What is found, one of docs/reference/findings.md; empty for a mistake of form.")
 
 
 class GitView(BaseModel):
@@ -42,6 +43,7 @@ class TreeView(BaseModel):
     errors: list[DiagnosticView] = Field(
         description="While there are any, the last good tree is in force and nothing is removed on its word."
     )
+    warnings: list[DiagnosticView] = Field(default=[], description="What is wrong with it, though it is in force.")
 
 
 class EngineView(BaseModel):

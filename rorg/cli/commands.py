@@ -9,6 +9,7 @@ COMMANDS = (
     "init",
     "import",
     "validate",
+    "doctor",
     "diff",
     "apply",
     "run",

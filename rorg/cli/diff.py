@@ -59,7 +59,8 @@ def command(
     import os
 
     from rorg.cli.context import Context
-    from rorg.cli.differences import differences, warn_of_other_tree
+    from rorg.cli.differences import differences, line, warn_of_other_tree
+    from rorg.cli.output import note
     from rorg.errors import Exit, Invalid
 
     check_form(output)
@@ -72,6 +73,8 @@ def command(
         return _between(context, rev, service, unified, output)
     found = differences(context, unified, rev)
     warn_of_other_tree(context, found)
+    for warning in found.warnings:
+        note(line(warning))
     if service:
         found = _only(found, service)
     if output in ("json", "yaml"):

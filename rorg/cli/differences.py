@@ -46,6 +46,8 @@ class Differences(NamedTuple):
     """The same, as it was read."""
     commit: str = ""
     """Whose manifests these are, where they are from the history."""
+    warnings: tuple[dict[str, Any], ...] = ()
+    """What is wrong with these manifests, though they can be used."""
 
     def overview(self) -> str:
         """One line for each service, and one with the counts."""
@@ -82,6 +84,7 @@ def _of(found: dict[str, Any], root: Path, told: bool) -> Differences:
         fingerprint=found["fingerprint"],
         told=told,
         commit=found.get("commit", ""),
+        warnings=tuple(found.get("warnings", ())),
     )
 
 
@@ -121,6 +124,7 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
 def line(error: dict[str, Any]) -> str:
     """One finding in a tree, as the API tells it."""
     tail = f"; try {error['remedy']}" if error["remedy"] else ""
+    tail += f" [{error['code']}]" if error.get("code") else ""
     place = f"{error['file']}:{error['line']}:{error['column']}"
     return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
 
@@ -167,4 +171,4 @@ def _computed(context: Context, unified: bool, rev: str) -> Differences:
         raise unusable(context.root, tree.errors)
     decision = decision_for(context, tree.desired)
     found = _of(shown(decision, decision.plan, unified), context.root, told=False)
-    return found._replace(decision=decision, tree=tree)
+    return found._replace(decision=decision, tree=tree, warnings=tuple(d.as_json() for d in tree.warnings))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -70,16 +69,20 @@ def command(
     else:
         imported = _roslaunch(Path(files[0]), files[1:], image, output)
     if imported.errors:
-        _refuse(imported, form)
+        _refuse(imported, what, form)
     _write(imported, output, force)
     _tell(imported, output, form)
 
 
 def _compose(paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path) -> Imported:
     from rorg.compose.load import load
+    from rorg.errors import Invalid
     from rorg.importing.compose import from_compose
     from rorg.importing.manifests import Imported
 
+    for path in paths:
+        if not path.exists():
+            raise Invalid(f"read {path}", "there is no such file", "a path that is there")
     loaded = load(
         paths or [Path(".")],
         os.environ,
@@ -135,16 +138,15 @@ def _roslaunch(path: Path, words: list[str], image: str, output: Path) -> Import
     return from_roslaunch(path, _text, arguments, image, with_master=not (output / "services/roscore.yaml").exists())
 
 
-def _refuse(imported: Imported, form: str) -> NoReturn:
-    from rorg.cli.output import dump, note
-    from rorg.errors import Exit
+def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
+    from rorg.cli.output import dump
+    from rorg.errors import Invalid
     from rorg.model.units import counted
 
     _notes(imported, form)
     if form in ("json", "yaml"):
         dump(_whole(imported, None), form)
-    note(f"{counted(len(imported.errors), 'error')}: nothing is written")
-    sys.exit(int(Exit.USAGE))
+    raise Invalid(f"import from {what}", f"{counted(len(imported.errors), 'error')}; nothing is written", "mending it")
 
 
 def _notes(imported: Imported, form: str) -> None:

@@ -10,7 +10,7 @@ from rorg.errors import Invalid
 
 HELP = "`rorg --help`"
 LOOKING = frozenset(
-    ("validate", "diff", "get", "describe", "why", "events", "top", "logs", "graph", "ps", "ls", "status")
+    ("validate", "doctor", "diff", "get", "describe", "why", "events", "top", "logs", "graph", "ps", "ls", "status")
 )
 """Commands that change nothing: they may be guessed."""
 REMOVE = "`rorg release NAME` to end a request; rorg removes what no manifest declares"

@@ -4,18 +4,42 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
-from rorg.cli.options import Directory, EngineName, Output, StateDirectory
+from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.manifest.load import Loaded
+    from rorg.model.diagnostics import Diagnostic
+
+SARIF = "sarif"
 
 
 def command(
-    directory: Directory = None, engine: EngineName = None, output: Output = "table", state_dir: StateDirectory = None
+    directory: Directory = None,
+    engine: EngineName = None,
+    output: Annotated[
+        str,
+        Option(
+            names=("-o", "--output"),
+            help="table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
+            completes=(*FORMS, SARIF),
+        ),
+    ] = "table",
+    machine: Annotated[
+        bool,
+        Option(
+            names=("--machine",),
+            help="Also against this machine and its engine: devices, paths, ports, limits, runtimes.",
+        ),
+    ] = False,
+    state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
     overlay, or for the one of --robot. With --engine also what that one cannot do: on process, directories and programs
     that are missing. Where there are no manifests, the running rorg tells what is
-    wrong with its own.
+    wrong with its own. What is found has a code in brackets: docs/reference/findings.md says what it does to a robot,
+    and how a comment lets it pass.
 
     Example: rorg validate manifests
     """
@@ -23,17 +47,28 @@ def command(
     from rorg.cli.output import check_form
     from rorg.manifest.documents import manifest_files
 
-    check_form(output)
+    check_form(output, (*FORMS, SARIF))
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
+    if client and machine:
+        root, client = _here(client.call("GET", "/v1/diff")["root"]), None
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output, Context(state_dir, engine, root).named_robot)
+        _read(root, engine, output, Context(state_dir, engine, root).named_robot, machine)
 
 
-def _read(root: Path, engine: str, output: str, robot: str) -> None:
+def _here(root: str) -> Path:
+    """The tree of the running rorg, where that runs on this machine."""
+    from rorg.errors import Invalid
+
+    if not Path(root).is_dir():
+        raise Invalid("look at that machine", f"{root} is not on this one", "`rorg validate --machine` there")
+    return Path(root)
+
+
+def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
     """By the files of a directory: for one robot, or for all and the base."""
     from rorg.cli.output import note
     from rorg.cli.terminal import hide
@@ -47,12 +82,13 @@ def _read(root: Path, engine: str, output: str, robot: str) -> None:
     masker.learn(loaded.read)
     hide(masker)
     robots = [] if robot else robots_of(root)
-    told = list(loaded.diagnostics)
+    told = [*loaded.diagnostics, *(_on_this_machine(loaded, engine) if machine else ())]
     known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
     for name in robots:
         found = load(root, engine=engine, robot=name)
         masker.learn(found.read)
-        told += [d.on(name) for d in found.diagnostics if (d.where, d.message) not in known]
+        here = _on_this_machine(found, engine) if machine else ()
+        told += [d.on(name) for d in (*found.diagnostics, *here) if (d.where, d.message) not in known]
     _tell([d.as_json() for d in sorted(told)], output)
     if errors := sum(d.severity == "error" for d in told):
         _refuse(errors)
@@ -68,11 +104,32 @@ def _read(root: Path, engine: str, output: str, robot: str) -> None:
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
 
 
+def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
+    """What these manifests want and this machine, or its engine, does not have."""
+    from dataclasses import replace
+
+    from rorg.cli.output import note
+    from rorg.engines.facts import engine_facts
+    from rorg.host.machine import gather
+    from rorg.manifest.validation.machine import check_machine, named_paths
+
+    if loaded.catalog is None or loaded.sources is None:
+        return []
+    found = gather(named_paths(loaded.catalog, loaded.sources))
+    if engine != "process":
+        facts = engine_facts()
+        if facts.error:
+            note(f"the engine at {facts.host} does not answer, and is not checked: {facts.error}")
+        else:
+            found = replace(found, runtimes=facts.runtimes)
+    return check_machine(loaded.catalog, loaded.sources, found)
+
+
 def _followed(told: dict[str, Any], output: str) -> None:
     """By the word of the running rorg, which has looked at its tree anew."""
     from rorg.cli.output import note
 
-    _tell(told["errors"], output)
+    _tell([*told["errors"], *told.get("warnings", ())], output)
     if told["errors"]:
         _refuse(len(told["errors"]))
     note(f"ok: {told['root']}, as the running rorg reads it")
@@ -80,10 +137,16 @@ def _followed(told: dict[str, Any], output: str) -> None:
 
 def _tell(found: list[dict[str, Any]], output: str) -> None:
     from rorg.cli.differences import line
-    from rorg.cli.output import note, print_rows
+    from rorg.cli.output import dump, note, print_rows
 
+    if output == SARIF:
+        from rorg import __version__
+        from rorg.cli.sarif import sarif
+        from rorg.manifest.validation.codes import CODES
+
+        return dump(sarif(found, CODES, __version__), "json")
     if output != "table":
-        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy"))
+        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy", "code"))
     for diagnostic in found if output == "table" else ():
         note(line(diagnostic))
 

@@ -29,7 +29,7 @@ def split(text: str) -> tuple[list[str], str]:
             found.take(text[at])
         at += 1
     if found.quote or found.inside:
-        raise ValueError("not a command line: no closing quotation")
+        raise ValueError("not a command line: a quotation is not closed")
     found.space()
     return found.words, text[at:]
 

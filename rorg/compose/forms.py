@@ -50,7 +50,7 @@ class Form:
 
 
 def _wrong(node: Node, name: str, context: Context, wanted: str) -> Node | None:
-    context.error(node, f"{name} is {node.kind()}, and must be {wanted}")
+    context.error(node, f"{name or 'a Compose file'} is {node.kind()}, and must be {wanted}")
     return None
 
 

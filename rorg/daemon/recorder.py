@@ -58,6 +58,8 @@ class Recorder:
         """Of the last pass."""
         self._observed: Observed | None = None
         """By the last pass."""
+        self._warned: frozenset[str] = frozenset()
+        """Warnings of the tree in force: those of before are not told again with every change of it."""
         self._lock = threading.Lock()
 
     def begin(self, memory: Memory) -> None:
@@ -154,8 +156,11 @@ class Recorder:
                 f"manifests in force: {counted(count, 'service')}"
                 + (f", revision {tree.revision}" if tree.revision else ""),
             )
-            for warning in tree.warnings:
-                self.event("manifest-warning", str(warning))
+            warnings = list(map(str, tree.warnings))
+            for warning in warnings:
+                if warning not in self._warned:
+                    self.event("manifest-warning", warning)
+            self._warned = frozenset(warnings)
             self._ignored(tree)
 
     def _ignored(self, tree: Tree) -> None:

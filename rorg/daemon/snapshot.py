@@ -30,6 +30,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "robot": tree.robot,
             "git": tree.git_json(),
             "errors": [d.as_json() for d in tree.errors],
+            "warnings": [d.as_json() for d in tree.warnings],
         },
         "requests_errors": [str(d) for d in requests.diagnostics],
     }

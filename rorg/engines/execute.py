@@ -7,10 +7,13 @@ from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError
 from rorg.model.objects import is_object
 
+STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
+"""Kinds of errors that tell of another state than was thought."""
+
 
 def said_no(error: RorgError) -> bool:
     """Whether the engine refused what was asked; not that it gave no answer, or found another state than it thought."""
-    return isinstance(error, EngineError) and error.kind not in ("gone", "conflict", "name_taken", "spent")
+    return isinstance(error, EngineError) and error.kind not in STATE
 
 
 def is_missing(error: RorgError) -> bool:

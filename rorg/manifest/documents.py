@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from rorg.manifest.files import read_text
+from rorg.manifest.model_errors import validated
 from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
-from rorg.manifest.validation import validated
 from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
 from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.model.diagnostics import Diagnostic, Where, nearest

@@ -36,6 +36,7 @@ def check_idling(services: Mapping[str, Service], sources: Mapping[str, Source])
                     source.where("spec", "idle", "action"),
                     f"'{name}' would be paused when idle, but it is {what}: all that talk to it would hang",
                     "idle: {action: stop}",
+                    code="pause-of-infrastructure",
                 )
             )
     return diagnostics

@@ -23,6 +23,7 @@ from rorg.manifest.references import check_conflicts, check_container_names, che
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
+from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
 from rorg.model.diagnostics import Diagnostic, Where, nearest
@@ -40,6 +41,8 @@ class Loaded:
     diagnostics: tuple[Diagnostic, ...] = ()
     read: Catalog | None = None
     """As much of it as could be read, whether it is good or not: its secrets are in no message either."""
+    sources: Mapping[str, Mapping[str, Source]] | None = None
+    """The manifests that the Catalog was made of, by kind and name."""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -85,12 +88,20 @@ def _load(
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
+    diagnostics += _validated(catalog, by_kind, refused=any(d.severity == "error" for d in diagnostics))
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
-    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog)
+    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog, by_kind)
+
+
+def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
+    """What the checks of the whole say; only errors of a tree that is refused anyway: who is missing in it may be
+    what its others need."""
+    found = validate(catalog, by_kind)
+    return [d for d in found if d.severity == "error"] if refused else found
 
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:

@@ -101,7 +101,9 @@ def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnos
 
 def merge(base: Document, over: Document) -> Document:
     """One document over another. Every value knows the file that says it."""
-    found = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files))
+    found = Document(
+        base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows=(*base.allows, *over.allows)
+    )
     found.value = _merged(found, over, base.value, over.value, ())
     return found
 

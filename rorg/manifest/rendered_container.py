@@ -119,7 +119,11 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not os.path.exists(source.directory / local):
-            diagnostics.append(Diagnostic(where, f"'{local}' does not exist beside this manifest", "creating it"))
+            diagnostics.append(
+                Diagnostic(
+                    where, f"'{local}' does not exist beside this manifest", "creating it", code="missing-mount-source"
+                )
+            )
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes
@@ -167,4 +171,4 @@ def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, cl
     names = [name for name in origins.get(clash.other or str(clash.path[0]), ()) if name.profile or clash.other]
     by = f", which {names[-1]} declares" if names and names[-1].profile and not ours else ""
     where = source.where("spec", "container", option, *below) if option in own else source.where("spec", "profile")
-    return Diagnostic(where, clash.message + by, clash.remedy)
+    return Diagnostic(where, clash.message + by, clash.remedy, code=clash.code)

@@ -12,12 +12,13 @@ from rorg.model.volumes import mounted_at, parse_tmpfs, same_path
 
 class Clash(NamedTuple):
     """One finding: the option that is wrong (or a path below it), what is wrong, a remedy, and the option that it does
-    not go with, which may come from elsewhere."""
+    not go with, which may come from elsewhere; its code, where it has one."""
 
     path: tuple[str | int, ...]
     message: str
     remedy: str = ""
     other: str = ""
+    code: str = ""
 
 
 Options = Mapping[str, Any]
@@ -64,6 +65,7 @@ def _network(options: Options) -> Iterator[Clash]:
                     f"{option} has no effect under network_mode: {mode}",
                     "network_mode: bridge, or dropping it",
                     "network_mode",
+                    "ports-with-host-network" if mode == "host" and option in ("ports", "publish_all_ports") else "",
                 )
 
 
@@ -83,6 +85,7 @@ def _namespaces(options: Options) -> Iterator[Clash]:
                     f"'{name}' belongs to the host under {option}: host",
                     f"setting it on the host, or another {option}",
                     option,
+                    "sysctls-with-host-network" if option == "network_mode" else "",
                 )
 
 

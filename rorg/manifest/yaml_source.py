@@ -44,6 +44,17 @@ for _tag, _pattern, _first in (
 Path = tuple[str | int, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Allow:
+    """A comment `# rorg: allow CODE: reason`, and what it stands for."""
+
+    where: Where
+    code: str
+    reason: str
+    lines: tuple[int, int]
+    """From the first line that it is said of to the last."""
+
+
 class Use(NamedTuple):
     """A variable that a text names, and where its value is declared: None where a default of the text holds."""
 
@@ -61,6 +72,8 @@ class Document:
     values: dict[Path, tuple[int, int]] = field(default_factory=dict)
     files: dict[Path, str] = field(default_factory=dict)
     """The file of those that stand in another one, which was laid over this."""
+    allows: tuple[Allow, ...] = ()
+    """What comments of its files let pass."""
     filled: dict[Path, tuple[Use, ...]] = field(default_factory=dict)
     """The variables that were filled into texts."""
 
@@ -82,9 +95,9 @@ class _Reader:
         self.diagnostics: list[Diagnostic] = []
         self.count = 0
 
-    def error(self, node: yaml.Node, message: str, remedy: str = "") -> None:
+    def error(self, node: yaml.Node, message: str, remedy: str = "", code: str = "") -> None:
         where = Where(self.document.file, node.start_mark.line + 1, node.start_mark.column + 1)
-        self.diagnostics.append(Diagnostic(where, message, remedy))
+        self.diagnostics.append(Diagnostic(where, message, remedy, code=code))
 
     def read(self, node: yaml.Node, path: Path = ()) -> Any:
         self.count += 1
@@ -110,7 +123,8 @@ class _Reader:
                 continue
             if key in result:
                 line = self.document.keys[(*path, key)][0]
-                self.error(key_node, f"key '{key}' appears twice in one mapping", f"dropping it here or in line {line}")
+                remedy = f"dropping it here or in line {line}"
+                self.error(key_node, f"key '{key}' appears twice in one mapping", remedy, "duplicate-key")
                 continue
             self.document.keys[(*path, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             result[key] = self.read(value_node, (*path, key))
@@ -160,6 +174,27 @@ def _check_depth(text: str) -> None:
             depth -= 1
 
 
+_ALLOW = re.compile(r"(?:^|\s)(#+\s*rorg:\s*allow\b[ \t]*([^\s:]*)[ \t]*:?[ \t]*(.*))$")
+
+
+def allows(text: str, file: str) -> tuple[Allow, ...]:
+    """All such comments of a file. One behind something is said of its line, one that stands alone of the next line
+    that is no comment."""
+    if "rorg:" not in text:
+        return ()
+    found, lines = list[Allow](), text.splitlines()
+    for number, line in enumerate(lines, 1):
+        match = _ALLOW.search(line)
+        if match is None:
+            continue
+        last = number
+        if line.lstrip().startswith("#"):
+            rest = enumerate(lines[number:], number + 1)
+            last = next((n for n, after in rest if after.strip() and not after.lstrip().startswith("#")), number)
+        found.append(Allow(Where(file, number, match.start(1) + 1), match[2], match[3].strip(), (number, last)))
+    return tuple(found)
+
+
 def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None, list[Diagnostic]]:
     """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened. `nul`:
     its texts go to no engine and no program, so they may have NUL characters."""
@@ -170,8 +205,10 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
         if not nodes or nodes[0] is None or (nodes[0].tag.endswith(":null") and not nodes[0].value):
-            return None, [Diagnostic(Where(file), "the document is empty", "filling it, or deleting the file")]
+            remedy = "filling it, or deleting the file"
+            return None, [Diagnostic(Where(file), "the document is empty", remedy, code="empty-document")]
         reader.document.value = reader.read(nodes[0])
+        reader.document.allows = allows(text, file)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)

@@ -27,6 +27,9 @@ class Diagnostic:
     message: str
     remedy: str = ""
     severity: str = "error"
+    code: str = ""
+    """What is found, in short words that stay: docs/reference/findings.md has a section of each. Empty for a mistake of
+    form, which says all there is to say."""
 
     def on(self, robot: str) -> Diagnostic:
         """The same, found for one robot of a fleet."""
@@ -35,7 +38,8 @@ class Diagnostic:
     def __str__(self) -> str:
         """One line, whatever of a file is cited in it."""
         tail = f"; try {self.remedy}" if self.remedy else ""
-        return f"{self.where}: {self.severity}: {self.message}{tail}".replace("\n", "\\n")
+        code = f" [{self.code}]" if self.code else ""
+        return f"{self.where}: {self.severity}: {self.message}{tail}{code}".replace("\n", "\\n")
 
     def as_json(self) -> dict[str, str | int]:
         return {
@@ -45,6 +49,7 @@ class Diagnostic:
             "severity": self.severity,
             "message": self.message,
             "remedy": self.remedy,
+            "code": self.code,
         }
 
 

@@ -28,6 +28,7 @@ from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 from rorg.host.commands import Output
+from rorg.host.leftovers import end_processes
 from rorg.model.objects import Kind
 
 if TYPE_CHECKING:
@@ -157,7 +158,13 @@ class DockerEngine:
             return create_container(self.client, name, spec, labels, before, defaults)
 
     def start(self, container: str) -> None:
-        self._do("start", container)
+        try:
+            self._do("start", container)
+        except EngineError as error:
+            # It would run beside whatever takes its place.
+            if error.kind != "left_running" or not end_processes(container):
+                raise
+            self._do("start", container)
 
     def pause(self, container: str) -> None:
         self._do("pause", container)

@@ -29,7 +29,7 @@ KINDS = (
     # What an engine left that was killed amid a start. Nothing of the program runs, and this container never will;
     # the last line is of one that runs, unknown to the engine.
     ("spent", r"task \S+ already exists|failed to start shim: mkdir .*: file exists", ""),
-    ("conflict", r"id already in use", "ending the program that a killed engine left, or a reboot"),
+    ("left_running", r"id already in use", "ending the program that a killed engine left, or a reboot"),
 )
 """What the engine says, as a stable kind with a remedy."""
 REMEDY = "`docker info` to see whether the engine runs"

@@ -57,6 +57,8 @@ def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Di
     if entry["type"] == "missing":
         return Diagnostic(document.where(loc[:-1], key=True), f"'{loc[-1]}' is missing")
     where = document.where(loc)
+    if loc == ("spec",) and entry["input"] is None:
+        return Diagnostic(where, "spec: it is empty", "filling it, or deleting the file", code="empty-document")
     if loc == ("apiVersion",):
         return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
     text = entry["msg"].removeprefix("Value error, ")

@@ -1,0 +1,107 @@
+"""rorg doctor"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rorg.cli.options import EngineName, Output, StateDirectory
+
+PATIENCE = 3.0
+"""Seconds for the running rorg's answer."""
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+    from rorg.model.installation import Installation
+
+
+def command(output: Output = "table", engine: EngineName = None, state_dir: StateDirectory = None) -> None:
+    """Check the installation: the engine, control groups, the state directory, the running rorg, git, the clock, disks,
+    and limits of the kernel; and say what to do. Exits 4 where something keeps rorg from its work. What is wrong with
+    manifests says `rorg validate --machine`.
+
+    Example: rorg doctor
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form, print_rows
+    from rorg.core.doctor import ERROR, examine
+    from rorg.errors import Exit
+
+    check_form(output)
+    context = Context(state_dir, engine)
+    found = examine(_facts(context))
+    rows = [check.as_json() for check in found]
+    print_rows(rows, output, ("check", "status", "message", "remedy"), below=("message", "remedy"))
+    if any(check.status == ERROR for check in found):
+        sys.exit(int(Exit.NOT_READY))
+
+
+def _facts(context: Context) -> Installation:
+    from rorg.host import installation as host
+    from rorg.host.git import refusal
+    from rorg.host.machine import gather
+    from rorg.model.installation import Installation
+
+    state, machine = context.state, gather(())
+    engine, images = _engine(context)
+    places = (host.space(path) for path in (state.path, *images))
+    spaces = {found.path: found for found in places if found}
+    tree = ((context.last() or {}).get("tree") or {}).get("root")
+    readable = state.readable
+    return Installation(
+        **engine,
+        **_server(context),
+        cgroup=machine.cgroup,
+        pressure=os.path.exists("/proc/pressure/cpu"),
+        state_dir=str(state.path),
+        state_error=host.writable(state.path) if readable else f"you may not look into {state.path}",
+        journal_error=host.journal_error(state.journal) if readable else "",
+        git_version=host.git_version(),
+        git_refusal=refusal(Path(tree)) if isinstance(tree, str) else "",
+        clock_synchronized=host.clock_synchronized(),
+        spaces=tuple(spaces.values()),
+        open_files=host.open_files(),
+        sysctls=machine.sysctls,
+    )
+
+
+def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
+    """What is known of the engine, and where it keeps its images."""
+    if context.engine_name != "docker":
+        return {"engine": context.engine_name}, []
+    from rorg.engines.facts import engine_facts
+
+    facts = engine_facts()
+    found = {
+        "engine": "docker",
+        "engine_host": facts.host,
+        "engine_error": facts.error,
+        "engine_denied": facts.denied,
+        "engine_version": facts.version,
+        "live_restore": facts.live_restore,
+    }
+    return found, [Path(facts.root)] if facts.root and facts.host.startswith("unix://") else []
+
+
+def _server(context: Context) -> dict[str, Any]:
+    """Whether an rorg runs on the state directory, and answers this user."""
+    from rorg_client import Client
+    from rorg_client import Error as ClientError
+
+    from rorg.cli.places import NAME, may_connect
+    from rorg.errors import Refused
+
+    owner, path = context.state.owner(), context.state.run / NAME
+    found: dict[str, Any] = {"running": (owner or {}).get("pid", 0), "socket": str(path)}
+    if not path.exists():
+        return found
+    try:
+        may_connect(str(path))
+        Client(str(path), timeout=PATIENCE, patience=PATIENCE).call("GET", "/v1/status")
+    except Refused as error:
+        return {**found, "socket_error": error.why}
+    except (ClientError, OSError):
+        return found
+    return {**found, "answers": True}

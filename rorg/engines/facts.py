@@ -1,0 +1,51 @@
+"""What an engine says of itself, for checks of manifests and of the installation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from http.client import HTTPException
+from typing import Any
+
+from rorg.engines.docker.client import Client, engine_host
+from rorg.errors import EngineError
+
+PATIENCE = 5.0
+"""Seconds for its answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class EngineFacts:
+    """`error` says why nothing is known; empty where it answers."""
+
+    host: str
+    error: str = ""
+    denied: bool = False
+    """It is there, and this user may not use it."""
+    version: str = ""
+    runtimes: frozenset[str] = frozenset()
+    cgroup: str = ""
+    root: str = ""
+    """The directory of its images and containers."""
+    live_restore: bool = False
+    """Containers go on while the engine itself is started again."""
+
+
+def engine_facts(host: str | None = None) -> EngineFacts:
+    """Asks the engine at `host` (or DOCKER_HOST, or Docker's own place) once."""
+    where = engine_host(host)
+    client = Client(where.removeprefix("http+"))
+    try:
+        info: dict[str, Any] = client.get("/info", timeout=PATIENCE)
+    except (OSError, HTTPException, EngineError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        return EngineFacts(where, why, denied=isinstance(error, PermissionError))
+    finally:
+        client.close()
+    return EngineFacts(
+        where,
+        version=str(info.get("ServerVersion") or ""),
+        runtimes=frozenset(info.get("Runtimes") or {}),
+        cgroup=str(info.get("CgroupVersion") or ""),
+        root=str(info.get("DockerRootDir") or ""),
+        live_restore=bool(info.get("LiveRestoreEnabled")),
+    )

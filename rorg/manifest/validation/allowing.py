@@ -1,0 +1,50 @@
+"""Warnings that somebody has seen and lets pass: `# rorg: allow CODE: reason` on the line, or before it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+
+from rorg.manifest.validation.codes import CODES
+from rorg.manifest.yaml_source import Allow
+from rorg.model.diagnostics import Diagnostic, nearest
+
+WITHOUT_REASON, UNKNOWN, UNUSED = "allow-without-reason", "allow-unknown-code", "allow-without-effect"
+
+
+def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
+    """What is left, with what is wrong with the comments themselves. `machine`: findings about this machine are among
+    them; without them nobody knows whether a comment about one has an effect."""
+    good = {a for a in allows if a.reason and a.code in CODES}
+    used: set[Allow] = set()
+    left = []
+    for diagnostic in found:
+        by = [a for a in good if _covers(a, diagnostic)] if diagnostic.severity == "warning" else []
+        used.update(by)
+        if not by:
+            left.append(diagnostic)
+    return [*left, *_wrong(allows, used, machine)]
+
+
+def _covers(allow: Allow, diagnostic: Diagnostic) -> bool:
+    first, last = allow.lines
+    place = diagnostic.where
+    return allow.code == diagnostic.code and allow.where.file == place.file and first <= place.line <= last
+
+
+def _wrong(allows: Iterable[Allow], used: Collection[Allow], machine: bool) -> Iterator[Diagnostic]:
+    for allow in allows:
+        code = CODES.get(allow.code)
+        if code is None:
+            remedy = nearest(allow.code, CODES) or "one of docs/reference/findings.md"
+            yield _warning(allow, f"there is no finding '{allow.code}'", remedy, UNKNOWN)
+        elif not allow.reason:
+            remedy = f"# rorg: allow {allow.code}: why this is right here"
+            yield _warning(
+                allow, f"'{allow.code}' is allowed without a reason, and so it is not", remedy, WITHOUT_REASON
+            )
+        elif allow not in used and (machine or not code.machine):
+            yield _warning(allow, f"nothing here is '{allow.code}'", "dropping this comment", UNUSED)
+
+
+def _warning(allow: Allow, message: str, remedy: str, code: str) -> Diagnostic:
+    return Diagnostic(allow.where, message, remedy, "warning", code)

@@ -1,0 +1,92 @@
+"""What becomes of services that nobody wants, and what that does to those that talk to them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from rorg.manifest.validation.finding import Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.subject import Subject
+from rorg.manifest.validation.texts import names_of_nodes, text_of
+
+ACTUATORS = re.compile(
+    r"cmd_vel|\w+_cmd\b|twist_mux|controller_manager|ros2?_control|trajectory_controller|follow_joint_trajectory|"
+    r"ackermann|diff_drive|dynamixel|(?<![a-z])(motors?|wheels?|servos?|grippers?|thrusters?|actuators?)(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words by which programs are known that move something."""
+LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manipulator|ptu)(?![a-z])")
+"""Names of drivers that move something. Words of other services as well, so only names of drivers count."""
+NEVER = 86_400.0
+"""Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
+LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
+
+
+def _actuators(robot: Robot) -> Iterator[Finding]:
+    for subject in (s for s in robot.subjects if s.pauses):
+        said = f"{subject.name} {subject.source.description}" if subject.service.driver else ""
+        found = ACTUATORS.search(f"{text_of(subject)} {said}")
+        found = found or (LIMBS.search(subject.name) if subject.service.driver else None)
+        if found:
+            message = f"'{subject.name}' is paused when idle, and it moves something ('{found[0]}'): resumed, it gets "
+            message += "all commands that came meanwhile"
+            yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
+
+
+def _nodes(robot: Robot) -> Iterator[Finding]:
+    """Two services with one name in the ROS graph."""
+    owners: dict[str, list[Subject]] = {}
+    for subject in robot.ros1:
+        for name in sorted(names_of_nodes(subject)):
+            owners.setdefault(name, []).append(subject)
+    told: set[tuple[str, str, str]] = set()
+    for name, subjects in sorted(owners.items()):
+        for index, other in enumerate(subjects):
+            for first in subjects[:index]:
+                paused = next((s for s in (other, first) if s.pauses), None)
+                if not robot.apart(first, other) and ("", first.name, other.name) not in told:
+                    told.add(("", first.name, other.name))
+                    message = (
+                        f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them from running at once"
+                    )
+                    remedy = f"conflicts: [{first.name}]"
+                    yield Finding("conflict-not-declared", other.command(), message, remedy)
+                if paused and ("pause", first.name, other.name) not in told:
+                    told.add(("pause", first.name, other.name))
+                    rival = first if paused is other else other
+                    message = f"'{paused.name}' is paused when idle, and '{rival.name}' takes its node name '{name}'"
+                    yield Finding("duplicate-node-name", paused.at("idle", "action"), message)
+
+
+def _callees(robot: Robot) -> Iterator[Finding]:
+    """Those that others call, or that newcomers must hear from."""
+    for subject in (s for s in robot.subjects if s.pauses):
+        where, ready = subject.at("idle", "action"), subject.service.ready
+        if ready is not None and ready.kind == "ros_service":
+            message = f"calls of the ROS service {ready.target} hang while '{subject.name}' is paused"
+            yield Finding("pause-of-ros-service", where, message)
+        latched = sorted(LATCHED & subject.programs)
+        if latched:
+            message = f"'{latched[0]}' says once what newcomers need, and says nothing while '{subject.name}' is paused"
+            yield Finding("pause-of-latched-publisher", where, message)
+        check = subject.options.get("healthcheck")
+        if check and not check.get("disable") and check.get("test") != ["NONE"]:
+            message = f"the engine's health check of '{subject.name}' fails while it is paused"
+            yield Finding("pause-with-healthcheck", where, message)
+
+
+def _lingering(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        idle, ready = subject.service.idle, subject.service.ready
+        if ready is None or ready.delay is None:
+            continue
+        if ready.timeout <= ready.delay < NEVER:
+            message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
+            yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
+        if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:
+            message = f"'{subject.name}' lingers {idle.linger:g} s, and needs {ready.delay:g} s to come up again"
+            yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
+
+
+CHECKS = (_actuators, _nodes, _callees, _lingering)

@@ -1,0 +1,151 @@
+"""Networks: who can be reached from where, and who is in whose way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+from rorg.manifest.validation.finding import Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.subject import Subject
+from rorg.model.ports import Published, parse_ports
+
+LOCAL = ("localhost", "127.0.0.1", "::1", "")
+URI = r"http://[^/\s]+:[0-9]+/?"
+ANY = ("", "0.0.0.0", "::")
+
+
+def _host_names(robot: Robot) -> Iterator[Finding]:
+    """A name that nobody can look up: ROS 1 tells it to others, and calls itself by it."""
+    for subject in robot.subjects:
+        name = subject.options.get("hostname")
+        if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
+            continue
+        known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
+        if known:
+            continue
+        said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
+        message = f"hostname '{name}' under network_mode: host: {said}"
+        severity = "error" if subject.ros1 else "warning"
+        yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
+
+
+def _mixed(robot: Robot) -> Iterator[Finding]:
+    """ROS tells every node the address of every other one, and any port: all must be in one network."""
+    for subject in (s for s in robot.subjects if s.ros and s.network not in ("host", "none")):
+        if subject.network.startswith(("container:", "service:")):
+            continue
+        beside = next(
+            (o for o in robot.subjects if o is not subject and _talk(subject, o) and o.network == "host"), None
+        )
+        name = subject.env.get("ROS_IP") or subject.env.get("ROS_HOSTNAME", "")
+        if beside:
+            message = f"'{subject.name}' is on another network ({_shown(subject)}) than '{beside.name}' (host)"
+        elif subject.ros1 and name in LOCAL and (name or subject.network in ("bridge", "default")):
+            said = f"says '{name}'" if name else "is not said"
+            message = f"ROS 1 on {subject.network}, and the address at which others reach it {said}"
+        else:
+            continue
+        remedy = "network_mode: host for all of them, or ROS_IP with the container's address"
+        yield Finding("mixed-networks", subject.option("network_mode"), message, remedy)
+
+
+def _local_only(robot: Robot) -> Iterator[Finding]:
+    """ROS 2 that looks for others on its own machine alone, where each container counts as one."""
+    for subject in (s for s in robot.ros2 if s.network not in ("host", "none") and ":" not in s.network):
+        local = subject.env.get("ROS_LOCALHOST_ONLY") == "1"
+        name = "ROS_LOCALHOST_ONLY" if local else "ROS_AUTOMATIC_DISCOVERY_RANGE"
+        if len(robot.ros2) > 1 and (local or subject.env.get(name) == "LOCALHOST"):
+            message = f"{name} keeps '{subject.name}' within its own container"
+            yield Finding("ros2-local-on-bridge", subject.option("network_mode"), message)
+
+
+def _shown(subject: Subject) -> str:
+    return ", ".join(subject.options.get("networks") or ()) or subject.network
+
+
+def _talk(one: Subject, other: Subject) -> bool:
+    return (one.ros1 and other.ros1) or (one.ros2 and other.ros2)
+
+
+def _alone(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        if subject.ros and subject.network == "none":
+            yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
+
+
+def _masters(robot: Robot) -> Iterator[Finding]:
+    """Where ROS 1 looks for its master, and by which name it is called back."""
+    for subject in robot.ros1:
+        uri, env = subject.env.get("ROS_MASTER_URI", ""), subject.env
+        host = urlsplit(uri).hostname or ""
+        if uri and not re.fullmatch(URI, uri):
+            message = f"'{uri}' is not the address of a ROS master"
+            yield Finding("ros-master-uri", subject.variable("ROS_MASTER_URI"), message)
+        elif {"ROS_IP", "ROS_HOSTNAME"} <= set(env):
+            message = "both ROS_IP and ROS_HOSTNAME are set, and ROS_IP is ignored"
+            yield Finding("ros-ip-and-hostname", subject.variable("ROS_IP"), message)
+        elif host not in LOCAL and env.get("ROS_HOSTNAME", env.get("ROS_IP")) in LOCAL[:-1]:
+            message = f"the master is on '{host}', and nodes there are told to answer to localhost"
+            yield Finding("ros-master-elsewhere", subject.variable("ROS_MASTER_URI"), message)
+
+
+def _differing(robot: Robot) -> Iterator[Finding]:
+    """Nodes of one robot that register with different masters."""
+    uris = {s.name: uri for s in robot.ros1 if re.fullmatch(URI, uri := s.env.get("ROS_MASTER_URI", ""))}
+    alike = {n: re.sub(r"//(127\.0\.0\.1|localhost)\b", "//localhost", u.rstrip("/")) for n, u in uris.items()}
+    known = [s for s in robot.ros1 if s.name in alike]
+    own = [alike[s.name] for s in robot.masters if s.name in alike]
+    usual = own[0] if own else max(alike.values(), key=lambda v: (list(alike.values()).count(v), v), default="")
+    for subject in (s for s in known if alike[s.name] != usual):
+        message = f"'{subject.name}' has its ROS master at {uris[subject.name]}, the others at {usual}"
+        yield Finding("ros-masters-differ", subject.variable("ROS_MASTER_URI"), message)
+
+
+def _ports(robot: Robot) -> Iterator[Finding]:
+    """The same port of the machine, published by two services that may run at once."""
+    taken: list[tuple[Subject, Published]] = []
+    for subject in robot.subjects:
+        for index, text in enumerate(subject.options.get("ports") or ()):
+            try:
+                found = parse_ports(text) if isinstance(text, str) else []
+            except ValueError:
+                found = []
+            for port in (p for p in found if p.host.isdigit()):
+                first = next(
+                    (s for s, p in taken if s is not subject and _same(p, port) and not robot.apart(s, subject)), None
+                )
+                taken.append((subject, port))
+                if first:
+                    where = subject.option("ports", index) if _own(subject, index, text) else subject.option("ports")
+                    message = f"port {port.host} of this machine is published by '{first.name}' too"
+                    yield Finding("port-taken-twice", where, message)
+                    break
+
+
+def _own(subject: Subject, index: int, text: object) -> bool:
+    written = subject._list("container", "ports")
+    return index < len(written) and str(written[index]) == str(text)
+
+
+def _same(one: Published, other: Published) -> bool:
+    address = one.address == other.address or one.address in ANY or other.address in ANY
+    return one.host == other.host and address and one.port.partition("/")[2] == other.port.partition("/")[2]
+
+
+def _probed(robot: Robot) -> Iterator[Finding]:
+    """One that answers for another: both are probed by the same port of the host network."""
+    first: dict[str, Subject] = {}
+    for subject in robot.subjects:
+        probe = subject.service.ready
+        if probe is None or probe.kind != "tcp" or subject.network != "host":
+            continue
+        target = str(probe.target).replace("localhost", "127.0.0.1")
+        other = first.setdefault(target, subject)
+        if other is not subject and not robot.apart(other, subject):
+            message = f"'{other.name}' is probed by port {target.rpartition(':')[2]} too: it answers for this one"
+            yield Finding("port-probed-twice", subject.at("ready", "tcp"), message)
+
+
+CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)

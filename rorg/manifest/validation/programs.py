@@ -1,0 +1,140 @@
+"""What runs: images, variables, probes, and how one is kept waiting for another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from rorg.manifest.validation.finding import Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.model.image_names import HUB, declared
+
+ROS1_NAMES, ROS2_NAMES = (
+    frozenset(("indigo", "kinetic", "lunar", "melodic", "noetic")),
+    frozenset(("foxy", "galactic", "humble", "iron", "jazzy", "kilted", "rolling", "lyrical")),
+)
+CLI = ("rosnode", "rostopic", "rosservice", "rosparam", "ros2")
+SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_TOKEN)$", re.IGNORECASE)
+WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
+LOOP = re.compile(r"\b(until|while)\b.*\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b.*\bsleep\b", re.S)
+
+
+def _images(robot: Robot) -> Iterator[Finding]:
+    """References that mean another image tomorrow."""
+    for subject in robot.subjects:
+        name = str(subject.options.get("image") or "")
+        if name.endswith(":latest") and not declared(name, robot.catalog.images):
+            message = f"'{name}' is whatever was pushed last: the same manifests run something else tomorrow"
+            yield Finding("latest-tag", subject.at("image"), message)
+    for name, image in sorted(robot.catalog.images.items()):
+        for base in image.bases:
+            if base.endswith(":latest") and not declared(base, robot.catalog.images):
+                message = f"'{name}' stands on '{base}', which is whatever was pushed last"
+                yield Finding("latest-tag", robot.sources["Image"][name].where("spec"), message)
+
+
+def _distributions(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        name = str(subject.options.get("image") or "")
+        official = name.removeprefix(next((h for h in HUB if name.startswith(h)), "")).startswith(("ros:", "osrf/ros:"))
+        if not official:
+            continue
+        words = set(re.split(r"[:-]", name))
+        first = subject.programs
+        if words & ROS1_NAMES and "ros2" in first:
+            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 1, and has no ros2")
+        elif words & ROS2_NAMES and {"roslaunch", "roscore", "rosrun"} & first:
+            program = min({"roslaunch", "roscore", "rosrun"} & first)
+            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 2, and has no {program}")
+        entry = subject.options.get("entrypoint")
+        if entry and "ros_entrypoint.sh" not in " ".join(map(str, entry)) and not subject.script:
+            message = f"the entry point of '{name}', which sets ROS up, is replaced by '{' '.join(map(str, entry))}'"
+            yield Finding("ros-entrypoint-replaced", subject.option("entrypoint"), message)
+
+
+def _probes(robot: Robot) -> Iterator[Finding]:
+    """Programs of ROS as probes: each takes a second and a share of a CPU."""
+    for subject in robot.subjects:
+        for role, probe in (("ready", subject.service.ready), ("live", subject.service.live)):
+            if probe is None or probe.kind != "exec" or not isinstance(probe.target, tuple):
+                continue
+            found = _cli(" ".join(probe.target))
+            if found:
+                message = f"{found} takes a second each time, and is asked every {probe.interval:g} s"
+                yield Finding("costly-probe", subject.at(role, "exec"), message)
+        check = subject.options.get("healthcheck") or {}
+        test = check.get("test") or ""
+        found = _cli(test if isinstance(test, str) else " ".join(map(str, test)))
+        if found and not check.get("disable"):
+            message = f"{found} takes a second each time, and the engine asks it all the time"
+            yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
+        ready = subject.service.ready
+        if ready is not None and ready.kind == "engine" and (check.get("disable") or test in ("NONE", ["NONE"])):
+            message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
+            yield Finding("ready-without-healthcheck", subject.at("ready", "engine"), message)
+
+
+def _cli(text: str) -> str:
+    words = {w.rpartition("/")[2] for w in re.split(r"[\s;&|]+", text)}
+    return next((name for name in CLI if name in words), "")
+
+
+def _waiting(robot: Robot) -> Iterator[Finding]:
+    """Guesses how long another service takes, in place of asking it."""
+    for subject in (s for s in robot.subjects if s.script):
+        commands = [c for c in subject.commands if c]
+        sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())
+        loop = LOOP.search(subject.script)
+        if loop:
+            message = f"'{subject.name}' waits in a loop of its own for what it needs"
+            yield Finding("sleep-as-readiness", subject.command(), message)
+        elif sleeps and subject.ros and "while" not in subject.script:
+            message = f"'{' '.join(sleeps)}' guesses how long something else takes"
+            yield Finding("sleep-as-readiness", subject.command(), message)
+
+
+def _daemons(robot: Robot) -> Iterator[Finding]:
+    """The command ros2 starts a daemon, which stays, and remembers nodes that are gone."""
+    for subject in robot.subjects:
+        for command in subject.commands:
+            words = [w.rpartition("/")[2] for w in command]
+            asks = {"topic", "node", "service", "action", "param"} & set(words)
+            if "ros2" in words and asks and "--no-daemon" not in words:
+                message = "ros2 starts a daemon of its own in the container, which outlives the command"
+                yield Finding("ros2-daemon", subject.command(), message)
+
+
+def _variables(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        for name, value in sorted(subject.env.items()):
+            if SECRET.search(name) and value and name not in subject.service.secrets and "/" not in value:
+                message = f"the value of {name} stands in the manifest, and is shown wherever it is"
+                yield Finding("secret-in-manifest", subject.variable(name), message)
+        words = subject.words
+        first = words[0].rpartition("/")[2] if words else ""
+        if re.fullmatch(r"python[0-9.]*", first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
+            message = f"'{subject.name}' keeps its output back until there is much of it"
+            yield Finding("python-output-held-back", subject.command(), message)
+        for value in subject.options.get("security_opt") or ():
+            if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
+                message = f"{value} opens calls of the kernel that no robot's program makes"
+                yield Finding("unconfined", subject.item("security_opt", value), message)
+
+
+def _requests(robot: Robot) -> Iterator[Finding]:
+    """Requests that cannot keep anything active."""
+    for source in robot.sources.get("Request", {}).values():
+        for index, name in enumerate(source.spec.services):
+            requester = source.spec.requester
+            if requester in robot.catalog.members(name) and not robot.catalog.services[requester].meta:
+                what = "itself" if name == requester else f"the group '{name}', of which it is one"
+                message = f"'{requester}' requests {what}: that keeps nothing active"
+                yield Finding("requests-itself", source.where("spec", "services", index), message)
+    for subject in robot.subjects:
+        for index, name in enumerate(subject.service.may_request):
+            if name == subject.name:
+                message = f"'{name}' may request itself: that keeps nothing active"
+                yield Finding("requests-itself", subject.at("may_request", index), message)
+
+
+CHECKS = (_images, _distributions, _probes, _waiting, _daemons, _variables, _requests)

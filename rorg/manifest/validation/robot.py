@@ -1,0 +1,94 @@
+"""A whole tree as checks look at it: its services, and how they stand to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from rorg.manifest.documents import Source
+from rorg.manifest.files import real
+from rorg.manifest.validation.subject import Subject
+from rorg.model.catalog import Catalog
+from rorg.model.graph import closure
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The whole tree as checks look at it."""
+
+    catalog: Catalog
+    sources: Mapping[str, Mapping[str, Source]]
+    """By kind and name."""
+
+    @cached_property
+    def subjects(self) -> tuple[Subject, ...]:
+        services = self.catalog.services
+        written = self.sources.get("Service", {})
+        tops = {root: str(real(root)) for root in {s.root for s in written.values()}}
+        return tuple(
+            Subject(services[n], s, tops[s.root]) for n, s in sorted(written.items()) if services[n].spec is not None
+        )
+
+    @cached_property
+    def ros1(self) -> tuple[Subject, ...]:
+        return tuple(s for s in self.subjects if s.ros1)
+
+    @cached_property
+    def ros2(self) -> tuple[Subject, ...]:
+        return tuple(s for s in self.subjects if s.ros2)
+
+    @cached_property
+    def masters(self) -> tuple[Subject, ...]:
+        return tuple(s for s in self.subjects if s.is_master)
+
+    @cached_property
+    def _needed(self) -> dict[str, set[str]]:
+        return {}
+
+    def needs(self, name: str) -> set[str]:
+        """All that a service needs, with itself."""
+        known = self._needed.get(name)
+        if known is None:
+            direct = self.catalog.services[name].needs if name in self.catalog.services else ()
+            known = {name}.union(*(self._needed[n] if n in self._needed else self._closure(n) for n in direct))
+            self._needed[name] = known
+        return known
+
+    def _closure(self, name: str) -> set[str]:
+        found = self._needed[name] = closure(self.catalog.services, [name])
+        return found
+
+    def apart(self, one: Subject, other: Subject) -> bool:
+        """Whether they are never active at once: they conflict, or want the same of what there is too little."""
+        a, b = one.service, other.service
+        if a.name in b.conflicts or b.name in a.conflicts:
+            return True
+        there = self.catalog.policy.resources
+        return any(
+            units + b.exclusive.get(what, 0) > there.get(what, 1)
+            for what, units in a.exclusive.items()
+            if what in b.exclusive
+        )
+
+    def asks_for(self, subject: Subject) -> set[str]:
+        """All that a service needs, or may request by itself."""
+        found = set(self.needs(subject.name))
+        for name in subject.service.may_request:
+            for member in self.catalog.members(name):
+                found |= self.needs(member)
+        for request in self.catalog.requests:
+            if request.requester == subject.name:
+                found |= {n for s in request.services for m in self.catalog.members(s) for n in self.needs(m)}
+        return found
+
+
+def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:
+    """Of services that should have one value: those that have another one than most, with that of most."""
+    counts: dict[str, int] = {}
+    for subject in subjects:
+        counts[values[subject.name]] = counts.get(values[subject.name], 0) + 1
+    if len(counts) < 2:
+        return []
+    usual = max(counts, key=lambda v: (counts[v], v))
+    return [(s, usual) for s in subjects if values[s.name] != usual]

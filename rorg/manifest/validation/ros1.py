@@ -1,0 +1,128 @@
+"""ROS 1: the master, and what each service needs of the others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from rorg.manifest.idling import INFRASTRUCTURE
+from rorg.manifest.validation.finding import Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.subject import Subject
+from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.model.diagnostics import Where
+
+CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
+"""Words by which programs are known that give simulated time."""
+SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
+NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
+PORT = re.compile(r"(?:localhost|127\.0\.0\.1):([0-9]{2,5})(?![0-9])")
+
+
+def _masters(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.masters[1:]:
+        first = robot.masters[0]
+        if not robot.apart(first, subject) and _place(first) == _place(subject):
+            message = f"'{first.name}' is a ROS master too, at the same address"
+            yield Finding("second-master", subject.command(), message, f"conflicts: [{first.name}], or dropping one")
+
+
+def _place(subject: Subject) -> tuple[str, str]:
+    own = "" if subject.network == "host" else subject.name
+    port = next((w for w, p in zip(subject.words[1:], subject.words, strict=False) if p == "-p"), "11311")
+    return own, port
+
+
+def _needing(robot: Robot) -> Iterator[Finding]:
+    """Nodes and the master that they register with."""
+    masters = {s.name: s for s in robot.masters}
+    for subject in (s for s in robot.ros1 if masters and not s.is_master):
+        mine = [masters[n] for n in sorted(robot.needs(subject.name) & set(masters))]
+        waits = "roslaunch" not in subject.programs or "--wait" in " ".join(subject.words)
+        if not mine:
+            name = next(iter(masters))
+            message = f"'{subject.name}' is a program of ROS 1, and does not need '{name}'"
+            where = subject.at("needs") if subject.service.needs else subject.source.where("metadata", "name")
+            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{name}]")
+        elif not any(m.name in subject.service.restarts_with for m in mine) and _direct(subject, mine):
+            message = f"a new '{mine[0].name}' knows nothing of '{subject.name}', which goes on as it is"
+            remedy = f"needs: [{{service: {mine[0].name}, restart: true}}], or profile: ros1"
+            yield Finding("need-without-restart", _need(subject, mine[0].name), message, remedy)
+        if not waits and (not mine or all(m.service.ready is None for m in mine)):
+            message = "roslaunch without --wait starts a master of its own where it finds none"
+            yield Finding("roslaunch-without-wait", subject.command(), message)
+
+
+def _direct(subject: Subject, masters: list[Subject]) -> bool:
+    return any(m.name in subject.service.needs for m in masters)
+
+
+def _need(subject: Subject, name: str) -> Where:
+    for index, need in enumerate(subject._list("needs")):
+        if need == name or (isinstance(need, dict) and need.get("service") == name):
+            return subject.at("needs", index)
+    return subject.at("needs")
+
+
+def _unprobed(robot: Robot) -> Iterator[Finding]:
+    """What others need counts as ready as soon as its process is there; it answers later."""
+    needed = {n for s in robot.subjects for n in s.service.needs}
+    for subject in robot.subjects:
+        if subject.name not in needed or subject.service.ready is not None:
+            continue
+        what = next((INFRASTRUCTURE[p] for p in sorted(subject.programs) if p in INFRASTRUCTURE), "")
+        if what or any(not str(port).endswith("/udp") for port in subject.options.get("ports") or ()):
+            who = f"'{subject.name}' is {what}" if what else f"'{subject.name}' has ports that others reach"
+            message = f"{who}, and those that need it start before it answers"
+            yield Finding("needed-without-ready", subject.source.where("metadata", "name"), message)
+
+
+def _times(robot: Robot) -> Iterator[Finding]:
+    """All that asks for the time waits for ever where nobody gives it."""
+    simulated = [s for s in robot.ros1 if "use_sim_time" in (text := text_of(s)) and SIM_TIME.search(text)]
+    if not simulated or any(CLOCKS.search(text_of(s)) for s in robot.subjects):
+        return
+    for subject in simulated:
+        message = f"'{subject.name}' uses simulated time, and no service of this robot gives it"
+        yield Finding("sim-time-without-clock", subject.command(), message)
+
+
+def _hidden(robot: Robot) -> Iterator[Finding]:
+    """Names and ports of other services, in what a service is started with."""
+    givers: dict[str, Subject] = {}
+    for subject in robot.subjects:
+        own = names_of_nodes(subject) if subject.ros1 else set()
+        ready = subject.service.ready
+        if ready is not None and ready.kind in ("ros_service", "ros_topic"):
+            own = own | {str(ready.target).strip("/").partition("/")[0]}
+        for name in own:
+            givers.setdefault(name, subject)
+        for port in _ports(subject):
+            givers.setdefault(f":{port}", subject)
+    for subject in robot.subjects:
+        text = text_of(subject)
+        named = {n for pair in NAME.findall(text) for n in pair if n in givers}
+        named |= {f":{port}" for port in PORT.findall(text) if f":{port}" in givers}
+        found = {givers[n].name: n for n in sorted(named) if givers[n] is not subject}
+        asked = robot.asks_for(subject) if found else set()
+        own = names_of_nodes(subject) if found and subject.ros1 else set()
+        for name, what in sorted(found.items()):
+            other = givers[what]
+            back = subject.name in robot.needs(name)
+            if name in asked or back or what in own or robot.apart(subject, other) or other.is_master:
+                continue
+            shown = f"port {what[1:]}" if what[0] == ":" else f"/{what}"
+            message = f"'{subject.name}' uses {shown} of '{name}', which it does not need"
+            yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
+
+
+def _ports(subject: Subject) -> Iterator[str]:
+    ready = subject.service.ready
+    if ready is not None and ready.kind == "tcp":
+        yield str(ready.target).rpartition(":")[2]
+    for text in subject.options.get("ports") or ():
+        if isinstance(text, str) and text.count(":") >= 1:
+            yield text.rpartition(":")[0].rpartition(":")[2]
+
+
+CHECKS = (_masters, _needing, _unprobed, _times, _hidden)

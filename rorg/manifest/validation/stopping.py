@@ -1,0 +1,80 @@
+"""How services end: who gets the signal, what it does there, and who starts them again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from rorg.manifest.validation.finding import Finding
+from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.subject import MASTERS, SHELLS, Subject
+
+ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
+PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")
+HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
+"""Programs that end by SIGTERM, and cleanly."""
+NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
+SHORT = 1.0
+"""Seconds in which no ROS node tells its master that it goes."""
+
+
+def _restarts(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        policy = str(subject.options.get("restart") or "no")
+        if policy.partition(":")[0] in ENGINE_RESTARTS:
+            message = f"restart: {policy} lets the engine start what rorg has ceased, when the engine itself starts"
+            yield Finding("engine-restart-policy", subject.option("restart"), message)
+
+
+def _signals(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
+        where = subject.option("stop_signal")
+        if signal in ("KILL", "9"):
+            yield Finding("stop-by-kill", where, f"'{subject.name}' is killed at once when it is to stop")
+        elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
+            end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
+            message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
+            yield Finding("sigterm-with-cpp-node", where, message)
+
+
+def _python(subject: Subject) -> bool:
+    """Whether what gets the signal is known to end cleanly by SIGTERM. That of a shell is another matter."""
+    words = subject.words
+    if not words:
+        return True  # the image's own command: nobody knows
+    first = words[0].rpartition("/")[2]
+    if first in SHELLS:
+        return True
+    if first == "rosrun":
+        return len(words) > 2 and bool(PYTHON.match(words[2]))
+    return bool(PYTHON.match(first)) or not HANDLES.isdisjoint(subject.programs)
+
+
+def _shells(robot: Robot) -> Iterator[Finding]:
+    """A shell that does not hand on the signal. With an init that signals the whole group all get it, and what is left
+    is that the shell's own exit code hides that of its program."""
+    for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
+        commands = [c for c in subject.commands if c]
+        last = commands[-1] if commands else ()
+        group = subject.options.get("init") and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
+        if len(commands) < 2 or last[0] == "exec":
+            continue
+        if NOTHING.match(" ".join(last)) and commands[-2][0] != "exec":
+            message = f"the shell goes on after its program, with '{' '.join(last)}': nobody sees how that ended"
+        elif not group and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
+            message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace"
+        else:
+            continue
+        yield Finding("shell-without-exec", subject.command(), message)
+
+
+def _graces(robot: Robot) -> Iterator[Finding]:
+    for subject in (s for s in robot.subjects if s.ros1):
+        grace = subject.options.get("stop_grace_period")
+        if isinstance(grace, int | float) and grace < SHORT:
+            message = f"{grace:g} s are too short for a node of ROS 1 to sign off"
+            yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
+
+
+CHECKS = (_restarts, _signals, _shells, _graces)

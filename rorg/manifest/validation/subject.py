@@ -1,0 +1,257 @@
+"""A service as checks look at it: rendered, with the places of what its manifest says of it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from rorg.manifest.documents import Source
+from rorg.model.catalog import Service
+from rorg.model.diagnostics import Where
+from rorg.model.volumes import mounted_at
+
+SHELLS = ("sh", "bash", "dash", "zsh", "ash")
+MASTERS = ("roscore", "rosmaster")
+ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
+ROS2_PROGRAMS = frozenset(("ros2",))
+ROS2_VARIABLES = (
+    "ROS_DOMAIN_ID",
+    "RMW_IMPLEMENTATION",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_DISCOVERY_SERVER",
+)
+OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
+
+
+class Mount(NamedTuple):
+    """One volume: a place of the host, or the name of a volume, and where it is inside."""
+
+    source: str
+    target: str
+    read_only: bool
+    place: int
+    """In the rendered list."""
+
+    @property
+    def path(self) -> str:
+        """On the host; empty for a volume."""
+        return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One service that has a container."""
+
+    service: Service
+    source: Source
+    top: str = ""
+    """The directory of the tree, without links."""
+    memo: dict[str, Any] = field(default_factory=dict)
+    """What was read for it once."""
+
+    @property
+    def name(self) -> str:
+        return self.service.name
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        return self.service.spec or {}
+
+    @cached_property
+    def env(self) -> Mapping[str, str]:
+        return {name: str(value) for name, value in self.options.get("environment", {}).items()}
+
+    @cached_property
+    def words(self) -> tuple[str, ...]:
+        """What runs, as far as the manifest says it: entry point, then command."""
+        return (*_words(self.options.get("entrypoint")), *_words(self.options.get("command")))
+
+    @cached_property
+    def script(self) -> str:
+        """What a shell is told by `-c`; empty where none is."""
+        for first, second, text in zip(self.words, self.words[1:], self.words[2:], strict=False):
+            if first.rpartition("/")[2] in SHELLS and re.fullmatch("-[a-z]*c", second):
+                return text
+        return ""
+
+    @cached_property
+    def commands(self) -> tuple[tuple[str, ...], ...]:
+        """The single commands that run: those of the shell's text, or the one without a shell."""
+        return tuple(_commands(self.script)) if self.script else (self.words,)
+
+    @cached_property
+    def programs(self) -> frozenset[str]:
+        """Names of programs, and of all words that may be one behind another (`entry.sh roslaunch`)."""
+        return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
+
+    @property
+    def network(self) -> str:
+        """host, none, bridge, the name of a network, container:NAME, or `networks`."""
+        if self.options.get("network_disabled"):
+            return "none"
+        mode = str(self.options.get("network_mode") or "")
+        return mode or ("networks" if self.options.get("networks") else "bridge")
+
+    @property
+    def ipc(self) -> str:
+        return str(self.options.get("ipc") or "private")
+
+    @property
+    def uid(self) -> str:
+        """Of its processes, as written; 0 where nothing is said, as most images have it."""
+        found = str(self.options.get("user") or "0").partition(":")[0]
+        return "0" if found == "root" else found
+
+    @cached_property
+    def ros2(self) -> bool:
+        return any(name in self.env for name in ROS2_VARIABLES) or not ROS2_PROGRAMS.isdisjoint(self.programs)
+
+    @cached_property
+    def ros1(self) -> bool:
+        probes = (self.service.ready, self.service.live)
+        return (
+            "ROS_MASTER_URI" in self.env
+            or not ROS1_PROGRAMS.isdisjoint(self.programs)
+            or any(p is not None and p.kind.startswith("ros_") for p in probes)
+        )
+
+    @property
+    def ros(self) -> bool:
+        return self.ros1 or self.ros2
+
+    @property
+    def is_master(self) -> bool:
+        return not set(MASTERS).isdisjoint(self.programs)
+
+    @cached_property
+    def mounts(self) -> tuple[Mount, ...]:
+        return tuple(_mount(v, i) for i, v in enumerate(self.options.get("volumes") or ()))
+
+    @cached_property
+    def mounts_of_tree(self) -> tuple[Mount, ...]:
+        """Those whose source lies in the tree."""
+        return tuple(m for m in self.mounts if m.path and (m.path == self.top or m.path.startswith(f"{self.top}/")))
+
+    @cached_property
+    def devices(self) -> tuple[tuple[str, str], ...]:
+        """(on the host, inside) of each device that is named by a path."""
+        found = []
+        for value in self.options.get("devices") or ():
+            if isinstance(value, str):
+                host, _, rest = value.partition(":")
+                found.append((host, rest.partition(":")[0] or host))
+            elif isinstance(value, Mapping) and value.get("source"):
+                found.append((str(value["source"]), str(value.get("target") or value["source"])))
+        return tuple(found)
+
+    @property
+    def pauses(self) -> bool:
+        """It is paused when nobody wants it, which may happen."""
+        return self.service.idle.action == "pause" and not self.service.always_on
+
+    # -- places ------------------------------------------------------------------------------------------------
+
+    def at(self, *path: str | int) -> Where:
+        """Of a field of the spec; of the profile where that says so."""
+        if ("spec", *path[:2]) in self.source.document.values:
+            return self.source.where("spec", *path)
+        if path and ("spec", path[0]) in self.source.document.values and path[0] != "container":
+            return self.source.where("spec", *path)
+        if ("spec", "profile") in self.source.document.values and path[:1] in (("container",), ("idle",), ("needs",)):
+            return self.source.where("spec", "profile")
+        return self.source.where("metadata", "name")
+
+    def option(self, name: str, *below: str | int) -> Where:
+        """Of an option of the container."""
+        return self.at("container", name, *below)
+
+    def variable(self, name: str) -> Where:
+        """Of one variable of its environment."""
+        if ("spec", "container", "environment", name) in self.source.document.values:
+            return self.source.where("spec", "container", "environment", name)
+        written = self._written("container", "environment")
+        if isinstance(written, list):
+            for index, item in enumerate(written):
+                if str(item).partition("=")[0] == name:
+                    return self.option("environment", index)
+        declared = ("spec", "profile") in self.source.document.values
+        return self.source.where("spec", "profile") if declared else self.option("environment")
+
+    def volume(self, mount: Mount) -> Where:
+        """Of one volume, by its place inside."""
+        for path in (("container", "volumes"), ("mounts",)):
+            for index, item in enumerate(self._list(*path)):
+                if _target(item) == mounted_at(self.options["volumes"][mount.place]):
+                    return self.at(*path, index)
+        return self.option("volumes")
+
+    def device(self, host: str) -> Where:
+        """Of one device, by its path on the host."""
+        for path in (("driver", "devices"), ("container", "devices")):
+            for index, item in enumerate(self._list(*path)):
+                if (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path"))) == host:
+                    return self.source.where("spec", *path, index)
+        return self.option("devices")
+
+    def item(self, name: str, *values: str) -> Where:
+        """Of the first of these items in an option that is a list."""
+        for index, item in enumerate(self._list("container", name)):
+            if item in values:
+                return self.option(name, index)
+        return self.option(name)
+
+    def command(self) -> Where:
+        own = ("spec", "command") in self.source.document.values
+        return self.at("command") if own else self.option("entrypoint")
+
+    def _written(self, *path: str) -> Any:
+        found: Any = self.source.document.value["spec"]
+        for part in path:
+            found = found.get(part) if isinstance(found, dict) else None
+        return found
+
+    def _list(self, *path: str) -> list[Any]:
+        found = self._written(*path)
+        return found if isinstance(found, list) else []
+
+
+def _words(value: object) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return tuple(value.split())
+    return tuple(map(str, value)) if isinstance(value, list | tuple) else ()
+
+
+def _commands(text: str) -> Iterator[tuple[str, ...]]:
+    lexer = shlex.shlex(text.replace("\n", " ; "), posix=True, punctuation_chars=";&|")
+    lexer.whitespace_split, lexer.commenters = True, ""
+    command: list[str] = []
+    try:
+        for word in lexer:
+            if set(word) <= set(";&|"):
+                yield tuple(command)
+                command = []
+            else:
+                command.append(word)
+    except ValueError:  # a quote that is not closed: the shell will say so
+        command += text.split()
+    yield tuple(command)
+
+
+def _mount(value: str | Mapping[str, Any], index: int) -> Mount:
+    if isinstance(value, str):
+        source, _, rest = value.partition(":")
+        modes = rest.partition(":")[2]
+        return Mount(source, mounted_at(value), "ro" in modes.split(","), index)
+    return Mount(str(value.get("source") or ""), mounted_at(value), bool(value.get("read_only")), index)
+
+
+def _target(item: object) -> str:
+    try:
+        return mounted_at(item)  # type: ignore[arg-type]
+    except (AttributeError, KeyError, TypeError):
+        return ""

@@ -1,0 +1,119 @@
+"""`rorg doctor`: facts of an installation are gathered once, as a value, and what is wrong is said of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import pytest
+from commands import rorg
+from robots import RealRobot
+
+from rorg.core.doctor import ERROR, OK, WARNING, examine
+from rorg.host import installation as host
+from rorg.model.installation import Installation, Space
+
+SOUND = Installation(
+    engine_host="unix:///run/docker.sock",
+    engine_version="20.10",
+    state_dir="/var/lib/rorg",
+    running=12,
+    answers=True,
+    git_version="git version 2.39",
+    spaces=(Space("/", 50 << 30, 100 << 30, 1 << 20),),
+    sysctls={"fs.inotify.max_user_watches": 65536, "fs.inotify.max_user_instances": 128},
+)
+WRONG = [
+    ({"engine_error": "No such file or directory"}, "engine", ERROR, "systemctl start docker"),
+    ({"engine_error": "Permission denied", "engine_denied": True}, "engine", ERROR, "usermod -aG docker"),
+    ({"live_restore": False}, "live-restore", WARNING, "daemon.json"),
+    ({"pressure": False}, "pressure", WARNING, "psi=1"),
+    ({"state_error": "you may not write to /var/lib"}, "state-directory", ERROR, "RORG_STATE_DIR"),
+    ({"journal_error": "file is not a database"}, "journal", ERROR, "starting rorg again"),
+    ({"answers": False}, "rorg", ERROR, "journalctl -u rorg"),
+    ({"answers": False, "running": 0}, "rorg", WARNING, "rorg run"),
+    ({"socket_error": "you are not in the group rorg"}, "rorg", ERROR, "group"),
+    ({"git_version": ""}, "git", WARNING, "installing git"),
+    ({"git_refusal": "git does not trust it; try `git config`"}, "git", WARNING, "`git config`"),
+    ({"clock_synchronized": False}, "clock", WARNING, "set-ntp"),
+    ({"spaces": (Space("/", 1 << 30, 100 << 30),)}, "disk /", WARNING, "rorg image prune"),
+    ({"spaces": (Space("/", 1 << 20, 100 << 30),)}, "disk /", ERROR, "rorg image prune"),
+    ({"spaces": (Space("/", 50 << 30, 100 << 30, 12),)}, "disk /", WARNING, "rorg image prune"),
+    ({"sysctls": {"fs.inotify.max_user_watches": 8192}}, "inotify", WARNING, "sysctl -w fs.inotify.max_user_watches"),
+    ({"open_files": 256}, "open-files", WARNING, "LimitNOFILE"),
+]
+
+
+def test_a_sound_installation_has_nothing_to_do():
+    found = examine(SOUND)
+    assert {c.status for c in found} == {OK}
+    assert not any(c.remedy for c in found)
+    assert len({c.name for c in found}) == len(found)
+
+
+@pytest.mark.parametrize(("facts", "name", "status", "remedy"), WRONG)
+def test_what_is_wrong_is_said_with_what_to_do(facts, name, status, remedy):
+    (found,) = [c for c in examine(replace(SOUND, **facts)) if c.status != OK]
+    assert (found.name, found.status) == (name, status)
+    assert remedy in found.remedy
+    assert found.message
+
+
+def test_another_engine_needs_no_docker():
+    found = examine(replace(SOUND, engine="process", engine_error="nobody"))
+    assert {c.status for c in found} == {OK}
+
+
+# -- facts -----------------------------------------------------------------------------------------------------
+
+
+def test_a_directory_that_is_not_there_yet_is_judged_by_where_it_would_be(tmp_path):
+    assert host.writable(tmp_path / "a/b") == ""
+    (tmp_path / "file").write_text("")
+    assert host.writable(tmp_path / "file/b") == f"{tmp_path}/file is no directory"
+    found = host.space(tmp_path / "a/b")
+    assert found is not None
+    assert (found.path, 0 < found.free <= found.total) == (str(tmp_path), True)
+
+
+def test_a_spoilt_history_is_known(tmp_path):
+    path = tmp_path / "journal.db"
+    assert host.journal_error(path) == ""
+    path.write_bytes(b"no database" * 1000)
+    assert "not a database" in host.journal_error(path)
+
+
+def test_the_kernel_knows_whether_its_clock_is_kept_right():
+    assert host.clock_synchronized() in (True, False)
+    assert host.open_files() > 0
+    assert host.git_version().startswith("git version")
+
+
+# -- the command -----------------------------------------------------------------------------------------------
+
+
+def checks(code: int = 0, **environment: str) -> dict[str, str]:
+    found = json.loads(rorg("doctor", "-o", "json", code=code, **environment).stdout)
+    return {c["check"]: c["status"] for c in found}
+
+
+def test_doctor_sees_a_running_rorg_and_one_that_is_gone(tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"}
+    try:
+        robot.declare({"arm": {}})
+        robot.settle()
+        found = checks(**environment)
+        assert {found[n] for n in ("rorg", "engine", "state-directory", "journal")} == {OK}
+    finally:
+        robot.close()
+    assert checks(**environment)["rorg"] == WARNING
+
+
+def test_doctor_exits_4_where_rorg_cannot_work(tmp_path):
+    environment = {"RORG_STATE_DIR": str(tmp_path), "DOCKER_HOST": f"unix://{tmp_path}/nobody.sock"}
+    assert checks(4, **environment)["engine"] == ERROR
+    shown = rorg("doctor", code=4, **environment).stdout
+    assert "does not answer" in shown
+    assert os.linesep in shown

@@ -1,0 +1,139 @@
+"""What rorg finds in a robot beside mistakes of form: each code by a tree with the mistake, and one without it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from commands import rorg
+from conftest import ROOT
+from finding_cases import build
+from robots import RealRobot
+
+from rorg.manifest.load import load
+from rorg.manifest.validation.codes import CODES
+
+FOLDER = Path(__file__).parent / "cases/findings"
+CASES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    return request.param, yaml.safe_load((FOLDER / f"{request.param}.yaml").read_text(encoding="utf-8"))
+
+
+def test_a_mistake_is_found_at_its_place_with_its_code_and_remedy(case, tmp_path, monkeypatch):
+    code, said = case
+    monkeypatch.chdir(build(tmp_path, said["bad"]))
+    found = load(Path(".")).diagnostics
+    mine = [{"at": str(d.where), "severity": d.severity, "remedy": d.remedy} for d in found if d.code == code]
+    assert mine == said["expect"] != []
+    assert {d.code or d.message for d in found if d.code != code} == set(said.get("beside", ()))
+    assert all(str(d).endswith(f"; try {d.remedy} [{d.code}]") for d in found if d.code == code)
+
+
+def test_what_does_the_same_without_the_mistake_is_not_told(case, tmp_path, monkeypatch):
+    monkeypatch.chdir(build(tmp_path, case[1]["good"]))
+    loaded = load(Path("."))
+    assert loaded.diagnostics == ()
+    assert loaded.catalog is not None
+
+
+def test_every_code_has_a_case():
+    assert {code for code, about in CODES.items() if not about.machine} == set(CASES)
+
+
+def test_the_faults_of_the_published_robot_are_known():
+    """Of its configuration, and of ROS robots at large; missing-device and gpu-without-runtime are of the machine."""
+    known = """duplicate-key ports-with-host-network empty-document conflict-not-declared engine-restart-policy
+    missing-mount-source hidden-dependency privileged whole-dev-mounted ros2-host-net-private-ipc ros2-mixed-uid
+    ros2-domain-mismatch mixed-networks hostname-with-host-network sigterm-with-cpp-node shell-without-exec
+    pause-of-infrastructure pause-of-actuator-consumer duplicate-node-name missing-device unstable-device-path
+    socket-file-mounted sysctls-with-host-network shm-size-with-ipc-host realtime-without-sys-nice
+    gpu-without-runtime"""
+    assert set(known.split()) <= set(CODES)
+
+
+def test_the_shipped_manifests_have_no_finding():
+    assert load(ROOT / "manifests").diagnostics == ()
+
+
+def test_an_error_is_told_beside_other_errors_and_no_warning_of_a_half_read_tree(tmp_path, monkeypatch):
+    """A check of the whole says nothing for sure of a tree of which a part is missing; what can never work, it can."""
+    files = {
+        "arm": "image: arm:1\ncontainer:\n  privileged: true\n  volumes: ['/run/rorg/rorg.sock:/run/rorg/rorg.sock']\n",
+        "base": "image: base:1\nneeds: [nobody]\n",
+    }
+    monkeypatch.chdir(build(tmp_path, files))
+    assert [d.code for d in load(Path(".")).diagnostics] == ["socket-file-mounted", ""]
+
+
+def test_a_comment_lets_pass_what_it_names_and_nothing_else(tmp_path, monkeypatch):
+    spec = """image: arm:1
+container:
+  # rorg: allow privileged: the vendor's driver opens a memory device
+  # rorg: allow tty-without-stdin: it is the next line that has one
+  privileged: true
+  tty: true
+"""
+    monkeypatch.chdir(build(tmp_path, {"arm": spec}))
+    assert [(str(d.where), d.code) for d in load(Path(".")).diagnostics] == [
+        ("services/arm.yaml:8:5", "allow-without-effect"),
+        ("services/arm.yaml:10:10", "tty-without-stdin"),
+    ]
+
+
+def test_an_error_cannot_be_let_pass(tmp_path, monkeypatch):
+    spec = "image: face:1\ncontainer:\n  # rorg: allow ports-with-host-network: why not\n  ports: ['80:80']\n"
+    monkeypatch.chdir(build(tmp_path, {"face": spec}))
+    assert "ports-with-host-network" in [d.code for d in load(Path(".")).errors]
+
+
+def test_a_comment_in_an_overlay_is_said_of_the_overlay(tmp_path, monkeypatch):
+    over = "apiVersion: rorg/v1\nkind: Service\nmetadata: {name: arm}\nspec:\n  container:\n    privileged: true"
+    files = {
+        "arm": "image: arm:1\n",
+        "robots/lab/services/arm.yaml": f"{over}   # rorg: allow privileged: a test stand\n",
+    }
+    monkeypatch.chdir(build(tmp_path, files))
+    assert load(Path("."), robot="lab").diagnostics == ()
+    (tmp_path / "robots/lab/services/arm.yaml").write_text(over)
+    assert [d.code for d in load(Path("."), robot="lab").diagnostics] == ["privileged"]
+
+
+def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
+    tree = build(
+        tmp_path, {"arm": "image: arm:1\ncontainer: {privileged: true}\n", "base": "image: base:1\nimage: b:1\n"}
+    )
+    (error,) = json.loads(rorg("validate", ".", "-o", "json", code=2, cwd=tree).stdout)
+    assert (error["code"], error["line"], error["column"]) == ("duplicate-key", 6, 3)
+    (tree / "services/base.yaml").unlink()
+    (found,) = json.loads(rorg("validate", ".", "-o", "json", cwd=tree).stdout)
+    (run,) = json.loads(rorg("validate", ".", "-o", "sarif", cwd=tree).stdout)["runs"]
+    (rule,), (result,) = run["tool"]["driver"]["rules"], run["results"]
+    assert (found["code"], rule["id"], result["ruleId"], result["ruleIndex"]) == (*["privileged"] * 3, 0)
+    (place,) = result["locations"]
+    region = place["physicalLocation"]["region"]
+    assert (region["startLine"], region["startColumn"]) == (found["line"], found["column"]) == (6, 27)
+    assert place["physicalLocation"]["artifactLocation"]["uri"] == found["file"] == "services/arm.yaml"
+    assert result["level"] == rule["defaultConfiguration"]["level"] == found["severity"] == "warning"
+    assert result["message"]["text"] == f"{found['message']}; try {found['remedy']}"
+
+
+def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):
+    """On standard error: what is to be done alone is data."""
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"}
+    try:
+        robot.declare({"arm": {"command": "sleep 60 && true"}})
+        robot.settle()
+        told = rorg("diff", **environment)
+        assert "[shell-words-without-shell]" in told.stderr
+        assert "[" not in told.stdout
+        warnings = robot.client().call("GET", "/v1/status")["tree"]["warnings"]
+        assert [w["code"] for w in warnings] == ["shell-words-without-shell"]
+    finally:
+        robot.close()
+    assert "[shell-words-without-shell]" in rorg("diff", str(robot.tree), code=1, **environment).stderr
