@@ -15,10 +15,13 @@ from robots import VirtualRobot, write_tree
 from rorg.errors import Invalid
 from rorg.host.devices import DeviceWatch, elsewhere, look
 from rorg.manifest.driver import Driver, options_of
-from rorg.manifest.load import load_or_raise
+from rorg.manifest.load import load, load_or_raise
+from rorg.manifest.validation.machine import check_machine
 from rorg.model.devices import Device, Plugged
+from rorg.model.machine import Machine as Facts
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")
+GONE, THERE = Plugged(problem="is not there"), Plugged("/dev/ttyUSB0", "c 188:0")
 LASER = "/dev/serial/by-id/laser"
 
 
@@ -336,3 +339,14 @@ def test_hot_plugging_on_docker(docker_robot):
     look = "import os\ntry: os.open('/dev/kmsg', os.O_RDONLY)\nexcept OSError as error: print(error.errno)"
     code, said = docker_robot.engine.exec(docker_robot.container("tty").id, ["python3", "-c", look], 20.0)
     assert (code, int(said)) == (0, errno.EPERM), "what is seen may not be used, but for its class"
+
+
+def test_validate_looks_for_devices_that_are_known_by_what_they_say(tmp_path):
+    driver = {"devices": [{"udev": {"vendor": "0403"}, "target": "/dev/arm"}]}
+    found = load(write_tree(tmp_path, {"arm": {"driver": driver}}))
+    (device,) = found.catalog.services["arm"].devices
+    told = [check_machine(found.catalog, found.sources, Facts(plugged={device: p})) for p in (GONE, THERE)]
+    assert [[(d.code, d.message) for d in said] for said in told] == [
+        [("missing-device", "a device with vendor 0403 is not there")],
+        [],
+    ]

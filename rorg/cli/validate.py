@@ -110,12 +110,14 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
 
     from rorg.cli.output import note
     from rorg.engines.facts import engine_facts
+    from rorg.host.devices import look
     from rorg.host.machine import gather
     from rorg.manifest.validation.machine import check_machine, named_paths
 
     if loaded.catalog is None or loaded.sources is None:
         return []
-    found = gather(named_paths(loaded.catalog, loaded.sources))
+    devices = {d for s in loaded.catalog.services.values() for d in s.devices}
+    found = replace(gather(named_paths(loaded.catalog, loaded.sources)), plugged=look(devices))
     if engine != "process":
         facts = engine_facts()
         if facts.error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from rorg.model.devices import Device, Plugged
+
 ABSENT, DEVICE, FILE, DIRECTORY, SOCKET = "absent", "device", "file", "directory", "socket"
 
 
@@ -30,6 +32,8 @@ class Machine:
 
     nodes: Mapping[str, Node] = field(default_factory=dict)
     """By path."""
+    plugged: Mapping[Device, Plugged] = field(default_factory=dict)
+    """Devices that drivers know by what these say of themselves."""
     ports: Mapping[int, str] = field(default_factory=dict)
     """TCP ports that somebody listens at -> the program; those of the engine itself are not among them."""
     sysctls: Mapping[str, int] = field(default_factory=dict)

@@ -26,7 +26,7 @@ WRITES, OTHERS_WRITE = 0o222, 0o002
 def named_paths(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> set[str]:
     """The paths of the machine that a robot names: devices, and what it mounts."""
     robot = Robot(catalog, sources)
-    found = {host for s in robot.subjects for host, _ in s.devices}
+    found = {host for s in robot.subjects for host, _ in s.devices if host.startswith("/")}
     return found | {m.path for s in robot.subjects for m in s.mounts if m.path and not m.source.startswith(RUN)}
 
 
@@ -39,6 +39,9 @@ def check_machine(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]],
 
 
 def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
+    for device in subject.service.devices:
+        if device.udev and device in machine.plugged and (problem := machine.plugged[device].problem):
+            yield Finding("missing-device", subject.device(device.identity), f"{device} {problem}")
     for host, _ in subject.devices:
         node = machine.nodes.get(host)
         if node is None or node.kind == DIRECTORY:
