@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,7 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
-LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes")
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged")
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
@@ -150,10 +150,16 @@ def fingerprint(catalog: Catalog) -> str:
     """Of all that a tree declares, wherever it is written."""
 
     def content(value: Any) -> dict[str, Any]:
-        found = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in UNTOLD}
-        return {name: said for name, said in found.items() if said or name not in LATER}
+        told = (f.name for f in fields(value) if f.name not in UNTOLD and not (f.name in LATER and _unsaid(value, f)))
+        return {name: getattr(value, name) for name in told}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _unsaid(value: Any, field: Field[Any]) -> bool:
+    """It is as where nothing is declared."""
+    factory = field.default_factory
+    return bool(getattr(value, field.name) == (field.default if factory is MISSING else factory()))
 
 
 def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:

@@ -85,11 +85,16 @@ void calls() {
     std::this_thread::sleep_for(std::chrono::milliseconds(1300));  // three leases long
     check(client.requests().size() == 1, "the heartbeat keeps it");
   }
+  {
+    auto arm = client.request({"arm"}, "hardware");
+    arm.wait(rorg::Seconds(20));
+    throws<rorg::Refused>([&] { client.restart("arm"); }, "moves hardware", "a driver");
+  }
   const auto lidar = client.request({"lidar"}, "first");
   throws<rorg::Refused>([&] { client.request({"arm"}); }, "conflict", "a conflict");
   throws<rorg::Invalid>([&] { client.request({"camra"}); }, "try 'camera'", "a typo");
   throws<rorg::NotFound>([&] { client.service("nobody"); }, "no such service", "an unknown service");
-  throws<rorg::Refused>([&] { client.restart("arm"); }, "moves hardware", "a driver");
+  throws<rorg::Refused>([&] { client.restart("arm"); }, "not wanted", "a restart of what nobody requests");
   throws<rorg::NotReady>([&] { client.wait({"camera"}, rorg::Seconds(0.1)); }, "camera", "a wait without a request");
   client.release("nothing");
   names(client);
