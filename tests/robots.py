@@ -81,11 +81,15 @@ class VirtualRobot:
         self.sim.document = edit(self.sim.document)
 
     def request(self, *services: str, id: str = "test", by: str = "developer", **more) -> None:
-        run = None if by == "developer" else self.container(by).incarnation
+        run = None if by == "developer" else self.run_of(by)
         self.change(lambda asked: asked.put(Request(id, by, services, incarnation=run, **more)))
 
     def release(self, id: str = "test", by: str = "developer") -> None:
         self.change(lambda asked: asked.without({(by, id)}))
+
+    def run_of(self, service: str) -> str:
+        """Its incarnation."""
+        return self.container(service).incarnation
 
     def hold(self, service: str, seconds: float, reason: str = "") -> None:
         self.change(lambda asked: replace(asked, holds={service: Hold(self.wall() + seconds, reason)}))
@@ -194,6 +198,14 @@ class RealRobot(VirtualRobot):
 
     def change(self, edit) -> None:
         self.file.change(edit)
+
+    def run_of(self, service: str) -> str:
+        """Its incarnation, once the loop knows of it."""
+        found = self.container(service).incarnation
+        if self.loop:
+            seen = self.loop.observer.snapshot
+            self.wait(lambda: any(c.incarnation == found for c in seen().containers))
+        return found
 
     def wall(self) -> float:
         return time.time()

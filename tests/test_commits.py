@@ -64,7 +64,7 @@ class Lab:
             (tree / "config" / name).write_text(f"{self.config[name]}\n")
             container = {"environment": {"VERSION": str(version)}, "volumes": [f"../config/{name}:/config:ro"]}
             services[name] = {"always_on": True, "container": container, **BAD.get(self.bad.get(name, ""), {})}
-        write_tree(tree, services, policies={"robot": {"removals": "auto", "updates": {"bake": "300ms"}}})
+        write_tree(tree, services, policies={"robot": {"removals": "auto", "updates": {"bake": "1s"}}})
         torn = tree / "services" / "torn.yaml"
         torn.write_text("apiVersion: rorg/v1\nkind: [Service\n") if self.torn else torn.unlink(missing_ok=True)
 
