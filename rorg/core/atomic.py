@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from rorg.core.backoff import STALLED_AFTER
 from rorg.core.desired import Desired
 from rorg.core.memory import NONE, Progress
 from rorg.core.observed import Container
@@ -70,7 +71,7 @@ def _judged(
     for member in members:
         step, one = progress.get(member, NONE), changing.get(member)
         update = replace(step.update, drawn="", held="")
-        if one and bad and member not in bad:
+        if one and bad and member not in bad and not _hopeless(one, step):
             other = next(iter(bad))
             update = replace(update, drawn=f"it goes together with {other}, whose change failed: {bad[other]}")
         elif one and one.wanted and unprepared and not bad:
@@ -82,6 +83,11 @@ def _judged(
         if update != step.update:
             found[member] = replace(step, update=update)
     return found
+
+
+def _hopeless(one: _Changing, step: Progress) -> bool:
+    """It does not run as it was: there is nothing to go back to, so it goes on alone."""
+    return not one.new and step.exits >= STALLED_AFTER
 
 
 def _own(progress: Mapping[str, Progress], name: str) -> str:
