@@ -41,7 +41,8 @@ def _paths(robot: Robot) -> Iterator[Finding]:
 
 def _whole(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
-        for mount in subject.mounts:
+        driver = subject.source.spec.driver
+        for mount in subject.mounts if driver is None or not driver.hotplug else ():
             if mount.path == "/dev":
                 message = f"'{subject.name}' mounts /dev whole, with the shared memory of this machine"
                 yield Finding("whole-dev-mounted", subject.volume(mount), message)
