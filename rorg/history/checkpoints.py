@@ -59,7 +59,7 @@ class Checkpoints:
 
 
 def _connect(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(path, 0.0, isolation_level=None, check_same_thread=False)
+    return sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
 
 
 def _hold(guard: sqlite3.Connection) -> None:

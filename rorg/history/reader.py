@@ -38,7 +38,7 @@ class Reader:
         # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
         alone = not os.path.exists(f"{self.path}-wal")
         place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
-        connection = sqlite3.connect(place, PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
+        connection = sqlite3.connect(place, timeout=PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
         if not connection.execute("PRAGMA user_version").fetchone()[0]:
             connection.close()
             raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))

@@ -321,7 +321,7 @@ def test_it_ends_at_once_whoever_calls(robot):
 def near(tmp_path):
     found = RealRobot(tmp_path, "process", None, with_server=True)
     found.declare({"alpha": {"may_request": ["camera"]}, "camera": {}})
-    wait_for(lambda: found.client(patience=20).services())
+    wait_for(lambda: found.client(patience=20).services() and os.path.exists(found.socket("alpha")))
     yield found
     found.close()
 
