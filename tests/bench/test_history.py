@@ -92,20 +92,36 @@ def test_revisions_are_listed(long):
     assert time.perf_counter() - began < 0.1
 
 
-def test_events_without_a_loop(long):
+LINES = {
+    "events": ["events", "--tail", "50"],
+    "events of a kind": ["events", "--kind", "crashed", "--tail", "50"],
+    "events of a service": ["events", "--service", "s07", "--tail", "50"],
+    "events by text": ["events", "--grep", "number 4711 ", "--tail", "50"],
+    "history": ["history"],
+}
+"""Whole commands: each must answer within 300 ms."""
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_command_without_a_loop(long, name):
     env = {**ENVIRONMENT, "RORG_STATE_DIR": str(long)}
-    assert measure("rorg events", [*RORG, "events", "--tail", "50"], env) < 300
+    assert measure(f"rorg {name}", [*RORG, *LINES[name]], env) < 300
 
 
-def test_events_with_a_loop(long, tmp_path):
-    shutil.copytree(long, tmp_path / "state")
-    robot = RorgProcess(tmp_path, {"camera": {}}).start()
-    try:
-        robot.client(patience=60).status()
-        env = {**ENVIRONMENT, "RORG_STATE_DIR": str(robot.state)}
-        assert measure("rorg events, with a loop", [*RORG, "events", "--tail", "50"], env) < 300
-    finally:
-        robot.close()
+@pytest.fixture(scope="module")
+def served(long, tmp_path_factory):
+    """The environment of a command that finds a running rorg with that journal."""
+    folder = tmp_path_factory.mktemp("served")
+    shutil.copytree(long, folder / "state")
+    robot = RorgProcess(folder, {"camera": {}}).start()
+    robot.client(patience=60).status()
+    yield {**ENVIRONMENT, "RORG_STATE_DIR": str(robot.state)}
+    robot.close()
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_command_with_a_loop(served, name):
+    assert measure(f"rorg {name}, with a loop", [*RORG, *LINES[name]], served) < 300
 
 
 def test_an_entry_is_written(long):
