@@ -272,10 +272,12 @@ def test_long_forms_and_short_ones_are_one_configuration(tmp_path):
 
 def test_a_large_file_costs_no_more_a_line_than_a_small_one():
     """Whoever may commit to the tree shall not hold up the loop."""
-    costs = []
-    for lines in (2_000, 20_000):
+
+    def cost(lines: int) -> float:
         began = time.process_time()
         entries, _ = read_dotenv("A=1\n" * lines + "LAST=${A}\n", lambda _: None)
-        costs.append((time.process_time() - began) / lines)
         assert (entries[-1].line, entries[-1].value) == (lines + 1, "1")
+        return (time.process_time() - began) / lines
+
+    costs = [min(cost(lines) for _ in range(3)) for lines in (2_000, 20_000)]
     assert costs[1] < 4 * costs[0]
