@@ -38,6 +38,13 @@ from rorg.sim.robot import SimRobot, iso
 NAMES = [f"s{n}" for n in range(6)]
 DEVICE = "/dev/arm"
 EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES", "24"))
+WHOLE = settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+HALF = settings(WHOLE, max_examples=EXAMPLES // 2)
 QUIET = 100.0
 """Seconds at the end of every run in which nothing may happen any more."""
 REST = 200.0
@@ -154,12 +161,7 @@ EVENTS = st.lists(
 )
 
 
-@settings(
-    max_examples=EXAMPLES,
-    deadline=None,
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
-)
+@WHOLE
 @given(services(), POLICIES, EVENTS)
 def test_every_robot_comes_to_rest_as_asked(specs, policy, events):
     live_through(specs, policy, events)
@@ -193,12 +195,7 @@ CHANGES = st.lists(
 )
 
 
-@settings(
-    max_examples=EXAMPLES // 2,
-    deadline=None,
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
-)
+@HALF
 @given(services(), CHANGES)
 def test_a_bad_change_never_ends_what_ran(specs, events):
     live_through({n: specs[n] for n in NAMES[:2]}, {}, events)
@@ -227,23 +224,13 @@ TURNS = st.lists(
 )
 
 
-@settings(
-    max_examples=EXAMPLES // 2,
-    deadline=None,
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
-)
+@HALF
 @given(services(), USES, TURNS)
 def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
     live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
-@settings(
-    max_examples=EXAMPLES // 2,
-    deadline=None,
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
-)
+@HALF
 @given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
 def test_what_is_joined_follows_what_it_joins(specs, option, events):
     first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import MAX_DEPTH, MAX_NODES
+from rorg.manifest.yaml_source import MAX_NODES, check_depth
 from rorg.model.diagnostics import Diagnostic, Where
 
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -176,27 +176,12 @@ class _Reader:
                 self.error(one, "a merge key (<<) takes a mapping", "an alias of a mapping, or a list of these")
 
 
-def _check_depth(text: str) -> None:
-    """Raises YAMLError when it is nested too deep. Every level takes one of these characters."""
-    if sum(map(text.count, "[{-:?")) <= MAX_DEPTH:
-        return
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                mark: Any = event.start_mark
-                raise yaml.MarkedYAMLError(problem=f"nested more than {MAX_DEPTH} deep", problem_mark=mark)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-
-
 def read_nodes(text: str, file: str) -> tuple[list[Node], list[Diagnostic]]:
     """The documents of a file, which Compose lays over each other, with all that is wrong with it as YAML. `file` is
     only shown."""
     reader = _Reader(file)
     try:
-        _check_depth(text)
+        check_depth(text)
         documents = [reader.read(node) for node in yaml.compose_all(text, Loader=_Loader) if node is not None]
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

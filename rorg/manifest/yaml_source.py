@@ -159,7 +159,7 @@ class _Reader:
         return value
 
 
-def _check_depth(text: str) -> None:
+def check_depth(text: str) -> None:
     """Raises YAMLError when it is nested too deep. Every level takes one of these characters."""
     if sum(map(text.count, "[{-:?")) <= MAX_DEPTH:
         return
@@ -200,7 +200,7 @@ def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None,
     its texts go to no engine and no program, so they may have NUL characters."""
     reader = _Reader(file, nul)
     try:
-        _check_depth(text)
+        check_depth(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
