@@ -6,7 +6,7 @@ import math
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, WithJsonSchema
+from pydantic import AfterValidator, WithJsonSchema, model_validator
 
 from rorg.manifest.fields import Written, unchanging
 from rorg.manifest.option_forms import Strict
@@ -16,6 +16,12 @@ NAME = r"^(/[A-Za-z_][A-Za-z0-9_]*)+$"
 FILE = "file"
 UNSENDABLE = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
 """Characters that XML 1.0 cannot carry."""
+
+
+def _absolute(name: str) -> str:
+    if not re.fullmatch(NAME, name):
+        raise ValueError("must be an absolute name of ROS, such as /move_base/max_vel")
+    return name
 
 
 def sendable(value: Any) -> Any:
@@ -40,6 +46,7 @@ def sendable(value: Any) -> Any:
     return value
 
 
+ParameterName = Annotated[str, AfterValidator(_absolute), WithJsonSchema({"type": "string", "pattern": NAME})]
 Parameter = Annotated[
     Any,
     AfterValidator(sendable),
@@ -51,12 +58,20 @@ Parameter = Annotated[
 class Ros(Strict):
     """What the ROS 1 master of a service is given."""
 
-    parameters: dict[Annotated[str, Field(pattern=NAME)], Parameter] = unchanging(
+    parameters: dict[ParameterName, Parameter] = unchanging(
         "Parameters by absolute name, set before each start of the service and again after each restart of its master. "
         "{file: PATH} is the text of a file beside the manifest. A change of a value is set at once.",
         {"/robot_name": "freight", "/robot_description": {"file": "./urdf/robot.urdf"}},
         dict,
     )
+
+    @model_validator(mode="after")
+    def _apart(self) -> Ros:
+        for name in self.parameters:
+            above = next((other for other in self.parameters if name.startswith(f"{other}/")), "")
+            if above:
+                raise ValueError(f"{name} is part of {above}, which is declared too: keep one of them")
+        return self
 
 
 def file_of(value: Any) -> str:
