@@ -65,6 +65,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("interlock", lambda s: f"{s.interlock}; Compose asks nobody before it touches a container" if s.interlock else ""),
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
     ("devices", lambda s: "Compose waits for none of them, and stops nothing when one goes" if s.devices else ""),
+    ("ros", lambda s: f"{_names(tuple(s.ros.values))}; Compose sets no parameters" if s.ros else ""),
     ("on_change", lambda s: f"{s.on_change}; Compose does not look at files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
     ("resources", lambda s: _resources(s)),

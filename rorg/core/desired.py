@@ -54,6 +54,8 @@ class Desired:
     """By which these are looked for on the engine."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
+    ros: Mapping[str, str] = field(default_factory=dict)
+    """Service -> digest of the ROS parameters that it declares."""
 
 
 def desire(
@@ -96,6 +98,7 @@ def desire(
         drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
         devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
+        ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
     )
 
 

@@ -90,6 +90,10 @@ class Progress:
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""
+    parameters: str = ""
+    """What its ROS parameters were last set for (see ros_parameters.py)."""
+    not_set: str = ""
+    """Why the last attempt to set them failed."""
     update: Update = Update()
 
     def spent(self, container: Container) -> bool:

@@ -18,8 +18,10 @@ from rorg.manifest.load import load_or_raise
 from rorg.manifest.long_forms import EnvFile, read_env_files
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
 from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
+from rorg.manifest.ros import Ros
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
+from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
 
@@ -76,8 +78,19 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
         elif name == "needs":
             yield from _needs(levels, told, service)
+        elif name == "ros":
+            yield from _ros(own, told)
         elif name != "container":
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
+
+
+def _ros(own: Level, told: FieldText) -> Iterator[Value]:
+    """Each parameter as it is written; of those whose names say that they are secret the names alone."""
+    ros: Ros | None = own.source.spec.ros
+    for name, value in ros.parameters.items() if ros else ():
+        said = own.value(f"ros.parameters.{name}", told, value, "spec", "ros", "parameters", name)
+        secret = any(secret_texts(name.rpartition("/")[2], value))
+        yield replace(said, value=None, text=NOT_SHOWN) if secret else said
 
 
 def _first(

@@ -9,6 +9,7 @@ from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
+from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 
@@ -53,6 +54,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
+        ros=parameters_of(source, master, diagnostics),
         **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,

@@ -14,6 +14,7 @@ from rorg.manifest.fields import Written, recreate, unchanging
 from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
+from rorg.manifest.ros import Ros
 from rorg.manifest.scalars import Memory, Name
 
 Priority = Annotated[int, Field(ge=0, le=100)]
@@ -87,6 +88,7 @@ def _container_only(spec: ServiceSpec) -> list[str]:
         "ready",
         "live",
         "interlock",
+        "ros",
         "driver",
         "mounts",
         "container",
@@ -181,6 +183,9 @@ class ServiceSpec(Strict):
         "Expected use, for budgets and simulation. Limits are container options (cpus, mem_limit).",
         {"cpu": 0.6, "memory": "180Mi"},
         Resources,
+    )
+    ros: Ros | None = unchanging(
+        "What the ROS 1 master is given for it.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
     )
     driver: Driver | None = recreate(
         "Hardware that it talks to: it gets these devices and no others.", {"devices": ["/dev/ttyUSB0:/dev/base"]}

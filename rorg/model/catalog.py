@@ -11,6 +11,7 @@ from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
+from rorg.model.ros import RosParameters
 from rorg.model.units import LONGEST
 
 DEVELOPER = "developer"
@@ -62,7 +63,8 @@ class Probe:
     """A question to a service: `ready`, `live` or `interlock`."""
 
     kind: str
-    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic or ros_service."""
+    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic, ros_service or
+    ros_parameters."""
     target: float | str | tuple[str, ...]
     timeout: float = 30.0
     """Seconds after which a service counts as late."""
@@ -138,6 +140,7 @@ class Service:
     """Those without which it does not run."""
     unplugged: str = "stop"
     """What becomes of it when one of them goes: stop or keep."""
+    ros: RosParameters | None = None
     spec: Spec | None = None
     """None for a meta-service."""
     secrets: tuple[str, ...] = ()

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from rorg.core.former import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Where
+from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 
@@ -83,6 +84,7 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
     flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
     flat["update"] = Updating(**data.get("update", {}))
     flat["joins"] = {name: tuple(options) for name, options in data.get("joins", {}).items()}
+    flat["ros"] = RosParameters(**data["ros"]) if data.get("ros") else None
     for role in ("ready", "live", "interlock"):
         flat[role] = _probe(data[role])
     return Service(**flat)
