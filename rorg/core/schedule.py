@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 
 from rorg.core.desired import Desired
@@ -26,6 +26,17 @@ class Target:
     container: Container | None = field(default=None, compare=False)
     asked: float | None = field(default=None, compare=False)
     """Somebody waits for an answer that was asked for since then."""
+    part: int = 0
+    """Which of the probe's questions it is."""
+
+    def parts(self) -> tuple[Target, ...]:
+        """Its questions, one by one, each as often as itself says and this one allows."""
+        if not self.probe.parts:
+            return (self,)
+        return tuple(
+            replace(self, probe=probe, every=max(probe.interval, self.every), part=index)
+            for index, probe in enumerate(self.probe.parts)
+        )
 
 
 Targets = Mapping[tuple[str, str], Target]

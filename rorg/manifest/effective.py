@@ -115,9 +115,11 @@ def _rendered(service: Service, path: tuple[str, ...]) -> Any:
 def _probe(levels: list[Level], name: str, service: Service) -> Iterator[Value]:
     """A probe is one thing: it comes whole from whoever says it first."""
     for level in levels:
-        probe: BaseModel | None = getattr(level.source.spec, name, None)
-        if probe is not None:
+        probe: Any = getattr(level.source.spec, name, None)
+        if isinstance(probe, BaseModel):
             for key, part in fields_of(type(probe)).items():
+                if key == "interval" and getattr(probe, "all", None) and getattr(probe, key) is None:
+                    continue  # each part has its own
                 yield from _first([level], (name, key), part, service)
             return
 
