@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import shutil
 import signal
@@ -107,33 +106,18 @@ def dockerd() -> Iterator[Dockerd]:
 
 @pytest.fixture(scope="session")
 def ros_image(dockerd) -> str:
-    """An image with real ROS 1 from Debian's packages, on the private daemon. Built once a machine, then kept as a
-    file, since each session has an empty daemon."""
-    import docker
+    """An image with real ROS 1 from Debian's packages, on the private daemon."""
+    from debian_images import bring
 
-    folder, name = ROOT / "images/ros1", "ros1-base"
-    api = docker.APIClient(dockerd.host, version="auto", timeout=600)
-    if api.images(name):
-        return name
-    key = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(folder.iterdir()) if p.is_file())).hexdigest()[:16]
-    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / f"rorg-tests/{name}-{key}.tar"
-    if kept.exists():
-        with kept.open("rb") as file:
-            api.load_image(file)
-        return name
-    if not shutil.which("debootstrap"):
-        no_docker("debootstrap is not installed, so no image with ROS can be made")
-    made = subprocess.Popen([str(folder / "rootfs.sh")], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    api.import_image(src=made.stdout, repository="debian", tag="bookworm-slim", stream_src=True)
-    assert made.wait() == 0
-    lines = list(api.build(path=str(folder), tag=name, network_mode="host", decode=True, rm=True))
-    assert api.images(name), lines[-5:]
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    with kept.with_suffix(".new").open("wb") as file:
-        for chunk in api.get_image(name):
-            file.write(chunk)
-    kept.with_suffix(".new").rename(kept)
-    return name
+    return bring(dockerd.host, ROOT / "images/ros1", "ros1-base")
+
+
+@pytest.fixture(scope="session")
+def dds_image(dockerd) -> str:
+    """An image with a talker and a listener of ROS 2's wire, on the Fast DDS of Debian's packages."""
+    from debian_images import bring
+
+    return bring(dockerd.host, ROOT / "tests/ros_nodes/dds", "dds-nodes")
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ def _idle(service: Service) -> str:
 
 def condition(ready: Probe | None) -> str:
     """What Compose calls it that a service is waited for so."""
-    if ready is not None and ready.kind == "engine":
+    if ready is not None and any(probe.kind == "engine" for probe in ready.questions):
         return "service_healthy"
     if ready is not None and ready.completed:
         return "service_completed_successfully"
@@ -37,8 +37,11 @@ def condition(ready: Probe | None) -> str:
 
 
 def _ready(service: Service) -> str:
-    if service.ready is None or condition(service.ready) != "service_started":
+    if service.ready is None:
         return ""
+    if condition(service.ready) != "service_started":
+        others = [str(probe) for probe in service.ready.questions if probe.kind not in ("engine", "completed")]
+        return f"{' and '.join(others)}; Compose waits for the healthcheck alone" if others else ""
     return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
 
 
@@ -108,7 +111,7 @@ def _policy(catalog: Catalog) -> Iterator[Note]:
 
 def _unhealthy(service: Service) -> Iterator[Note]:
     """Compose waits for ever for a service whose image has no check."""
-    if service.ready and service.ready.kind == "engine" and not (service.spec or {}).get("healthcheck"):
+    if condition(service.ready) == "service_healthy" and not (service.spec or {}).get("healthcheck"):
         yield Note(service.name, "spec.ready", "healthy by the check that its image must have", lost=False)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any
 
@@ -33,6 +33,17 @@ class Target:
     """Of ROS parameters; which ones these are, the probe tells too."""
     anew: bool = False
     """They are to be set whatever the master has."""
+    part: int = 0
+    """Which of the probe's questions it is."""
+
+    def parts(self) -> tuple[Target, ...]:
+        """Its questions, one by one, each as often as itself says and this one allows."""
+        if not self.probe.parts:
+            return (self,)
+        return tuple(
+            replace(self, probe=probe, every=max(probe.interval, self.every), part=index)
+            for index, probe in enumerate(self.probe.parts)
+        )
 
 
 Targets = Mapping[tuple[str, str], Target]

@@ -16,6 +16,7 @@ from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.ros import Ros
 from rorg.manifest.scalars import Memory, Name
+from rorg.model.units import NAME
 
 Priority = Annotated[int, Field(ge=0, le=100)]
 
@@ -52,6 +53,7 @@ def _on_change(value: object) -> object:
     return name
 
 
+NAMED = {"type": "string", "pattern": NAME}
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
@@ -73,6 +75,13 @@ OnChange = Annotated[
     BeforeValidator(_on_change),
     WithJsonSchema({"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"}),
     Written("restart | none | signal NAME"),
+]
+ProfileNames = Annotated[
+    list[Name],
+    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    Field(min_length=1),
+    WithJsonSchema({"anyOf": [NAMED, {"type": "array", "items": NAMED, "minItems": 1}]}),
+    Written("name | list of name"),
 ]
 Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
 Restart = Literal["always", "on-failure", "never"]
@@ -111,10 +120,10 @@ class ServiceSpec(Strict):
         "roslaunch /root/navigation/fetch_nav.launch --wait",
         unset="the image's",
     )
-    profile: Name | None = unchanging(
-        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree. plain: nothing but what is "
-        "declared here.",
-        "ros1",
+    profile: ProfileNames | None = unchanging(
+        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree; or several, as one that extends "
+        "them in this order. plain: nothing but what is declared here.",
+        ["ros1", "realtime"],
         unset="common",
     )
     needs: Needs = unchanging(

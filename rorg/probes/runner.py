@@ -48,8 +48,8 @@ class ProbeRunner:
         which master, their names."""
         self.engine, self.container_of, self.told = engine, container_of, told
         self.stopping = stopping or threading.Event()
-        self._read: dict[tuple[str, str], tuple[tuple[str, str], str | None]] = {}
-        """(service, role) -> (incarnation, pattern), and the place in its log; None once a line was found."""
+        self._read: dict[tuple[str, str, int], tuple[tuple[str, str], str | None]] = {}
+        """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line was found."""
 
     def __call__(self, key: tuple[str, str], target: Target) -> Answer:
         service, role = key
@@ -62,11 +62,11 @@ class ProbeRunner:
         if container is None or container.incarnation != target.incarnation:
             return cannot_ask("it is another run by now")
         try:
-            return self._ask(key, probe, container)
+            return self._ask((*key, target.part), probe, container)
         except RorgError as error:
             return cannot_ask(error.why)
 
-    def _ask(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
+    def _ask(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         match probe.kind:
             case "exec":
                 return self._exec(probe, container)
@@ -113,7 +113,7 @@ class ProbeRunner:
             return cannot_ask("the engine does not say which process it is")
         return ask_file(probe, role, container.pid, isolated)
 
-    def _log(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
+    def _log(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         """A line that was there once stays said, for this run."""
         about = container.incarnation, str(probe.target)
         known, place = self._read.get(key, (about, ""))

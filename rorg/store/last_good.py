@@ -93,5 +93,5 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
 def _probe(data: Mapping[str, Any] | None) -> Probe | None:
     if data is None:
         return None
-    target = data["target"]
-    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target})
+    target, parts = data["target"], tuple(filter(None, map(_probe, data.get("parts", ()))))
+    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target, "parts": parts})
