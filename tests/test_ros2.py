@@ -20,6 +20,29 @@ def pair(image: str, topic: str, seconds: float, **listener: dict) -> dict[str, 
     return {**tree, "listener": {**tree["listener"], **({"container": listener} if listener else {})}}
 
 
+def shared(robot, *names: str) -> dict[str, dict]:
+    """Participants over the robot's folder in place of /dev/shm."""
+    robot.shm.mkdir(mode=0o1777)
+    return {
+        name: {
+            "image": "dds-nodes",
+            "command": f"dds_listener /{name} 600",
+            "profile": "ros2",
+            "restart": "never",
+            "container": {"volumes": [f"{robot.shm}:/dev/shm"]},
+        }
+        for name in names
+    }
+
+
+def files(robot) -> set[str]:
+    return {path.name for path in robot.shm.iterdir()}
+
+
+def purged(robot) -> bool:
+    return any("of dead ROS 2 participants removed" in line for line in robot.log())
+
+
 def found(robot) -> set[str]:
     """Codes of what `rorg validate` finds in its tree."""
     return {f["code"] for f in json.loads(rorg("validate", str(robot.tree), "-o", "json").stdout)}
@@ -73,3 +96,23 @@ def test_what_delivers_nothing_is_found_before_it_runs(docker_robot, dds_image, 
     assert said["listener"].startswith(NOTHING), said
     assert "not acknowledged" in said["talker"]
     assert found(docker_robot) == {code}
+
+
+def test_what_killed_participants_left_is_removed_once_none_runs(docker_robot, dds_image):
+    docker_robot.declare(shared(docker_robot, "victim", "other"))
+    docker_robot.request("victim", id="victim")
+    docker_robot.request("other", id="other")
+    docker_robot.wait(lambda: len([f for f in files(docker_robot) if f.endswith("_el")]) >= 4)
+    foreign = docker_robot.shm / "fastrtps_00c0ffee00c0ffee"
+    (docker_robot.shm / "of_somebody_else").write_bytes(b"x")
+    with foreign.open("wb"):  # a participant that rorg knows nothing of
+        docker_robot.kill("victim")
+        docker_robot.wait(lambda: "exited" in docker_robot.status()["services"]["victim"]["state"])
+        left = files(docker_robot)
+        assert not purged(docker_robot)
+        docker_robot.kill("other")
+        docker_robot.wait(lambda: purged(docker_robot))
+        assert len(left) > 8
+        assert files(docker_robot) == {foreign.name, "of_somebody_else"}
+    (event,) = [e for e in docker_robot.loop.recorder.journal.since(0) if e["kind"] == "shm-purged"]
+    assert event["bytes"] > 2 * 500_000, "each participant has a segment of half a megabyte"

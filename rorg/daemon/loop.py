@@ -47,7 +47,7 @@ class Loop:
         self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
         self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
-        self.images, self.devices = parts.images, parts.devices
+        self.images, self.devices, self.shm = parts.images, parts.devices, parts.shm
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
@@ -168,6 +168,7 @@ class Loop:
         self.prober.watch(decision.to_probe)
         if self.engine.local:  # who refuses connections on this machine is no node of another one
             self.ros.look(decision.situation)
+            self.shm.look(decision.situation)
         self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)

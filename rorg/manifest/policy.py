@@ -206,3 +206,8 @@ class PolicySpec(Strict):
     purge_ros: bool = field(
         "Take the registrations of killed ROS 1 nodes of this machine out of the master.", False, True
     )
+    purge_shm: bool = field(
+        "Remove what dead ROS 2 participants left in /dev/shm, when no ROS 2 service runs and no process uses it.",
+        False,
+        True,
+    )
