@@ -18,7 +18,7 @@ from rorg.daemon.loop import Loop
 from rorg.daemon.parts import Collaborators, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
-from rorg.daemon.ros import RosPurger
+from rorg.daemon.ros_watch import RosWatch
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
@@ -81,7 +81,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
     )
     sampler = _sampler(engine, lambda: loop, wakes)
-    ros, devices = RosPurger(recorder.purged), DeviceWatch(wakes.wake)
+    ros, devices = RosWatch(recorder.purged, wakes.wake), DeviceWatch(wakes.wake)
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )
