@@ -46,7 +46,7 @@ def test_what_is_kept_is_bounded_and_the_latest():
 
 def test_what_was_asked_for_before_anybody_watched_tells_no_time():
     asked = Request("r", "guide", ("ears",))
-    learning = observe_requests(Learning(), 1000.0, [asked])
+    learning = observe_requests(Learning(), 1000.0, [asked], first=True)
     learning = observe_requests(learning, 1005.0, [Request("r", "guide", ("wheels",))])
     learning = observe_requests(learning, 1045.0, [])
     learning = observe(learning, 1100.0, "guide", ("ears",))

@@ -1,4 +1,4 @@
-"""What follows what is learnt from requests as they come: from a trace at once, or one after another as a robot runs."""
+"""What follows what is learnt from requests: from a trace at once, or from one after another as a robot runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rorg.model.learned import Departure, Learned, Names
 from rorg.model.trace import TraceEvent
 
 PASSING = 1.0
-"""Seconds. What is asked for so briefly is a step on the way to what comes next: a requester that releases one thing and
-then requests another asked for nothing between."""
+"""Seconds. What is asked for so briefly is a step on the way to what comes next: a requester that releases one thing
+and then requests another asked for nothing between."""
 DEPARTURES = 200
 """The last ones that are kept of each state, so that habits of long ago are forgotten;"""
 STATES = 64
@@ -77,15 +77,15 @@ def observe(learning: Learning, at: float, requester: str, names: Names, seen: b
     return _with(learning, requester, Stay(names, at, Left(stay.names, stay.since, at)))
 
 
-def observe_requests(learning: Learning, at: float, requests: Iterable[Request]) -> Learning:
-    """All that is asked for now, but for what manifests ask for as long as a requester runs."""
+def observe_requests(learning: Learning, at: float, requests: Iterable[Request], first: bool = False) -> Learning:
+    """All that is asked for now, but for what manifests ask for as long as a requester runs. `first`: nobody has
+    looked before, so it is not known since when."""
     asked: dict[str, list[Names]] = {requester: [] for requester in learning.stays}
     for request in requests:
         if not request.standing:
             asked.setdefault(request.requester, []).append(request.services)
-    known = bool(learning.stays)
     for requester, services in asked.items():
-        learning = observe(learning, at, requester, _names(services), seen=known)
+        learning = observe(learning, at, requester, _names(services), seen=not first)
     return learning
 
 

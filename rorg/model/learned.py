@@ -32,6 +32,12 @@ class Learned:
     def of(self, requester: str, names: Names) -> tuple[Departure, ...]:
         return self.departures.get(requester, {}).get(names, ())
 
+    @property
+    def names(self) -> set[str]:
+        """All that was ever asked for."""
+        states = (state for known in self.departures.values() for state in known.items())
+        return {name for asked, ways in states for names in (asked, *(way.to for way in ways)) for name in names}
+
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
