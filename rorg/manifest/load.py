@@ -153,6 +153,7 @@ LATER = (
     "ros",
     "parts",
     "purge_shm",
+    "prewarm",
 )
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
