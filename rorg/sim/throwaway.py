@@ -164,7 +164,7 @@ class ThrowawayRobot:
         before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             self.leave()
-            containers = self.engine.list()
+            containers = self.engine.list() if self.loop else []
             threads = [threading.Thread(target=self._remove, args=(c,)) for c in containers]
             for thread in threads:
                 thread.start()
