@@ -43,6 +43,7 @@ COMMANDS = (
     "export",
     "dev",
     "demo",
+    "emulate",
     "schema",
     "completion",
 )
