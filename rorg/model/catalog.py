@@ -43,6 +43,8 @@ class Idle:
     escalate: tuple[float, str] | None = None
     """(seconds after it was ceased, stop or remove)."""
     reclaim: bool = False
+    connected: str = "pause"
+    """pause or stop: what is done instead of pausing it while its ROS 1 nodes are connected to those of others."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
+from rorg.core.ros_graph import Graphs
 from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
@@ -53,6 +54,8 @@ class SimRobot:
         """Services whose interlock says no."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
+        self.ros: Graphs = {}
+        """What ROS 1 masters say."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
@@ -156,6 +159,7 @@ class SimRobot:
             confirmed=self.document.removals,
             retries=self.document.retries,
             cache=self.cache,
+            ros=self.ros,
             devices={
                 d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices
             },
