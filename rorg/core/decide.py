@@ -27,6 +27,7 @@ from rorg.core.prewarm import Prewarmed, prewarm
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.rollout import retried
+from rorg.core.ros_graph import Graphs
 from rorg.core.schedule import Schedule, Target, interlocks, schedule
 from rorg.core.situation import Situation
 from rorg.core.wanted import Wanted, urgent
@@ -73,6 +74,8 @@ class Inputs:
     """By reference, those from which no container can be made now."""
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
     """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
+    ros: Graphs = field(default_factory=dict)
+    """Graphs of ROS 1, as far as their masters answer."""
     purge: bool = False
     """A person has said that volumes of ours go too."""
     learned: Learned | None = None
@@ -204,10 +207,9 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         shed=eviction.shed,
         closed=eviction.closed,
         suspended=suspended,
-        images=inputs.images,
         purge=inputs.purge,
         withheld=withheld,
-        **_devices(inputs),
+        **_found(inputs),
     )
     return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served, warm=warm)
 
@@ -265,9 +267,10 @@ def _prewarmed(
     return prewarm(memory, inputs.learned, desired, admission, requests, observed, barred, inputs.now, off)
 
 
-def _devices(inputs: Inputs) -> dict[str, Any]:
-    """Those of drivers, for a Situation."""
-    return {"devices": inputs.devices, "unplugged": unplugged(inputs.desired, inputs.devices)}
+def _found(inputs: Inputs) -> dict[str, Any]:
+    """What there is beside containers, for a Situation."""
+    missing = unplugged(inputs.desired, inputs.devices)
+    return {"images": inputs.images, "devices": inputs.devices, "unplugged": missing, "ros": inputs.ros}
 
 
 def _followed(

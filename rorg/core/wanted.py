@@ -92,6 +92,22 @@ def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:
     return frozenset(closure(catalog.services, asked))
 
 
+def wanted_without(found: Wanted, name: str) -> frozenset[str]:
+    """What would be wanted still if this service were not."""
+    causes: dict[str, list[str]] = {}
+    for service, reasons in found.items():
+        for cause in reasons:
+            causes.setdefault(cause.by, []).append(service)
+    # Roots are by nobody.
+    reached, pending = set[str](), [""] if name in found else []
+    while pending:
+        for service in causes.get(pending.pop(), ()):
+            if service != name and service not in reached:
+                reached.add(service)
+                pending.append(service)
+    return frozenset(reached if name in found else found)
+
+
 def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
     """From a root to the service: [(service, why it is wanted), ...], shortest first; empty when it is not wanted."""
     if name not in found:

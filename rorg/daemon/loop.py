@@ -198,6 +198,7 @@ class Loop:
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             devices=self._devices(),
+            ros=self.ros.graphs,
             purge=document.down and document.purge,
             cache=self.decision.cache if self.decision else None,
         )

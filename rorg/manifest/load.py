@@ -154,6 +154,7 @@ LATER = (
     "parts",
     "purge_shm",
     "prewarm",
+    "connected",
 )
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 

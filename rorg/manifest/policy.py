@@ -59,6 +59,12 @@ class Idle(Strict):
         "auto",
         unset="off",
     )
+    connected: Literal["pause", "stop"] | None = unchanging(
+        "What is done instead of a pause while a ROS 1 node of another active service is connected to one of its own "
+        "by a topic, or where that is not known.",
+        "stop",
+        unset="pause",
+    )
 
 
 class Budget(Strict):

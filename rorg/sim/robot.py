@@ -18,6 +18,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
+from rorg.core.ros_graph import Graphs
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
@@ -60,6 +61,8 @@ class SimRobot:
         """(cores, bytes) that other programs of the machine use."""
         self.learned: Learned | None = None
         """What was learnt before of requests; None: nothing is prewarmed."""
+        self.ros: Graphs = {}
+        """What ROS 1 masters say."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
@@ -173,6 +176,7 @@ class SimRobot:
             retries=self.document.retries,
             learned=self.learned,
             cache=self.cache,
+            ros=self.ros,
             devices={
                 d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices
             },
