@@ -8,6 +8,7 @@ from robots import VirtualRobot
 from rorg.core.learning import learn
 from rorg.model.learned import Departure, Learned
 from rorg.model.trace import TraceEvent
+from rorg.store.learned_file import NAME, read_learned, write_learned
 
 AUTO = {"idle": {"action": "pause", "prewarm": "auto"}}
 
@@ -160,3 +161,35 @@ def test_a_robot_goes_on_learning(robot):
         robot.sim.at(robot.now() + 30.0, lambda: robot.request("ears"))
         robot.wait(lambda: robot.active() == {"ears"}, 40)
     robot.wait(lambda: prewarmed(robot) == {"wheels"}, 30)
+
+
+def test_a_real_robot_knows_it_again_and_says_why(real_robot):
+    write_learned(real_robot.state.path, habits(("wheels", 6.0)))
+    real_robot.declare({"ears": {}, "wheels": AUTO})
+    real_robot.wait(lambda: "wheels" in real_robot.states())
+    real_robot.request("ears")
+    real_robot.wait(lambda: real_robot.active() == {"ears", "wheels"})
+    real_robot.wait(lambda: "prewarmed: developer asks for it" in real_robot.status()["services"]["wheels"]["why"])
+    run = real_robot.run_of("wheels")
+    real_robot.request("wheels", id="drive")
+    real_robot.wait(lambda: "requested" in real_robot.status()["services"]["wheels"]["why"])
+    assert real_robot.run_of("wheels") == run
+    real_robot.stop()
+    kept = read_learned(real_robot.state.path)
+    assert kept.of("developer", ("ears",)) == habits(("wheels", 6.0)).of("developer", ("ears",))
+    assert "start" in kept.took["wheels"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", '{"version": 2}', '{"version": 1, "departures": {"a": [{"asked": "b"}]}, "took": {}}'],
+)
+def test_what_cannot_be_understood_is_passed_over(tmp_path, text):
+    (tmp_path / NAME).write_text(text)
+    assert read_learned(tmp_path) is None
+
+
+def test_what_was_learnt_is_read_as_it_was_written(tmp_path):
+    learned = Learned(habits(("wheels", 6.0)).departures, {"wheels": {"start": 1.5}})
+    write_learned(tmp_path, learned)
+    assert read_learned(tmp_path) == learned
