@@ -28,6 +28,9 @@ from rorg.store.requests_document import RequestsDocument
 PROBE_AFTER = 0.1
 """Seconds after which a service with a probe answers it, unless ready_after says otherwise."""
 
+CORES, MEMORY = 4.0, 8 << 30
+"""Of the machine, where the policy's budget says nothing else."""
+
 OFTEN = 0.05
 """Seconds between passes while probes may tell something new."""
 
@@ -85,8 +88,7 @@ class SimRobot:
         inputs = self.inputs()
         decision = decide(inputs)
         self.decision, self._asked, self._told = decision, decision.to_probe, inputs.results
-        if decision.violations:
-            raise AssertionError("; ".join(decision.violations))
+        self._check(decision)
         self.memory, self.cache = decision.memory, decision.cache
         left = {n: at for n, at in self.document.restarts.items() if n not in decision.served}
         self.document = replace(
@@ -99,11 +101,16 @@ class SimRobot:
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
-            self.at(
-                self.now + self.engine.latency(action.verb, action.service),
-                partial(self._finish, action, self.life),
-            )
+            self.at(self.now + self._latency(action), partial(self._finish, action, self.life))
         return decision
+
+    def _check(self, decision: Decision) -> None:
+        if decision.violations:
+            raise AssertionError("; ".join(decision.violations))
+
+    def _latency(self, action: Action) -> float:
+        """Seconds that its call takes."""
+        return self.engine.latency(action.verb, action.service)
 
     def reborn(self, memory: Memory) -> None:
         """Another rorg takes over. What the one before had begun is done, and nobody hears of the outcome."""
@@ -119,7 +126,12 @@ class SimRobot:
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         if life == self.life:
             self.memory = finish(self.memory, [Outcome(action, error, refused, spent=spent)], self.now)
-        if action.verb == "start" and not error:
+        if not error:
+            self._done(action)
+
+    def _done(self, action: Action) -> None:
+        """A call has had its effect."""
+        if action.verb == "start":
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
             if after is not None:
@@ -196,21 +208,19 @@ class SimRobot:
         if limits is None:
             return None
         if self._sample is None or self.now >= self._sample.at + limits.step:
-            services = self.desired.catalog.services
-            use = {
-                c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
-                for c in self.engine.list()
-                if c.alive and c.service in services
-            }
-            self._sample = Load(
-                self.now,
-                self.extra[0] + sum(u[0] for u in use.values()),
-                4.0,
-                self.extra[1] + sum(u[1] for u in use.values()),
-                8 << 30,
-                use=use,
-            )
+            use = self._use()
+            cores, memory = (sum(u[0] for u in use.values()), sum(u[1] for u in use.values()))
+            self._sample = Load(self.now, self.extra[0] + cores, CORES, self.extra[1] + memory, MEMORY, use=use)
         return self._sample
+
+    def _use(self) -> dict[str, tuple[float, int]]:
+        """Service -> cores and bytes that it uses now."""
+        services = self.desired.catalog.services
+        return {
+            c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
+            for c in self.engine.list()
+            if c.alive and c.service in services
+        }
 
     def run(self, until: Callable[[SimRobot], bool], limit: float = 600.0) -> Decision:
         """Goes on until the condition holds after a pass; AssertionError when `limit` seconds pass before."""
@@ -227,8 +237,12 @@ class SimRobot:
             if not times or min(times) > end:
                 raise AssertionError(f"not so after {limit} s of virtual time:\n{decision.plan.text()}")
             self.now = max(self.now, min(times))
-            while self._events and self._events[0][0] <= self.now:
-                heapq.heappop(self._events)[2]()
+            self._happen()
+
+    def _happen(self) -> None:
+        """What is due by now."""
+        while self._events and self._events[0][0] <= self.now:
+            heapq.heappop(self._events)[2]()
 
     def settle(self, limit: float = 600.0) -> Decision:
         """Runs until nothing is left to do."""
