@@ -73,12 +73,18 @@ def _endless(source: Source, service: Service) -> list[Diagnostic]:
     return [Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")]
 
 
+PREWARM = {"auto": 0.2, "off": 0.0}
+"""Probabilities by name; why 0.2 is in docs/explanation/planning.md."""
+
+
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
     """The Policy's, with what the profile and then the manifest say otherwise."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
-    escalate = declared.get("escalate")
-    return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+    escalate, prewarm = declared.get("escalate"), declared.get("prewarm", "off")
+    declared["escalate"] = (escalate["after"], escalate["action"]) if escalate else None
+    declared["prewarm"] = PREWARM[prewarm] if isinstance(prewarm, str) else prewarm
+    return Idle(**declared)
 
 
 ALL = "*"
