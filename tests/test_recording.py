@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import commands
@@ -14,9 +15,12 @@ from rorg.history.asked import Asked
 from rorg.history.database import Database
 from rorg.history.journal import Journal
 from rorg.history.requested import requested
+from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.model.catalog import Request
 from rorg.model.trace import TraceEvent
+from rorg.model.workload import Workload
+from rorg.sim.simulate import simulate
 
 BEGIN = datetime(2026, 1, 31, 10, tzinfo=UTC)
 
@@ -178,3 +182,17 @@ def test_what_a_robot_was_asked_for_is_recorded_with_a_running_rorg_and_without(
         ("developer", "work", 1),
         ("guide", "go", 3),
     ]
+
+
+def test_yesterday_is_simulated_as_it_was(robot, tmp_path):
+    """The trace is stretched, since programs of the simulation take longer to come up than these."""
+    active = play(robot)
+    rorg(robot, "trace", "record", "--since", "1h", "--file", str(tmp_path / "today.yaml"))
+    trace = read_trace(tmp_path / "today.yaml", SERVICES)
+    events = tuple(replace(event, at=100 * event.at) for event in trace.events)
+    stretched = replace(trace, duration=100 * trace.duration, events=events)
+    result = simulate(load_or_raise(robot.tree), stretched, Workload(), 1)
+    changes = [event.at for event in events[1:6]]
+    found = [max((s for s in result.samples if s.at < at), key=lambda s: s.at).active for at in changes]
+    assert [*found, result.samples[-1].active] == active
+    assert not result.violations
