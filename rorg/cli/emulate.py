@@ -116,6 +116,8 @@ def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
 
 def _measured(experiment: Experiment, compress: float, pairs: int, save: str | None) -> Emulation:
     """All runs. What is known is saved after each of them."""
+    from contextlib import closing
+
     from rorg.cli.output import as_json, note
     from rorg.host.load import machine
     from rorg.sim.emulate import emulate
@@ -131,11 +133,12 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: str | N
         machine={"cores": now["cores"], "memory": now["memory_total"]},
         runs=(),
     )
-    for run in emulate(experiment, pairs, note):
-        found = found.with_run(_compared(experiment, run))
-        note(_told(found))
-        if save:
-            _save(save, as_json(plain(found), 1) + "\n")
+    with closing(emulate(experiment, pairs, note)) as runs:
+        for run in runs:
+            found = found.with_run(_compared(experiment, run))
+            note(_told(found))
+            if save:
+                _save(save, as_json(plain(found), 1) + "\n")
     return found
 
 

@@ -3,7 +3,7 @@ runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,13 +49,23 @@ class Experiment:
         return self.adapted(self.catalog, PREFIX)
 
 
-def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> Iterator[EmulatedRun]:
+def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> Generator[EmulatedRun, None, None]:
     """All on and rorg in turns, `pairs` times: each run once it is over. A caller that has enough closes it, and
-    nothing is left behind. `say` hears how it goes on."""
-    for number in range(1, pairs + 1):
-        for name in (ALL_ON, RORG):
-            say(f"pair {number} of {pairs}, {name}: {experiment.trace.duration:.0f} s")
-            yield _run(experiment, name, say)
+    nothing is left behind. `say` hears how it goes on. Raises Invalid where the engine cannot be measured,
+    Unreachable, and NotReady."""
+    keeper = ThrowawayRobot(experiment.engine, PREFIX)
+    try:
+        if not keeper.engine.local:
+            why = "it is on another machine, whose control groups cannot be read"
+            raise Invalid("measure on this engine", why, "an engine of this machine")
+        say(f"on the {experiment.engine} engine {keeper.engine.ping()}")
+        keeper.build(experiment.stand_ins, say)
+        for number in range(1, pairs + 1):
+            for name in (ALL_ON, RORG):
+                say(f"pair {number} of {pairs}, {name}")
+                yield _run(experiment, name, say)
+    finally:
+        keeper.clean_up(say)
 
 
 def _quiet(_: str) -> None:
@@ -78,10 +88,6 @@ def _played(experiment: Experiment, robot: ThrowawayRobot, name: str, say: Calla
         named=experiment.robot,
         adapt=lambda catalog: experiment.adapted(catalog, f"{robot.folder.name}-"),
     )
-    if not robot.engine.local:
-        why = "it is on another machine, whose control groups cannot be read"
-        raise Invalid("measure on this engine", why, "an engine of this machine")
-    robot.engine.ping()
     catalog = experiment.stand_ins
     robot.build(catalog, _quiet)
     if name == ALL_ON:
@@ -89,5 +95,5 @@ def _played(experiment: Experiment, robot: ThrowawayRobot, name: str, say: Calla
     loop = robot.run(tree, _quiet, "rorg emulate")
     robot.wait("the start", lambda view: len(view["services"]) == len(catalog.services), PATIENCE)
     robot.settle("everything to be ready", PATIENCE)
-    say(f"{len(robot.active())} services run; the trace begins")
+    say(f"{len(robot.active())} services run; the trace takes {experiment.trace.duration:.0f} s")
     return Player(robot, loop, experiment.trace).play(name)
