@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from robots import RealRobot, write_tree
+from robots import RealRobot, VirtualRobot, write_tree
 from test_ros import healthy, master, services
 
 from rorg.core.between import between
@@ -94,6 +94,11 @@ def test_a_changed_value_is_set_without_a_restart_and_one_set_by_hand_stays(dock
     assert len(told) == 2
     assert told[-1]["names"] == sorted(VALUES)
 
+    ros_master.call(master, "setParam", "/test", "/move_base/max_vel", 0.75)
+    docker_robot.kill("talker")
+    docker_robot.wait(lambda: docker_robot.container("talker").incarnation != run)
+    assert parameter(master, "/move_base/max_vel") == 0.25, "another start begins with what is declared"
+
 
 @pytest.mark.docker
 def test_a_service_waits_for_a_master_that_is_not_there_and_then_starts_by_itself(docker_robot, ros_image, master):
@@ -108,6 +113,18 @@ def test_a_service_waits_for_a_master_that_is_not_there_and_then_starts_by_itsel
     docker_robot.request("roscore", id="roscore")
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
     assert said(docker_robot) == ["freight"]
+
+
+def test_parameters_are_simulated_too(tmp_path):
+    robot = VirtualRobot(tmp_path)
+    nav = {"profile": "ros1", "ros": {"parameters": {"/move_base/max_vel": 0.5}}}
+    robot.declare({"roscore": {"ready": {"tcp": 11311}}, "nav": nav})
+    robot.request("nav")
+    robot.wait(lambda: robot.active() == {"roscore", "nav"})
+    first = robot.run_of("nav")
+    robot.kill("roscore")
+    robot.wait(lambda: robot.run_of("nav") != first and robot.active() == {"roscore", "nav"})
+    robot.settle()
 
 
 def test_values_may_be_secret(tmp_path):

@@ -1,16 +1,21 @@
-"""Programs of a stock ROS image, run with manifests of three lines each."""
+"""Programs of a stock ROS image, run with manifests of three lines each; and the page on them."""
 
 from __future__ import annotations
 
 import fcntl
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import commands
+import pages
 import pytest
-from conftest import wait_for
+from conftest import ROOT, wait_for
 from robots import Daemon
+from test_how_to import PREPARE
 
 pytestmark = pytest.mark.docker
 SERVICE = "apiVersion: rorg/v1\nkind: Service\nmetadata: {{name: {name}}}\nspec:\n"
@@ -63,3 +68,31 @@ def test_talker_and_listener_of_a_stock_image_find_each_other_and_survive_their_
     robot.kill("roscore")
     robot.wait(lambda: all(c.active and c.incarnation != before[c.service] for c in robot.containers()))
     wait_for(lambda: heard(daemon), what="they are back after their master was killed")
+
+
+HEADINGS = ("ROS 1: a talker, a listener, and their master", "ROS 1: parameters")
+STEPS = pages.steps(ROOT / "docs/how-to/ros.md", HEADINGS)
+
+
+def test_the_page_word_for_word(dockerd, ros_image, default_master, tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    (tmp_path / "script").write_text(PREPARE + pages.script(STEPS, str(tmp_path / "state/run/rorg.sock")))
+    done = subprocess.run(
+        ["bash", tmp_path / "script"],
+        cwd=home,
+        env={
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "HOME": str(home),
+            "DOCKER_HOST": dockerd.host,
+            "RORG_STATE_DIR": str(tmp_path / "state"),
+        },
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=200,
+    )
+    told = pages.parts(done.stdout)
+    assert len(STEPS) > 10
+    assert str(len(STEPS) - 1) in told, done.stdout[-3000:]
+    pages.check(STEPS, told, done.stdout)

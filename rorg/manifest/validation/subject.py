@@ -123,6 +123,7 @@ class Subject:
     def ros1(self) -> bool:
         return (
             "ROS_MASTER_URI" in self.env
+            or self.service.ros is not None
             or not ROS1_PROGRAMS.isdisjoint(self.programs)
             or any(asked.probe.kind.startswith("ros_") for asked in self.asked)
         )
