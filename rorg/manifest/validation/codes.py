@@ -146,11 +146,28 @@ _ROS2 = {
     ),
     "ros2-domain-mismatch": Code(
         WARNING,
-        "Participants of different domains, or of different implementations, do not find each other.",
+        "Participants of different domains do not find each other: 0 of 50 messages arrive.",
         "profile: ros2 for all of them",
     ),
+    "ros2-domain-range": Code(
+        WARNING,
+        "Above 232 there are no ports; from 102 to 214 they are among those that Linux takes for connections.",
+        "0 to 101",
+    ),
+    "ros2-rmw-mismatch": Code(
+        WARNING,
+        "Nothing guarantees that two implementations understand each other; Zenoh and DDS never do.",
+        "profile: ros2 for all of them",
+    ),
+    "ros2-release-mismatch": Code(
+        WARNING,
+        "Humble and later releases stay within this machine in different ways: 0 of 50 messages arrive.",
+        "one release for all of them",
+    ),
     "ros2-discovery-mismatch": Code(
-        WARNING, "One looks for others where they do not look for it.", "the same for all of them"
+        WARNING,
+        "Some are found from other machines and others are not, or they do not find each other.",
+        "the same for all of them",
     ),
     "ros2-daemon": Code(
         WARNING, "The daemon remembers nodes that are gone, and is killed with the container.", "--no-daemon"
