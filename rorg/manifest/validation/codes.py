@@ -173,7 +173,15 @@ _ROS2 = {
         WARNING, "The daemon remembers nodes that are gone, and is killed with the container.", "--no-daemon"
     ),
     "misspelt-rmw": Code(WARNING, "Every program of ROS 2 ends at once.", "rmw_fastrtps_cpp"),
-    "shm-too-small": Code(WARNING, "A participant that gets no shared memory sends nothing.", "shm_size: 256Mi"),
+    "shm-too-small": Code(
+        WARNING, "A participant that gets no shared memory dies of SIGBUS, or sends nothing.", "shm_size: 256Mi"
+    ),
+    "shm-nearly-full": Code(
+        WARNING,
+        "A participant that gets no shared memory dies of SIGBUS, or sends nothing.",
+        "`mount -o remount,size=50% /dev/shm`, or removing what fills it",
+        machine=True,
+    ),
 }
 
 TABLE: Mapping[str, Mapping[str, Code]] = {
