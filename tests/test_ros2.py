@@ -11,13 +11,17 @@ pytestmark = pytest.mark.docker
 NOTHING = "received 0 of 50"
 
 
-def pair(image: str, topic: str, seconds: float, **listener: dict) -> dict[str, dict]:
-    """A talker and a listener, of three lines each unless the listener's container is said to be another."""
-    tree = {
-        "talker": {"image": image, "command": f"dds_talker {topic} {seconds}", "profile": "ros2"},
-        "listener": {"image": image, "command": f"dds_listener {topic} {seconds}", "profile": "ros2"},
+def pair(image: str, topic: str, seconds: float, **containers: dict) -> dict[str, dict]:
+    """A talker and a listener, of three lines each beside what is said of their containers."""
+    return {
+        name: {
+            "image": image,
+            "command": f"dds_{name} {topic} {seconds}",
+            "profile": "ros2",
+            **({"container": containers[name]} if name in containers else {}),
+        }
+        for name in ("talker", "listener")
     }
-    return {**tree, "listener": {**tree["listener"], **({"container": listener} if listener else {})}}
 
 
 def shared(robot, *names: str) -> dict[str, dict]:
@@ -81,21 +85,40 @@ def test_all_messages_arrive_between_services_of_three_lines(docker_robot, dds_i
     assert found(docker_robot) == set()
 
 
+def distro(name: str) -> dict:
+    return {"environment": {"ROS_DISTRO": name}}
+
+
 @pytest.mark.parametrize(
-    ("container", "code"),
+    ("code", "containers"),
     [
-        ({"ipc": "private"}, "ros2-host-net-private-ipc"),
-        ({"user": "1000"}, "ros2-mixed-uid"),
-        ({"environment": {"ROS_DOMAIN_ID": "7"}}, "ros2-domain-mismatch"),
+        ("ros2-host-net-private-ipc", {"listener": {"ipc": "private"}}),
+        ("ros2-mixed-uid", {"listener": {"user": "1000"}}),
+        ("ros2-domain-mismatch", {"listener": {"environment": {"ROS_DOMAIN_ID": "7"}}}),
+        ("ros2-release-mismatch", {"talker": distro("humble"), "listener": distro("jazzy")}),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_delivers_nothing_is_found_before_it_runs(docker_robot, dds_image, topic, container, code):
-    services = pair(dds_image, topic, 5, **container)
-    said = run(docker_robot, services)
+def test_what_delivers_nothing_is_found_before_it_runs(docker_robot, dds_image, topic, code, containers):
+    said = run(docker_robot, pair(dds_image, topic, 5, **containers))
     assert said["listener"].startswith(NOTHING), said
     assert "not acknowledged" in said["talker"]
     assert found(docker_robot) == {code}
+
+
+@pytest.mark.parametrize(
+    ("code", "containers"),
+    [
+        ("", {"talker": {"ipc": "shareable"}, "listener": {"ipc": "service:talker"}}),
+        ("", {"talker": distro("jazzy"), "listener": distro("jazzy")}),
+        ("ros2-discovery-mismatch", {"listener": {"environment": {"ROS_LOCALHOST_ONLY": "0"}}}),
+    ],
+    ids=["memory of another service", "jazzy", "found from other machines"],
+)
+def test_what_delivers_all_is_not_said_to_deliver_nothing(docker_robot, dds_image, topic, code, containers):
+    said = run(docker_robot, pair(dds_image, topic, 60, **containers))
+    assert said["listener"].startswith("received 50 of 50")
+    assert found(docker_robot) == ({code} if code else set())
 
 
 def test_what_killed_participants_left_is_removed_once_none_runs(docker_robot, dds_image):
