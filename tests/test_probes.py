@@ -19,9 +19,9 @@ from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.model.catalog import Probe
-from rorg.probes import ros_master
 from rorg.probes.answer import YES, Answer
 from rorg.probes.prober import Prober
+from rorg.probes.ros_state import read_state
 from rorg.probes.runner import ProbeRunner
 
 SERVER = [
@@ -384,7 +384,7 @@ def test_what_answers_no_xml_is_no_ros_master():
     with HTTPServer(("127.0.0.1", 0), Page) as page:
         threading.Thread(target=page.serve_forever, daemon=True).start()
         with pytest.raises(OSError, match="ExpatError"):
-            ros_master.purge(f"http://127.0.0.1:{page.server_port}", ["127.0.0.1"])
+            read_state(f"http://127.0.0.1:{page.server_port}")
         page.shutdown()
 
 

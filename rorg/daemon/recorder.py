@@ -23,8 +23,9 @@ from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.history.database import Database
 from rorg.history.journal import Journal
+from rorg.host.shared_memory import Removed
 from rorg.model.diagnostics import nearest
-from rorg.model.units import counted, format_seconds
+from rorg.model.units import counted, format_memory, format_seconds
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -88,6 +89,16 @@ class Recorder:
         """ROS parameters of a service were set at its master; values are not told."""
         text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
         self.event("parameters-set", text, service=service, master=master, names=names)
+
+    def shm_purged(self, removed: Removed) -> None:
+        """What dead ROS 2 participants left was removed."""
+        files = f"{counted(removed.files, 'file')} ({format_memory(removed.size)})"
+        self.event(
+            "shm-purged",
+            f"{files} of dead ROS 2 participants removed from shared memory",
+            files=removed.files,
+            bytes=removed.size,
+        )
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")

@@ -12,19 +12,13 @@ from typing import Any, NamedTuple
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
+from rorg.model.ros2 import declares_ros2
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 MASTERS = ("roscore", "rosmaster")
 ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
 ROS2_PROGRAMS = frozenset(("ros2",))
-ROS2_VARIABLES = (
-    "ROS_DOMAIN_ID",
-    "RMW_IMPLEMENTATION",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_DISCOVERY_SERVER",
-)
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 
 
@@ -123,7 +117,7 @@ class Subject:
 
     @cached_property
     def ros2(self) -> bool:
-        return any(name in self.env for name in ROS2_VARIABLES) or not ROS2_PROGRAMS.isdisjoint(self.programs)
+        return declares_ros2(self.env) or not ROS2_PROGRAMS.isdisjoint(self.programs)
 
     @cached_property
     def ros1(self) -> bool:
