@@ -165,25 +165,25 @@ g++ -O1 -I/out/include /nodes/caller.cpp -o /out/caller $(pkg-config --cflags --
 @pytest.fixture(scope="session")
 def package(dockerd, ros_image, tmp_path_factory):
     """The install space of the package, built by catkin; and a caller in C++."""
-    import docker
-
     out = tmp_path_factory.mktemp("package") / "out"
     out.mkdir()
-    api = docker.APIClient(dockerd.host, version="auto")
-    made = api.create_container(
-        ros_image,
-        ["bash", "-c", BUILD],
-        host_config=api.create_host_config(
-            network_mode="host",
-            binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"],
-        ),
-    )["Id"]
+    binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]
+    run_in_container(dockerd.host, ros_image, BUILD, binds)
+    return out
+
+
+def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:
+    """Runs a script of bash to its end; fails with what it says where that is not well."""
+    import docker
+
+    api = docker.APIClient(host, version="auto")
+    options = api.create_host_config(network_mode="host", binds=binds)
+    made = api.create_container(image, ["bash", "-c", script], host_config=options)["Id"]
     api.start(made)
     code = api.wait(made)["StatusCode"]
     said = api.logs(made).decode()
     api.remove_container(made)
     assert code == 0, said
-    return out
 
 
 @pytest.fixture(scope="session")

@@ -95,6 +95,11 @@ class Recorder:
             bytes=removed.size,
         )
 
+    def parameters_set(self, service: str, master: str, names: list[str]) -> None:
+        """ROS parameters of a service were set at its master; values are not told."""
+        text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
+        self.event("parameters-set", text, service=service, master=master, names=names)
+
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
         self.event(

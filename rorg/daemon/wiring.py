@@ -78,9 +78,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
-    prober = Prober(
-        clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
-    )
+    asker = ProbeRunner(engine, lambda service: loop.container_of(service), stopping, recorder.parameters_set)
+    prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = _sampler(engine, lambda: loop, wakes)
     ros, shm, devices = RosPurger(recorder.purged), ShmPurger(recorder.shm_purged), DeviceWatch(wakes.wake)
     workers = Workers(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from rorg.manifest.documents import Source
@@ -9,6 +10,7 @@ from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
+from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 
@@ -53,6 +55,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
+        ros=parameters_of(source, master, diagnostics),
         **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,
@@ -104,6 +107,15 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
     """A probe as the loop asks it; `role` is ready, live or interlock."""
     if model is None:
         return None
+    parts = tuple(_question(part, role, master, model) for part in getattr(model, "all", None) or ())
+    if not parts:
+        return _question(model, role, master, model)
+    shortest = min(part.interval for part in parts)
+    return replace(parts[0], kind="all", target="", interval=shortest, master="", parts=parts)
+
+
+def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
+    """One question of a probe; `whole` says what holds for all of them."""
     kind = next(name for name in FORMS if getattr(model, name, None) is not None)
     target = getattr(model, kind)
     if kind == "tcp":
@@ -111,14 +123,14 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
         target = f"{host or '127.0.0.1'}:{port}"
     if kind == "completed":
         target = ""
-    interval = model.interval
+    interval = model.interval or whole.interval
     if interval is None:
         interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]
     return Probe(
         kind,
         tuple(target) if isinstance(target, list) else target,
-        getattr(model, "timeout", 30.0),
+        getattr(whole, "timeout", 30.0),
         interval,
-        getattr(model, "failures", None) or 0,
+        getattr(whole, "failures", None) or 0,
         master if kind.startswith("ros_") else "",
     )

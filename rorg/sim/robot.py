@@ -18,6 +18,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
+from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
@@ -169,6 +170,8 @@ class SimRobot:
             if role == "interlock":
                 ok = name not in self.locked
                 found[name, role] = ProbeResult("", ok, self.now, "" if ok else "not allowed")
+            elif role == ROLE:
+                found[name, role] = ProbeResult(target.incarnation, True, self.now)
             elif step.running_since is not None and step.incarnation == target.incarnation:
                 late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
                 ok = step.incarnation not in self.hung and not (role == "ready" and late)

@@ -117,6 +117,11 @@ _ROS1 = {
     "ros1-without-roscore": Code(
         WARNING, "It may start before its master, and is not started again with it.", "profile: ros1"
     ),
+    "ros-parameter-twice": Code(
+        WARNING,
+        "A ROS master has one value for each name: that of the service that started last.",
+        "declaring it in a service that both need",
+    ),
     "need-without-restart": Code(
         WARNING, "A node that outlives its master is gone from the graph for ever.", "profile: ros1"
     ),

@@ -62,9 +62,9 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
 def _callees(robot: Robot) -> Iterator[Finding]:
     """Those that others call, or that newcomers must hear from."""
     for subject in (s for s in robot.subjects if s.pauses):
-        where, ready = subject.at("idle", "action"), subject.service.ready
-        if ready is not None and ready.kind == "ros_service":
-            message = f"calls of the ROS service {ready.target} hang while '{subject.name}' is paused"
+        where = subject.at("idle", "action")
+        for asked in (a for a in subject.asked_ready if a.probe.kind == "ros_service"):
+            message = f"calls of the ROS service {asked.probe.target} hang while '{subject.name}' is paused"
             yield Finding("pause-of-ros-service", where, message)
         latched = sorted(LATCHED & subject.programs)
         if latched:

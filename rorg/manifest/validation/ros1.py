@@ -92,9 +92,8 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     givers: dict[str, Subject] = {}
     for subject in robot.subjects:
         own = names_of_nodes(subject) if subject.ros1 else set()
-        ready = subject.service.ready
-        if ready is not None and ready.kind in ("ros_service", "ros_topic"):
-            own = own | {str(ready.target).strip("/").partition("/")[0]}
+        said = {a.probe.target for a in subject.asked_ready if a.probe.kind in ("ros_service", "ros_topic")}
+        own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
             givers.setdefault(name, subject)
         for port in _ports(subject):
@@ -117,9 +116,9 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
 
 
 def _ports(subject: Subject) -> Iterator[str]:
-    ready = subject.service.ready
-    if ready is not None and ready.kind == "tcp":
-        yield str(ready.target).rpartition(":")[2]
+    for asked in subject.asked_ready:
+        if asked.probe.kind == "tcp":
+            yield str(asked.probe.target).rpartition(":")[2]
     for text in subject.options.get("ports") or ():
         if isinstance(text, str) and text.count(":") >= 1:
             yield text.rpartition(":")[0].rpartition(":")[2]

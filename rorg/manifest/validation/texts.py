@@ -98,7 +98,5 @@ def _names_of_nodes(subject: Subject) -> set[str]:
     found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if _NAMED.match(word)}
     for text in files_of(subject).values():
         found |= set(_NODE.findall(text))
-    for probe in (subject.service.ready, subject.service.live):
-        if probe is not None and probe.kind == "ros_node":
-            found.add(str(probe.target))
+    found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
     return {name.strip("/") for name in found} - {"rosout", ""}
