@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from robots import VirtualRobot
+from robots import VirtualRobot, write_tree
 
 from rorg.core.learning import learn
+from rorg.errors import Invalid
+from rorg.manifest.effective import effective
+from rorg.manifest.load import load_or_raise
 from rorg.model.learned import Departure, Learned
 from rorg.model.trace import TraceEvent
 from rorg.store.learned_file import NAME, read_learned, write_learned
@@ -178,6 +181,31 @@ def test_a_real_robot_knows_it_again_and_says_why(real_robot):
     kept = read_learned(real_robot.state.path)
     assert kept.of("developer", ("ears",)) == habits(("wheels", 6.0)).of("developer", ("ears",))
     assert "start" in kept.took["wheels"]
+
+
+def test_the_policy_is_for_all_but_drivers(tmp_path):
+    idle = {"prewarm": "auto"}
+    specs = {
+        "ears": {},
+        "wheels": {"driver": {}},
+        "lamp": {"driver": {}, "idle": idle},
+        "map": {"idle": {"prewarm": "off"}},
+        "door": {"idle": {"prewarm": 0.6}},
+    }
+    tree = write_tree(tmp_path, specs, policies={"policy": {"idle": idle}})
+    services = load_or_raise(tree).services
+    found = {n: services[n].idle.prewarm for n in specs}
+    assert found == {"ears": 0.2, "wheels": 0.0, "lamp": 0.2, "map": 0.0, "door": 0.6}
+    told = {n: [(v.text, v.kind) for v in effective(tree, n) if v.field == "idle.prewarm"] for n in specs}
+    assert told["ears"] == [("auto", "policy")]
+    assert told["wheels"] == []
+    assert told["lamp"] == [("auto", "manifest")]
+
+
+@pytest.mark.parametrize("said", ["always", 0, 1.5, True])
+def test_what_is_no_probability_is_refused(tmp_path, said):
+    with pytest.raises(Invalid, match=r"services/ears.yaml:\d+:\d+"):
+        load_or_raise(write_tree(tmp_path, {"ears": {"idle": {"prewarm": said}}}))
 
 
 @pytest.mark.parametrize(
