@@ -67,6 +67,7 @@ LOADED: dict[str, set[str]] = {
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
+    "sim": {"pydantic", "yaml"},  # to read variants of a tree
     "compose": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
-from robots import VirtualRobot, write_tree
+from robots import RealRobot, VirtualRobot, write_tree
 
 from rorg.core.learning import learn
 from rorg.errors import Invalid
@@ -221,3 +223,23 @@ def test_what_was_learnt_is_read_as_it_was_written(tmp_path):
     learned = Learned(habits(("wheels", 6.0)).departures, {"wheels": {"start": 1.5}})
     write_learned(tmp_path, learned)
     assert read_learned(tmp_path) == learned
+
+
+def test_without_a_file_it_is_learnt_from_the_journal(request, tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    request.addfinalizer(robot.close)
+    robot.declare({"ears": {}, "wheels": {}})
+    robot.wait(lambda: len(robot.states()) == 2)
+    for service in ("ears", "wheels", "ears"):
+        robot.request(service)
+        robot.wait(lambda name=service: robot.active() == {name})
+        end = time.monotonic() + 1.2  # what is shorter is a step on the way
+        robot.wait(lambda end=end: time.monotonic() > end)
+    robot.release()
+    robot.wait(lambda: not robot.active())
+    robot.stop()
+    (robot.state.path / NAME).unlink()
+    robot.start()
+    found = robot.loop.learner.learned.of("developer", ("ears",))
+    assert [d.to for d in found] == [("wheels",), ()]
+    assert all(1.0 <= d.after < 60.0 for d in found)

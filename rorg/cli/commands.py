@@ -31,6 +31,7 @@ COMMANDS = (
     "rollback",
     "restore",
     "timeline",
+    "trace",
     "top",
     "logs",
     "exec",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rorg.manifest.documents import Source
@@ -83,11 +85,17 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     if spec.driver is not None:
         first.pop("prewarm", None)
-    declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
-    escalate, prewarm = declared.get("escalate"), declared.get("prewarm", "off")
-    declared["escalate"] = (escalate["after"], escalate["action"]) if escalate else None
-    declared["prewarm"] = PREWARM[prewarm] if isinstance(prewarm, str) else prewarm
-    return Idle(**declared)
+    return idle_of({**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})})
+
+
+def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
+    """What fields of `idle` come to, with those that are not declared as they are otherwise."""
+    found = dict(declared)
+    if "escalate" in found:
+        found["escalate"] = found["escalate"]["after"], found["escalate"]["action"]
+    if isinstance(found.get("prewarm"), str):
+        found["prewarm"] = PREWARM[found["prewarm"]]
+    return replace(otherwise, **found)
 
 
 ALL = "*"
