@@ -50,6 +50,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
         "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
         "waits": [w.reason for w in current.decision.plan.waitings if w.service == name],
+        "cautions": status.cautions,
     }
 
 
