@@ -17,8 +17,8 @@ from rorg.compose.load import load as read_project
 from rorg.importing.compose import from_compose
 from rorg.importing.compose_keys import TABLES
 from rorg.importing.manifests import Imported
-from rorg.importing.yaml_text import plain
 from rorg.manifest.load import load
+from rorg.manifest.yaml_text import plain
 
 REFUSED = {"every_key": 5}
 """Cases of which something cannot be carried over, with how many things."""

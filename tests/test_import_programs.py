@@ -11,8 +11,8 @@ import pytest
 
 from rorg.importing.roslaunch import from_roslaunch
 from rorg.importing.systemd import from_systemd
-from rorg.importing.yaml_text import plain
 from rorg.manifest.load import load
+from rorg.manifest.yaml_text import plain
 
 NAV = """\
 [Unit]

@@ -200,7 +200,8 @@ def _status(
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
     """Names of the ROS nodes that it runs, as far as they are declared."""
-    ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
+    asked = service.ready.questions if service.ready else ()
+    ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
 
 

@@ -11,6 +11,7 @@ from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
@@ -40,6 +41,7 @@ class Collaborators:
     prober: Prober
     sampler: Sampler
     ros: RosWatch
+    shm: ShmPurger
     workers: Workers
     leases: Leases
     recorder: Recorder

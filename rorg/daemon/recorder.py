@@ -24,8 +24,9 @@ from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.history.database import Database
 from rorg.history.journal import Journal
+from rorg.host.shared_memory import Removed
 from rorg.model.diagnostics import nearest
-from rorg.model.units import counted, format_seconds
+from rorg.model.units import counted, format_memory, format_seconds
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -85,6 +86,21 @@ class Recorder:
         """A ROS node's registration was taken out of the master."""
         text = f"the stale registration of the ROS node {node} was taken out of the master"
         self.event("ros-purged", text, node=node)
+
+    def parameters_set(self, service: str, master: str, names: list[str]) -> None:
+        """ROS parameters of a service were set at its master; values are not told."""
+        text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
+        self.event("parameters-set", text, service=service, master=master, names=names)
+
+    def shm_purged(self, removed: Removed) -> None:
+        """What dead ROS 2 participants left was removed."""
+        files = f"{counted(removed.files, 'file')} ({format_memory(removed.size)})"
+        self.event(
+            "shm-purged",
+            f"{files} of dead ROS 2 participants removed from shared memory",
+            files=removed.files,
+            bytes=removed.size,
+        )
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")

@@ -9,7 +9,7 @@ from rorg.importing.compose_keys import NETWORK, VOLUME, Row
 from rorg.importing.compose_options import OF_THE_ENGINE
 from rorg.importing.compose_work import SOUND, Work
 from rorg.importing.manifests import Made
-from rorg.importing.yaml_text import Noted
+from rorg.manifest.yaml_text import Noted
 
 NAMED = "as Compose calls it"
 

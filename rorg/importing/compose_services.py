@@ -14,7 +14,7 @@ from rorg.importing.compose_mounts import files_of
 from rorg.importing.compose_options import options
 from rorg.importing.compose_work import SOUND, Work, duration
 from rorg.importing.manifests import Made
-from rorg.importing.yaml_text import Inline, Noted
+from rorg.manifest.yaml_text import Inline, Noted
 
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rorg.importing.yaml_text import one_line, yaml_text
 from rorg.manifest.models import API_VERSION
+from rorg.manifest.yaml_text import one_line, yaml_text
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.image_names import stem
 

@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from rorg.importing.manifests import NOTE, Imported, Made
-from rorg.importing.yaml_text import Inline, Noted
+from rorg.manifest.yaml_text import Inline, Noted
 from rorg.model.diagnostics import Diagnostic, Where
 
 IMAGE = "ros:noetic-ros-base"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.importing.manifests import NOTE, Imported, Made
-from rorg.importing.yaml_text import Noted
+from rorg.manifest.yaml_text import Noted
 from rorg.model.diagnostics import Diagnostic, Where
 
 HOST = "host"

@@ -90,8 +90,8 @@ class Document:
 class _Reader:
     """Turns nodes into plain values, noting positions, duplicate keys and foreign tags."""
 
-    def __init__(self, file: str, nul: bool) -> None:
-        self.document, self.nul = Document(file), nul
+    def __init__(self, file: str, nul: bool, most: int) -> None:
+        self.document, self.nul, self.most = Document(file), nul, most
         self.diagnostics: list[Diagnostic] = []
         self.count = 0
 
@@ -101,8 +101,8 @@ class _Reader:
 
     def read(self, node: yaml.Node, path: Path = ()) -> Any:
         self.count += 1
-        if self.count > MAX_NODES:
-            raise yaml.YAMLError(f"more than {MAX_NODES} values")
+        if self.count > self.most:
+            raise yaml.YAMLError(f"more than {self.most} values")
         self.document.values[path] = (node.start_mark.line + 1, node.start_mark.column + 1)
         if isinstance(node, yaml.SequenceNode):
             return [self.read(item, (*path, index)) for index, item in enumerate(node.value)]
@@ -195,10 +195,12 @@ def allows(text: str, file: str) -> tuple[Allow, ...]:
     return tuple(found)
 
 
-def read_yaml(text: str, file: str, nul: bool = False) -> tuple[Document | None, list[Diagnostic]]:
+def read_yaml(
+    text: str, file: str, nul: bool = False, most: int = MAX_NODES
+) -> tuple[Document | None, list[Diagnostic]]:
     """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened. `nul`:
-    its texts go to no engine and no program, so they may have NUL characters."""
-    reader = _Reader(file, nul)
+    its texts go to no engine and no program, so they may have NUL characters. `most`: values that it may have."""
+    reader = _Reader(file, nul, most)
     try:
         check_depth(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))

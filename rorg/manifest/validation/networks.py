@@ -137,15 +137,14 @@ def _same(one: Published, other: Published) -> bool:
 def _probed(robot: Robot) -> Iterator[Finding]:
     """One that answers for another: both are probed by the same port of the host network."""
     first: dict[str, Subject] = {}
-    for subject in robot.subjects:
-        probe = subject.service.ready
-        if probe is None or probe.kind != "tcp" or subject.network != "host":
+    for subject, asked in ((s, a) for s in robot.subjects if s.network == "host" for a in s.asked_ready):
+        if asked.probe.kind != "tcp":
             continue
-        target = str(probe.target).replace("localhost", "127.0.0.1")
+        target = str(asked.probe.target).replace("localhost", "127.0.0.1")
         other = first.setdefault(target, subject)
         if other is not subject and not robot.apart(other, subject):
             message = f"'{other.name}' is probed by port {target.rpartition(':')[2]} too: it answers for this one"
-            yield Finding("port-probed-twice", subject.at("ready", "tcp"), message)
+            yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
 CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)

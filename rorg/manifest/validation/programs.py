@@ -55,23 +55,22 @@ def _distributions(robot: Robot) -> Iterator[Finding]:
 def _probes(robot: Robot) -> Iterator[Finding]:
     """Programs of ROS as probes: each takes a second and a share of a CPU."""
     for subject in robot.subjects:
-        for role, probe in (("ready", subject.service.ready), ("live", subject.service.live)):
-            if probe is None or probe.kind != "exec" or not isinstance(probe.target, tuple):
-                continue
-            found = _cli(" ".join(probe.target))
+        for asked in subject.asked:
+            command = asked.probe.target
+            found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
             if found:
-                message = f"{found} takes a second each time, and is asked every {probe.interval:g} s"
-                yield Finding("costly-probe", subject.at(role, "exec"), message)
+                message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
+                yield Finding("costly-probe", subject.at(*asked.path), message)
         check = subject.options.get("healthcheck") or {}
         test = check.get("test") or ""
         found = _cli(test if isinstance(test, str) else " ".join(map(str, test)))
         if found and not check.get("disable"):
             message = f"{found} takes a second each time, and the engine asks it all the time"
             yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
-        ready = subject.service.ready
-        if ready is not None and ready.kind == "engine" and (check.get("disable") or test in ("NONE", ["NONE"])):
+        off = check.get("disable") or test in ("NONE", ["NONE"])
+        for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
             message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
-            yield Finding("ready-without-healthcheck", subject.at("ready", "engine"), message)
+            yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
 
 
 def _cli(text: str) -> str:

@@ -9,7 +9,7 @@ from rorg.manifest.idling import INFRASTRUCTURE
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.manifest.validation.texts import names_of_nodes, ports_of, text_of
 from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
@@ -92,12 +92,11 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     givers: dict[str, Subject] = {}
     for subject in robot.subjects:
         own = names_of_nodes(subject) if subject.ros1 else set()
-        ready = subject.service.ready
-        if ready is not None and ready.kind in ("ros_service", "ros_topic"):
-            own = own | {str(ready.target).strip("/").partition("/")[0]}
+        said = {a.probe.target for a in subject.asked_ready if a.probe.kind in ("ros_service", "ros_topic")}
+        own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
             givers.setdefault(name, subject)
-        for port in _ports(subject):
+        for port in ports_of(subject):
             givers.setdefault(f":{port}", subject)
     for subject in robot.subjects:
         text = text_of(subject)
@@ -114,15 +113,6 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
             shown = f"port {what[1:]}" if what[0] == ":" else f"/{what}"
             message = f"'{subject.name}' uses {shown} of '{name}', which it does not need"
             yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
-
-
-def _ports(subject: Subject) -> Iterator[str]:
-    ready = subject.service.ready
-    if ready is not None and ready.kind == "tcp":
-        yield str(ready.target).rpartition(":")[2]
-    for text in subject.options.get("ports") or ():
-        if isinstance(text, str) and text.count(":") >= 1:
-            yield text.rpartition(":")[0].rpartition(":")[2]
 
 
 CHECKS = (_masters, _needing, _unprobed, _times, _hidden)

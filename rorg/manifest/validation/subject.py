@@ -10,21 +10,15 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Service
+from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
+from rorg.model.ros2 import declares_ros2
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 MASTERS = ("roscore", "rosmaster")
 ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
 ROS2_PROGRAMS = frozenset(("ros2",))
-ROS2_VARIABLES = (
-    "ROS_DOMAIN_ID",
-    "RMW_IMPLEMENTATION",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_DISCOVERY_SERVER",
-)
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 
 
@@ -41,6 +35,20 @@ class Mount(NamedTuple):
     def path(self) -> str:
         """On the host; empty for a volume."""
         return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
+
+
+class Asked(NamedTuple):
+    """One question of a probe."""
+
+    role: str
+    probe: Probe
+    part: int | None
+    """In the list of those that must all hold; None where it is the only one."""
+
+    @property
+    def path(self) -> tuple[str | int, ...]:
+        """Where it stands in the spec."""
+        return (self.role, self.probe.kind) if self.part is None else (self.role, "all", self.part, self.probe.kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,16 +117,26 @@ class Subject:
 
     @cached_property
     def ros2(self) -> bool:
-        return any(name in self.env for name in ROS2_VARIABLES) or not ROS2_PROGRAMS.isdisjoint(self.programs)
+        return declares_ros2(self.env) or not ROS2_PROGRAMS.isdisjoint(self.programs)
 
     @cached_property
     def ros1(self) -> bool:
-        probes = (self.service.ready, self.service.live)
         return (
             "ROS_MASTER_URI" in self.env
+            or self.service.ros is not None
             or not ROS1_PROGRAMS.isdisjoint(self.programs)
-            or any(p is not None and p.kind.startswith("ros_") for p in probes)
+            or any(asked.probe.kind.startswith("ros_") for asked in self.asked)
         )
+
+    @cached_property
+    def asked(self) -> tuple[Asked, ...]:
+        """What its probes ask it, one by one: first those of `ready`, then those of `live`."""
+        return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
+
+    @property
+    def asked_ready(self) -> Iterator[Asked]:
+        """Those of `ready`."""
+        return (asked for asked in self.asked if asked.role == "ready")
 
     @property
     def ros(self) -> bool:
@@ -218,6 +236,11 @@ class Subject:
     def _list(self, *path: str) -> list[Any]:
         found = self._written(*path)
         return found if isinstance(found, list) else []
+
+
+def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:
+    for index, one in enumerate(probe.questions if probe else ()):
+        yield Asked(role, one, index if probe and probe.parts else None)
 
 
 def _words(value: object) -> tuple[str, ...]:

@@ -1,0 +1,75 @@
+"""Files that hold one document of their own, beside any tree: the envelope of manifests with another kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from rorg.errors import Invalid
+from rorg.manifest.model_errors import validated
+from rorg.manifest.models import Manifest
+from rorg.manifest.option_forms import Strict
+from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.units import counted
+
+S = TypeVar("S", bound=Strict)
+V = TypeVar("V")
+LARGEST = 64 << 20
+"""Bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class OneDocument(Generic[S]):
+    """What is right by itself: the document for positions, the spec for content."""
+
+    document: Document
+    name: str
+    description: str
+    spec: S
+
+
+def read_document(
+    path: Path, kind: str, model: type[S], make: Callable[[OneDocument[S]], tuple[V, list[Diagnostic]]]
+) -> V:
+    """What `make` makes of the document of this kind in a file. Raises Invalid with all that is wrong with it."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(LARGEST + 1)
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        raise Invalid(f"read {path}", "it is not UTF-8 text", f"the file of a {kind}") from None
+    except OSError as error:
+        raise Invalid(f"read {path}", error.strerror or str(error), f"the file of a {kind}") from None
+    if len(raw) > LARGEST:
+        raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a shorter {kind}")
+    document, found = read_yaml(text, str(path), most=MOST_NODES)
+    if document is not None and not found:
+        checked, found = _checked(document, kind, model)
+        if checked is not None and not found:
+            value, found = make(checked)
+            if not found:
+                return value
+    lines = "\n".join(map(str, found))
+    raise Invalid(f"use {path}", f"{counted(len(found), 'error')}\n{lines}\n", f"fixing what is wrong in this {kind}")
+
+
+MOST_NODES = 5_000_000
+"""YAML values of a file: a trace of a day has some hundred thousand."""
+
+
+def _checked(document: Document, kind: str, model: type[S]) -> tuple[OneDocument[S] | None, list[Diagnostic]]:
+    value = document.value
+    if not isinstance(value, dict):
+        return None, [
+            Diagnostic(document.where(()), f"a {kind} must be a mapping with apiVersion, kind, metadata, spec")
+        ]
+    if value.get("kind") != kind:
+        return None, [Diagnostic(document.where(("kind",)), f"the kind must be {kind}", nearest(kind, [kind]))]
+    envelope, found = validated(Manifest, document, value, ())
+    spec, more = validated(model, document, value.get("spec"), ("spec",))
+    if envelope is None or spec is None:
+        return None, [*found, *more]
+    return OneDocument(document, envelope.metadata.name, envelope.metadata.description or "", spec), []

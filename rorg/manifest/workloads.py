@@ -1,0 +1,162 @@
+"""Files of a workload: a document of kind Workload, which says how services use the machine in a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from rorg.manifest.fields import Written, field
+from rorg.manifest.one_document import OneDocument, read_document
+from rorg.manifest.option_forms import Strict
+from rorg.manifest.scalars import Duration, Memory, Name
+from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.workload import Behaviour, Distribution, Workload
+
+Cores = Annotated[float, Field(strict=False, ge=0), Written("number of cores")]
+Size = Annotated[Memory, Field(ge=0)]
+
+
+def _spread(value: object) -> object:
+    if isinstance(value, dict):
+        return value
+    return {"values": value if isinstance(value, list) else [value]}
+
+
+class _Spread(Strict):
+    """A value; {mean, deviation} of a normal distribution, cut off at 0; or a list of values that were measured."""
+
+    @property
+    def distribution(self) -> Distribution:
+        given: Any = self
+        if given.values is not None:
+            return Distribution(tuple(map(float, given.values)))
+        return Distribution((float(given.mean),), float(given.deviation))
+
+
+class CoresSpread(_Spread):
+    """Cores: a number, a normal distribution, or a list of measured numbers."""
+
+    mean: Cores = field("The mean.", 0.4, 0.0)
+    deviation: Cores = field("The standard deviation.", 0.1, 0.0)
+    values: Annotated[list[Cores], Field(min_length=1)] | None = field("Measured values.", [0.3, 0.5])
+
+
+class SizeSpread(_Spread):
+    """An amount of memory, likewise."""
+
+    mean: Size = field("The mean.", "180Mi", 0)
+    deviation: Size = field("The standard deviation.", "10Mi", 0)
+    values: Annotated[list[Size], Field(min_length=1)] | None = field("Measured values.", ["150Mi", "190Mi"])
+
+
+class DurationSpread(_Spread):
+    """A duration, likewise."""
+
+    mean: Duration = field("The mean.", "2s", 0.0)
+    deviation: Duration = field("The standard deviation.", "300ms", 0.0)
+    values: Annotated[list[Duration], Field(min_length=1)] | None = field("Measured values.", ["1.8s", "2.3s"])
+
+
+CoresForm = Annotated[CoresSpread, BeforeValidator(_spread), Written("number of cores | CoresSpread | list")]
+SizeForm = Annotated[SizeSpread, BeforeValidator(_spread), Written("size | SizeSpread | list")]
+DurationForm = Annotated[DurationSpread, BeforeValidator(_spread), Written("duration | DurationSpread | list")]
+
+
+class CpuUse(Strict):
+    """Cores that a service uses. Paused it uses none."""
+
+    active: CoresForm | None = field("While something wants it.", 0.4, unset="`resources.cpu` of its manifest")
+    idle: CoresForm | None = field("While it runs and nothing wants it.", 0.1, unset="as active")
+
+
+class MemoryUse(Strict):
+    """Memory that a service uses."""
+
+    active: SizeForm | None = field("While something wants it.", "180Mi", unset="`resources.memory` of its manifest")
+    idle: SizeForm | None = field("While it runs and nothing wants it.", "120Mi", unset="as active")
+    paused: SizeForm | None = field("While it is paused.", "120Mi", unset="as idle")
+
+
+class BehaviourSpec(Strict):
+    """How a service uses the machine."""
+
+    class_: Name | None = field("What is not said here holds as for this class.", "camera", alias="class")
+    cpu: CpuUse | None = field("Cores.", {"active": 0.4, "idle": 0.1})
+    memory: MemoryUse | None = field("Memory.", {"active": "180Mi"})
+    start: DurationForm | None = field("From its start until it is ready.", "2s", unset="what `ready` says, or 100ms")
+    resume: DurationForm | None = field("From its resume until it is ready.", "50ms", unset="100ms")
+    stop: DurationForm | None = field("What its programs take to end.", "500ms", unset="0s")
+    growth: Size | None = field("What its memory grows by in an hour in which it runs.", "5Mi", unset="0")
+    crashes: Annotated[float, Field(strict=False, ge=0)] | None = field(
+        "How often it crashes in an hour in which it runs.", 0.1, unset="0"
+    )
+
+
+class WorkloadSpec(Strict):
+    """How all services of a robot use the machine."""
+
+    calls: dict[Literal["create", "start", "pause", "resume", "stop", "remove"], DurationForm] = field(
+        "What calls of the engine take.", {"start": "90ms", "pause": ["12ms", "15ms"]}, dict
+    )
+    classes: dict[Name, BehaviourSpec] = field("What services have in common.", {"camera": {"crashes": 0.1}}, dict)
+    services: dict[Name, BehaviourSpec] = field(
+        "By name; what a tree does not have does not matter.", {"usb_cam": {"class": "camera"}}, dict
+    )
+    others: BehaviourSpec | None = field("All services that are not named.", {"cpu": {"active": 0.1}})
+
+
+def read_workload(path: Path) -> Workload:
+    """The workload in a file. Raises Invalid with all that is wrong with it, each with file:line:column."""
+    return read_document(path, "Workload", WorkloadSpec, _workload)
+
+
+def _workload(found: OneDocument[WorkloadSpec]) -> tuple[Workload, list[Diagnostic]]:
+    spec, diagnostics = found.spec, list[Diagnostic]()
+    places = list[tuple[tuple[str, ...], BehaviourSpec]]()
+    places += [(("services", name), one) for name, one in spec.services.items()]
+    places += [(("classes", name), one) for name, one in spec.classes.items()]
+    places += [(("others",), spec.others)] if spec.others else []
+    for path, one in places:
+        if one.class_ is not None and path[0] == "classes":
+            where = found.document.where(("spec", *path, "class"))
+            diagnostics.append(Diagnostic(where, "a class has no class of its own", "saying everything in one"))
+        elif one.class_ is not None and one.class_ not in spec.classes:
+            where = found.document.where(("spec", *path, "class"))
+            diagnostics.append(Diagnostic(where, f"unknown class '{one.class_}'", nearest(one.class_, spec.classes)))
+    if diagnostics:
+        return Workload(), diagnostics
+    services = {name: _behaviour(one, spec.classes) for name, one in spec.services.items()}
+    others = _behaviour(spec.others or BehaviourSpec(), spec.classes)
+    calls = {str(verb): one.distribution for verb, one in spec.calls.items()}
+    return Workload(found.name, services, others, calls), []
+
+
+def _behaviour(spec: BehaviourSpec, classes: Mapping[str, BehaviourSpec]) -> Behaviour:
+    shared = classes[spec.class_] if spec.class_ else BehaviourSpec()
+
+    def use(of: str, when: str) -> Distribution | None:
+        found = (getattr(getattr(one, of), when, None) for one in (spec, shared))
+        return next((one.distribution for one in found if one is not None), None)
+
+    def said(name: str) -> Any:
+        return next((v for one in (spec, shared) if (v := getattr(one, name)) is not None), None)
+
+    def spread(name: str) -> Distribution | None:
+        one = said(name)
+        return one.distribution if one is not None else None
+
+    return Behaviour(
+        cpu=use("cpu", "active"),
+        cpu_idle=use("cpu", "idle"),
+        memory=use("memory", "active"),
+        memory_idle=use("memory", "idle"),
+        memory_paused=use("memory", "paused"),
+        start=spread("start"),
+        resume=spread("resume"),
+        stop=spread("stop"),
+        growth=(said("growth") or 0) / 3600.0,
+        crashes=said("crashes") or 0.0,
+    )
