@@ -46,7 +46,7 @@ DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
     "importing": set(),
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
-    "sim": set(),
+    "sim": {"matplotlib"},
     "daemon": set(),
     "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),
@@ -67,7 +67,7 @@ LOADED: dict[str, set[str]] = {
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
-    "sim": {"pydantic", "yaml"},  # to read variants of a tree
+    "sim": {"pydantic", "yaml"},  # to read variants of a tree; plots load what draws them when they are asked for
     "compose": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
