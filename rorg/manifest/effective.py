@@ -73,9 +73,13 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 own_word = getattr(own.source.spec.update, key, None) is not None
                 at = ("update" if own_word else "updates", key)
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
-        elif name in ("idle", "resources"):
+        elif name == "idle":
             for key, part in fields_of(told.model or BaseModel).items():
-                yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
+                alone = key == "prewarm" and service.driver
+                yield from _first(levels if alone else [*levels, *policy], (name, key), part, service)
+        elif name == "resources":
+            for key, part in fields_of(told.model or BaseModel).items():
+                yield from _first([own], (name, key), part, service)
         elif name == "needs":
             yield from _needs(levels, told, service)
         elif name != "container":
