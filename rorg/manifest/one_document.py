@@ -40,9 +40,9 @@ def read_document(
             raw = file.read(LARGEST + 1)
         text = raw.decode("utf-8")
     except UnicodeDecodeError:
-        raise Invalid(f"read {path}", "it is not UTF-8 text") from None
+        raise Invalid(f"read {path}", "it is not UTF-8 text", f"a file with a {kind}") from None
     except OSError as error:
-        raise Invalid(f"read {path}", error.strerror or str(error)) from None
+        raise Invalid(f"read {path}", error.strerror or str(error), f"a file with a {kind}") from None
     if len(raw) > LARGEST:
         raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB")
     document, found = read_yaml(text, str(path), most=MOST_NODES)
