@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import cProfile
 import json
-import pstats
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from robots import RealRobot
 from rorg.manifest.load import load
 from rorg.manifest.validation import idle, texts
 from rorg.manifest.validation.codes import CODES
+from rorg.manifest.validation.run import validate
 
 FOLDER = Path(__file__).parent / "cases/findings"
 CASES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
@@ -161,7 +161,7 @@ def test_each_word_of_an_actuator_has_a_hint(word):
 
 
 def test_checks_take_a_small_part_of_the_time_of_a_load(tmp_path):
-    """An eighth, of 300 services with launch files, under a profiler."""
+    """An eighth, of 300 services with launch files."""
     node = '<node name="n{0}_{1}" pkg="p" type="t"><remap from="/scan" to="/front{0}/scan"/></node>\n'
     for number in range(300):
         nodes = "".join(node.format(number, n) for n in range(12))
@@ -170,9 +170,16 @@ def test_checks_take_a_small_part_of_the_time_of_a_load(tmp_path):
         files = {f"s{number + 1}": spec, f"services/{number}/x.launch": f"<launch>\n{nodes}</launch>\n"}
         build(tmp_path, files)
     build(tmp_path, {"s0": "image: ros:1\n", "roscore": "image: ros:1\ncommand: roscore\nready: {tcp: 11311}\n"})
-    load(tmp_path)
-    profile = cProfile.Profile()
-    profile.runcall(load, tmp_path)
-    found = pstats.Stats(profile).stats
-    spent = {(Path(file).name, name): about[3] for (file, _, name), about in found.items()}
-    assert 0 < spent["run.py", "validate"] < 0.2 * spent["load.py", "load"]
+    loaded = load(tmp_path)
+    whole = least(lambda: load(tmp_path))
+    assert least(lambda: validate(loaded.catalog, loaded.sources)) < 0.2 * whole
+
+
+def least(do) -> float:
+    """CPU seconds of this process; what others do at the time is not in the least of several."""
+    found = []
+    for _ in range(5):
+        began = time.process_time()
+        do()
+        found.append(time.process_time() - began)
+    return min(found)
