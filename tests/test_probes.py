@@ -19,7 +19,7 @@ from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.model.catalog import Probe
-from rorg.probes.answer import YES, Answer
+from rorg.probes.answer import YES, Answer, no
 from rorg.probes.prober import Prober
 from rorg.probes.ros_state import read_state
 from rorg.probes.runner import ProbeRunner
@@ -266,6 +266,18 @@ def test_an_interlock_that_takes_its_time_still_allows(tmp_path):
     prober.watch({("arm", "interlock"): Target(Probe("http", "x", interval=0.25), "", 0.25)})
     wait_for(lambda: len(answers) >= 3, what="the same answer is news when the one before is too old")
     prober.stop()
+
+
+def test_time_between_failures_grows_where_a_target_says_so():
+    times = []
+    prober = Prober(time.monotonic, lambda: None, lambda key, target: (times.append(time.monotonic()), no("x"))[1])
+    prober.start()
+    prober.watch({("nav", "ros-parameters"): Target(Probe("tcp", "x"), "", 0.02, longest=0.16)})
+    wait_for(lambda: len(times) >= 6)
+    prober.stop()
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    assert all(gap >= least for gap, least in zip(gaps, (0.02, 0.04, 0.08, 0.16, 0.16), strict=False))
+    assert Target(Probe("tcp", "x"), "", 10.0).next_after(9) == 10.0, "others are asked as often as ever"
 
 
 def slowly(seconds: float) -> Answer:

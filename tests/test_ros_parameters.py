@@ -66,7 +66,7 @@ def test_parameters_are_there_before_each_start_and_after_each_restart_of_the_ma
 
     first = docker_robot.run_of("talker")
     docker_robot.kill("roscore")
-    docker_robot.wait(lambda: docker_robot.container("talker").incarnation != first)
+    docker_robot.wait(lambda: docker_robot.container("talker").incarnation != first, 120)
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
     assert said(docker_robot) == ["freight", "freight"], "there when it started again"
     assert parameter(master, "/move_base/max_vel") == 0.5

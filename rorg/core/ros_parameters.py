@@ -16,7 +16,9 @@ from rorg.model.catalog import Probe, Service
 ROLE = "ros-parameters"
 """Under which their being set is asked for, among the probes of a service."""
 AGAIN = 1.0
-"""Seconds after which a failed attempt is repeated."""
+"""Seconds after which a failed attempt is repeated at first."""
+LONGEST = 8.0
+"""Up to so many seconds this doubles, as long as attempts fail and no run of what the service needs is another one."""
 
 
 def due(situation: Situation, service: Service) -> str:
