@@ -109,5 +109,31 @@ def test_one_that_is_not_connected_is_paused_until_somebody_is(robot):
     robot.wait(lambda: goes_on(robot))
 
 
+def test_a_node_that_another_service_takes_from_a_paused_one_is_told(docker_robot, ros_image, master):  # noqa: F811
+    tree = services(ros_image, master, "first", "second")
+    for name in ("first", "second"):
+        tree[name] |= {"command": "python3 /nodes/talker.py camera", "ready": {"ros_node": "/camera"}}
+    docker_robot.declare(tree)
+    docker_robot.request("first", id="first")
+    docker_robot.wait(lambda: healthy(docker_robot, "first"), 60)
+    docker_robot.wait(lambda: "first" in owners(docker_robot))
+    docker_robot.release("first")
+    docker_robot.wait(lambda: docker_robot.states()["first"] == "paused")
+    docker_robot.request("second", id="second")
+    text = "the ROS node /camera of first is registered by second now"
+    docker_robot.wait(lambda: any(text in line for line in docker_robot.log()), 60)
+    docker_robot.wait(lambda: text in cautions(docker_robot, "first") and text in cautions(docker_robot, "second"))
+
+
+def owners(robot) -> set[str]:
+    """Services of which a node is known."""
+    return {service for graph in robot.loop.ros.graphs.values() for service in graph.nodes.values()}
+
+
+def cautions(robot, service: str) -> list[str]:
+    conditions = robot.status()["services"][service]["conditions"]
+    return [c["message"] for c in conditions if c["type"] == "NodesUnique"]
+
+
 def stopped_instead(robot) -> bool:
     return any("stop instead of pause: connected to sender by /scan" in line for line in robot.log())

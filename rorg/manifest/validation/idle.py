@@ -30,7 +30,7 @@ LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_pu
 
 
 def _actuators(robot: Robot) -> Iterator[Finding]:
-    for subject in (s for s in robot.subjects if s.pauses):
+    for subject in (s for s in robot.subjects if s.pauses and not s.mindful):
         said = f"{subject.name} {subject.source.description}" if subject.service.driver else ""
         found = next(filter(None, map(_actuator, (*texts_of(subject), said))), "")
         limb = LIMBS.search(subject.name) if subject.service.driver and not found else None
@@ -81,7 +81,7 @@ def _callees(robot: Robot) -> Iterator[Finding]:
         for asked in (a for a in subject.asked_ready if a.probe.kind == "ros_service"):
             message = f"calls of the ROS service {asked.probe.target} hang while '{subject.name}' is paused"
             yield Finding("pause-of-ros-service", where, message)
-        latched = sorted(LATCHED & subject.programs)
+        latched = [] if subject.mindful else sorted(LATCHED & subject.programs)
         if latched:
             message = f"'{latched[0]}' says once what newcomers need, and says nothing while '{subject.name}' is paused"
             yield Finding("pause-of-latched-publisher", where, message)
@@ -126,4 +126,13 @@ def _lingering(robot: Robot) -> Iterator[Finding]:
             yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
 
 
-CHECKS = (_actuators, _nodes, _callees, _servers, _lingering)
+def _never_paused(robot: Robot) -> Iterator[Finding]:
+    """Who says itself what is done instead of a pause, and would not be paused."""
+    for subject in robot.subjects:
+        said = ("spec", "idle", "connected") in subject.source.document.values
+        if said and subject.mindful and subject.service.idle.action != "pause":
+            message = f"'{subject.name}' is not paused when idle, so `connected` changes nothing"
+            yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
+
+
+CHECKS = (_actuators, _nodes, _callees, _servers, _never_paused, _lingering)

@@ -172,6 +172,11 @@ class Subject:
         """It is paused when nobody wants it, which may happen."""
         return self.service.idle.action == "pause" and not self.service.always_on
 
+    @property
+    def mindful(self) -> bool:
+        """It is not paused while its ROS nodes are connected to those of others."""
+        return self.service.idle.connected != "pause"
+
     # -- places ------------------------------------------------------------------------------------------------
 
     def at(self, *path: str | int) -> Where:
