@@ -33,7 +33,7 @@ def test_waiting_is_told_of_requests_that_have_to_wait_for_something_somewhere()
     assert [short[f"response_{key}"] for key in ("mean", "median", "p95")] == [2.0, 2.0, 3.0]
     assert short["requests"] == 3
     assert (long["requests"], long["response_mean"], long["unready"], long["violations"]) == (3, 1.5, 1, 1)
-    assert (short["cpu"], short["memory"], short["actions"]) == (1.0, GIB, 5)
+    assert (short["cpu"], short["memory"], short["calls"]) == (1.0, GIB, 5)
 
 
 def test_a_variant_is_efficient_that_no_other_beats():

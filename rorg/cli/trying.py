@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ALL_ON, DECLARED = "all-on", "as-declared"
 """What variants are compared with."""
-SHOWN = ("name", "cpu", "memory", "response", "median", "p95", "violations", "actions", "efficient")
+SHOWN = ("run", "cpu", "memory", "response", "median", "p95", "violations", "calls", "efficient")
 ALSO = ("peak_memory", "requests", "unready")
 
 
@@ -80,6 +80,31 @@ class Trial:
             raise Invalid(f"try '{variant.name}'", why, "a tree with all that the trace names")
 
 
+def try_out(
+    trial: Trial, compare: Sequence[str], sweep: Sequence[str], output: str, csv: Path | None, plot: Path | None
+) -> None:
+    """What the options say. Raises Invalid."""
+    from rorg.errors import Invalid
+
+    if compare and sweep:
+        raise Invalid("try variants", "--compare and --sweep each name their own", "one of them")
+    found = trial.compare(compare) if compare else trial.sweep(sweep)
+    if csv:
+        write_csv(found, csv)
+    if plot:
+        draw(trial, found, plot)
+    show(found, output)
+
+
+def draw(trial: Trial, found: Sequence[Tried], file: Path) -> None:
+    """Raises Invalid."""
+    from rorg.sim.plots import save
+    from rorg.sim.sweep_plot import draw_sweep
+
+    note = f"Simulated, seed {trial.seed}; synthetic weights: {trial.workload.name}."
+    save(lambda: draw_sweep(found, trial.trace.name, note), file)
+
+
 def show(found: Sequence[Tried], output: str) -> None:
     """Response times (in the mean, the median and the 95th percentile) are of the requests that take any time with at
     least one of the variants; efficient: none of the others beats it in CPU, memory and mean response time."""
@@ -109,7 +134,7 @@ def write_csv(found: Sequence[Tried], file: Path) -> None:
 
     rows = [{**one.as_json(), **one.variant.settings} for one in found]
     settings = dict.fromkeys(key for one in found for key in one.variant.settings)
-    columns = ["name", *settings, *(key for key in found[0].as_json() if key not in ("name", "settings"))]
+    columns = ["run", *settings, *(key for key in found[0].as_json() if key not in ("run", "settings"))]
     try:
         with file.open("w", newline="") as to:
             writer = csv.DictWriter(to, columns, extrasaction="ignore", lineterminator="\n")

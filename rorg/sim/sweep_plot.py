@@ -37,10 +37,11 @@ def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
 
 
 def _lines(found: Sequence[Tried]) -> Mapping[str, list[Tried]]:
+    """By what they have in common; what is no combination of settings is a point by itself."""
     lines = dict[str, list[Tried]]()
     for one in found:
         rest = [f"{key}={value}" for key, value in list(one.variant.settings.items())[1:]]
-        lines.setdefault(", ".join(rest), []).append(one)
+        lines.setdefault(", ".join(rest) if one.variant.settings else one.variant.name, []).append(one)
     return lines
 
 

@@ -44,7 +44,7 @@ class Tried:
     def as_json(self) -> dict[str, Any]:
         times = sorted(self.waits) or [0.0]
         return {
-            "name": self.variant.name,
+            "run": self.variant.name,
             "settings": dict(self.variant.settings),
             "cpu": round(self.result.cpu, 4),
             "memory": round(self.result.memory),
@@ -55,7 +55,7 @@ class Tried:
             "response_p95": round(times[ceil(0.95 * len(times)) - 1], 4),
             "unready": self.unready,
             "violations": len(self.result.violations),
-            "actions": sum((self.result.actions or {}).values()),
+            "calls": sum((self.result.actions or {}).values()),
             "efficient": self.efficient,
         }
 
