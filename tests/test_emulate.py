@@ -79,6 +79,7 @@ def check(result: dict) -> None:
     for run in (all_on, rorg):
         assert len(run["samples"]["at"]) == len(run["samples"]["cpu"]) == 6
         assert run["rorg"]["cpu"] > 0
+        assert run["simulated"]["memory"] == pytest.approx(run["memory"], rel=0.4)
         assert {s: r["requests"] for s, r in run["responses"].items()} == {"autonomy": 1, "look": 1, "drive": 1}
         assert run["responses"]["drive"]["ready"] == 1
         assert run["agreement"]["replayed"]["services"] > 0.7

@@ -37,6 +37,8 @@ class Compared:
     """Where what calls take is drawn from what was measured."""
     replayed: Agreement
     """Where each call takes what it took."""
+    simulated: RunResult
+    """That simulation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +110,7 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "memory": round(result.memory),
         "peak_memory": result.peak_memory,
         "scaled_back": {"cpu": round(result.cpu / share.cpu, 3), "memory": round(result.memory / share.memory)},
+        "simulated": {"cpu": round(one.simulated.cpu, 4), "memory": round(one.simulated.memory)},
         "rorg": {"cpu": round(run.own_cpu, 4), "memory": run.own_memory},
         "load": [round(load, 2) for load in run.load],
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
