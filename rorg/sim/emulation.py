@@ -82,8 +82,11 @@ def response_times(result: RunResult) -> dict[str, Any]:
 
 def _times(found: Sequence[float | None]) -> dict[str, Any]:
     ready = [seconds for seconds in found if seconds is not None]
-    figures = {"median": round(median(ready), 3), "longest": round(max(ready), 3)} if ready else {}
-    return {"requests": len(found), "ready": len(ready), **figures}
+    return {"requests": len(found), "ready": len(ready), **_seconds(ready)}
+
+
+def _seconds(found: Sequence[float]) -> dict[str, float]:
+    return {"median": round(median(found), 3), "longest": round(max(found), 3)} if found else {}
 
 
 def as_json(emulation: Emulation) -> dict[str, Any]:
@@ -115,7 +118,7 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "load": [round(load, 2) for load in run.load],
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
         "actions": dict(result.actions or {}),
-        "calls": {verb: _times(seconds) for verb, seconds in run.calls.items()},
+        "calls": {verb: {"count": len(seconds), **_seconds(seconds)} for verb, seconds in run.calls.items()},
         "responses": response_times(result),
         "violations": [asdict(v) for v in result.violations],
         "samples": {
