@@ -62,7 +62,7 @@ def emulate(tmp_path: Path, *args: object, **env: str) -> subprocess.Popen:
 def check(result: dict) -> None:
     assert result["trace"] == "t"
     all_on, rorg = result["runs"]
-    assert (all_on["name"], rorg["name"]) == ("all on", "rorg")
+    assert (all_on["name"], rorg["name"]) == ("all-on", "rorg")
     assert all_on["samples"]["changes"] == [
         {"at": all_on["samples"]["at"][0], "active": ["arm", "base", "behaviour", "eyes", "wheels"], "not_active": []}
     ]

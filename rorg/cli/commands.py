@@ -37,6 +37,7 @@ COMMANDS = (
     "shell",
     "cp",
     "graph",
+    "simulate",
     "edit",
     "build",
     "image",

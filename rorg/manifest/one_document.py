@@ -44,7 +44,7 @@ def read_document(
     except OSError as error:
         raise Invalid(f"read {path}", error.strerror or str(error), f"a file with a {kind}") from None
     if len(raw) > LARGEST:
-        raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB")
+        raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a smaller {kind}")
     document, found = read_yaml(text, str(path), most=MOST_NODES)
     if document is not None and not found:
         checked, found = _checked(document, kind, model)

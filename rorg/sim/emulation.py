@@ -9,6 +9,7 @@ from typing import Any
 
 from rorg.sim.agreement import Agreement
 from rorg.sim.player import EmulatedRun
+from rorg.sim.report import reduction
 from rorg.sim.results import RunResult
 from rorg.sim.standins import Share
 
@@ -63,16 +64,12 @@ class Emulation:
         if not pairs:
             return {}
         return {
-            what: Spread.of([_reduction(getattr(a.run.result, what), getattr(b.run.result, what)) for a, b in pairs])
+            what: Spread.of([reduction(b.run.result, a.run.result)[what] for a, b in pairs])
             for what in ("cpu", "memory")
         }
 
 
-def _reduction(before: float, after: float) -> float:
-    return 1 - after / before if before else 0.0
-
-
-def response_times(result: RunResult) -> dict[str, Any]:
+def _response_times(result: RunResult) -> dict[str, Any]:
     """Of requests: how many, how many of them were ready in time, and seconds of these; by state of the behaviour."""
     by_state: dict[str, list[float | None]] = {}
     for one in result.responses:
@@ -119,7 +116,7 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
         "actions": dict(result.actions or {}),
         "calls": {verb: {"count": len(seconds), **_seconds(seconds)} for verb, seconds in run.calls.items()},
-        "responses": response_times(result),
+        "responses": _response_times(result),
         "violations": [asdict(v) for v in result.violations],
         "samples": {
             "at": [round(s.at, 2) for s in result.samples],
