@@ -62,7 +62,7 @@ def emulate(tmp_path: Path, *args: object, **env: str) -> subprocess.Popen:
 def check(result: dict) -> None:
     assert result["trace"] == "t"
     all_on, rorg = result["runs"]
-    assert (all_on["name"], rorg["name"]) == ("all on", "rorg")
+    assert (all_on["name"], rorg["name"]) == ("all-on", "rorg")
     assert all_on["samples"]["changes"] == [
         {"at": all_on["samples"]["at"][0], "active": ["arm", "base", "behaviour", "eyes", "wheels"], "not_active": []}
     ]
@@ -79,6 +79,7 @@ def check(result: dict) -> None:
     for run in (all_on, rorg):
         assert len(run["samples"]["at"]) == len(run["samples"]["cpu"]) == 6
         assert run["rorg"]["cpu"] > 0
+        assert run["simulated"]["memory"] == pytest.approx(run["memory"], rel=0.4)
         assert {s: r["requests"] for s, r in run["responses"].items()} == {"autonomy": 1, "look": 1, "drive": 1}
         assert run["responses"]["drive"]["ready"] == 1
         assert run["agreement"]["replayed"]["services"] > 0.7

@@ -160,10 +160,9 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
 
     catalog, all_on = experiment.stand_ins, run.result.name == ALL_ON
     drawn, same = (
-        agreement(simulated(catalog, experiment.trace, run, workload, all_on), run.result)
-        for workload in (calibrated(run), replayed(run))
+        simulated(catalog, experiment.trace, run, workload, all_on) for workload in (calibrated(run), replayed(run))
     )
-    return Compared(run, drawn, same)
+    return Compared(run, agreement(drawn, run.result), agreement(same, run.result), same)
 
 
 def _save(path: str, text: str) -> None:

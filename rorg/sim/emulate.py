@@ -17,7 +17,7 @@ from rorg.sim.standins import Share, stand_ins
 from rorg.sim.throwaway import ThrowawayRobot
 
 PREFIX = "rorg-emulate-"
-ALL_ON, RORG = "all on", "rorg"
+ALL_ON, RORG = "all-on", "rorg"
 """Names of the two runs of a pair, in their order."""
 PATIENCE = 300.0
 """Seconds until all that runs at the beginning is ready."""

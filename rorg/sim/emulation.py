@@ -9,6 +9,7 @@ from typing import Any
 
 from rorg.sim.agreement import Agreement
 from rorg.sim.player import EmulatedRun
+from rorg.sim.report import reduction
 from rorg.sim.results import RunResult
 from rorg.sim.standins import Share
 
@@ -37,6 +38,8 @@ class Compared:
     """Where what calls take is drawn from what was measured."""
     replayed: Agreement
     """Where each call takes what it took."""
+    simulated: RunResult
+    """That simulation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,16 +64,12 @@ class Emulation:
         if not pairs:
             return {}
         return {
-            what: Spread.of([_reduction(getattr(a.run.result, what), getattr(b.run.result, what)) for a, b in pairs])
+            what: Spread.of([reduction(b.run.result, a.run.result)[what] for a, b in pairs])
             for what in ("cpu", "memory")
         }
 
 
-def _reduction(before: float, after: float) -> float:
-    return 1 - after / before if before else 0.0
-
-
-def response_times(result: RunResult) -> dict[str, Any]:
+def _response_times(result: RunResult) -> dict[str, Any]:
     """Of requests: how many, how many of them were ready in time, and seconds of these; by state of the behaviour."""
     by_state: dict[str, list[float | None]] = {}
     for one in result.responses:
@@ -80,8 +79,11 @@ def response_times(result: RunResult) -> dict[str, Any]:
 
 def _times(found: Sequence[float | None]) -> dict[str, Any]:
     ready = [seconds for seconds in found if seconds is not None]
-    figures = {"median": round(median(ready), 3), "longest": round(max(ready), 3)} if ready else {}
-    return {"requests": len(found), "ready": len(ready), **figures}
+    return {"requests": len(found), "ready": len(ready), **_seconds(ready)}
+
+
+def _seconds(found: Sequence[float]) -> dict[str, float]:
+    return {"median": round(median(found), 3), "longest": round(max(found), 3)} if found else {}
 
 
 def as_json(emulation: Emulation) -> dict[str, Any]:
@@ -108,12 +110,13 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "memory": round(result.memory),
         "peak_memory": result.peak_memory,
         "scaled_back": {"cpu": round(result.cpu / share.cpu, 3), "memory": round(result.memory / share.memory)},
+        "simulated": {"cpu": round(one.simulated.cpu, 4), "memory": round(one.simulated.memory)},
         "rorg": {"cpu": round(run.own_cpu, 4), "memory": run.own_memory},
         "load": [round(load, 2) for load in run.load],
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
         "actions": dict(result.actions or {}),
-        "calls": {verb: _times(seconds) for verb, seconds in run.calls.items()},
-        "responses": response_times(result),
+        "calls": {verb: {"count": len(seconds), **_seconds(seconds)} for verb, seconds in run.calls.items()},
+        "responses": _response_times(result),
         "violations": [asdict(v) for v in result.violations],
         "samples": {
             "at": [round(s.at, 2) for s in result.samples],
