@@ -49,7 +49,9 @@ init --force x
 schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
 cp; cp a
 dev --workspace; dev --name; dev arm -x; dev arm --nosuch; dev arm ls -la
+simulate; simulate a b c; simulate a --seed x; simulate a --seed 1.5; simulate a --every 0; simulate a --every soon
 cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
+emulate; emulate --pairs 0 a-file; emulate a-file --compress 0.5; emulate a-file --scale 2; emulate a-file --pairs x
 """
 """What is said of them is said before anything is looked at: exit code 2."""
 
@@ -72,6 +74,7 @@ import; import nosuch; import compose nosuch.yaml; import compose a-file; import
 import roslaunch a-file x; import compose -o nosuch; export; export nosuch; export compose -o nosuch
 trace x; trace show; trace show nosuch; trace show a-file; trace record a; trace generate a; trace show a-file -o nosuch
 trace generate --greetings 1 --tours 2; trace generate --greetings 9999; trace generate --file nosuch/x; trace record
+emulate nosuch; emulate nosuch nosuch; emulate nosuch --engine x; emulate nosuch -o nosuch; emulate nosuch a-file
 history export x; history export --format xml; history -o nosuch; timeline arm; timeline nosuch; timeline arm -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
 validate ''x
@@ -84,6 +87,7 @@ cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x 
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
 edit arm --manifests nosuch
 dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
+simulate nosuch; simulate day.yaml nosuch; simulate day.yaml -o nosuch; simulate empty; simulate day.yaml empty
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,
     3: "wait arm; wait nosuch; request arm --wait; restart base --wait; events -f",

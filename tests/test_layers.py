@@ -46,7 +46,7 @@ DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
     "importing": set(),
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
-    "sim": set(),
+    "sim": {"matplotlib"},
     "daemon": set(),
     "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),
@@ -64,7 +64,7 @@ LOADED: dict[str, set[str]] = {
     **DIRECT,
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
     "importing": {"pydantic", "re2", "yaml"},
-    "sim": {"psutil", "pydantic", "watchfiles", "yaml"},  # by the loop of an emulated robot
+    "sim": {"psutil", "pydantic", "re2", "watchfiles", "yaml"},  # by the loop of an emulated robot
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},

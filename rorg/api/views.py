@@ -54,6 +54,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
             *(w.reason for w in current.decision.plan.waitings if w.service == name),
             *_probing(status),
         ],
+        "cautions": status.cautions,
     }
 
 

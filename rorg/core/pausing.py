@@ -55,8 +55,10 @@ class Risk:
 
 def risks(situation: Situation, service: Service) -> tuple[Risk, ...]:
     """Of a service that is paused when nobody wants it, as far as its master knows; worst first."""
-    graph = situation.ros.get(master_of(service)) if service.idle.action == "pause" else None
-    if graph is None or service.always_on:
+    if not situation.ros or service.idle.action != "pause" or service.always_on:
+        return ()
+    graph = situation.ros.get(master_of(service))
+    if graph is None:
         return ()
     own, unaware = graph.of(service.name), service.idle.connected == "pause"
     found = [

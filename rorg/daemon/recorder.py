@@ -18,6 +18,7 @@ from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
 from rorg.daemon.history import Historian
 from rorg.daemon.passages import Passages
+from rorg.daemon.ros_events import RosEvents
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
@@ -52,6 +53,7 @@ class Recorder:
         self.journal = Journal(self.history)
         self.historian = Historian(self.history, wall, masker)
         self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
+        self._ros = RosEvents(self.event)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
@@ -142,6 +144,7 @@ class Recorder:
         )
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._devices(decision)
+        self._ros.tell(decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         if observed.complete:
             self._passages.note(decision)

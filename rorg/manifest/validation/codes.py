@@ -91,7 +91,7 @@ _IDLE = {
     "pause-of-actuator-consumer": Code(
         WARNING,
         "A paused subscriber gets its whole backlog when it is resumed: commands up to half a minute old, at once.",
-        "idle: {action: stop}",
+        "idle: {action: stop}, or {action: pause, connected: stop}",
     ),
     "duplicate-node-name": Code(
         WARNING,
@@ -110,7 +110,12 @@ _IDLE = {
     "pause-of-latched-publisher": Code(
         WARNING,
         "Who comes later never gets the map, or the transform, from a paused publisher.",
-        "idle: {action: stop}, or needs of those that use it",
+        "idle: {action: stop}, or {action: pause, connected: stop}, or needs of those that use it",
+    ),
+    "connected-without-pause": Code(
+        WARNING,
+        "What is done instead of a pause is said of a service that is never paused.",
+        "idle: {action: pause, connected: stop}",
     ),
     "pause-with-healthcheck": Code(
         WARNING,
