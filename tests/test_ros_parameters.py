@@ -98,7 +98,7 @@ def test_a_changed_value_is_set_without_a_restart_and_one_set_by_hand_stays(dock
     docker_robot.settle()
     assert docker_robot.run_of("talker") == run
     docker_robot.wait(lambda: len(told(docker_robot)) == 3)
-    assert told(docker_robot)[-1]["names"] == sorted(VALUES)
+    assert told(docker_robot)[-1]["parameters"] == sorted(VALUES)
 
     ros_master.call(master, "setParam", "/test", "/move_base/max_vel", 0.75)
     docker_robot.kill("talker")
