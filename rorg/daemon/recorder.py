@@ -90,7 +90,7 @@ class Recorder:
     def parameters_set(self, service: str, master: str, names: list[str]) -> None:
         """ROS parameters of a service were set at its master; values are not told."""
         text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
-        self.event("parameters-set", text, service=service, master=master, names=names)
+        self.event("parameters-set", text, service=service, master=master, parameters=names)
 
     def shm_purged(self, removed: Removed) -> None:
         """What dead ROS 2 participants left was removed."""
