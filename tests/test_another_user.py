@@ -47,6 +47,7 @@ LINES = {
     "events": ["events", "events -o json --tail 3", "events --service base --since 1h"],
     "history": ["history", "history show 1", "history diff 1", "history export --format protobuf --file all.pb"],
     "timeline": ["timeline base", "timeline base -o json --since 10m"],
+    "trace": ["trace record --file today.yaml", "trace show today.yaml", "trace generate --duration 10m"],
     "top": ["top --once", "top -o json"],
     "logs": ["logs base"],
     "graph": ["graph", "graph -o dot", "graph images -o json"],

@@ -39,6 +39,8 @@ OFFERED = [
     ("why --engine=p", {"--engine=process"}),
     ("history ", {"list", "show", "diff", "export"}),
     ("history export --format ", {"jsonl", "protobuf"}),
+    ("trace ", {"generate", "record", "show"}),
+    ("trace show ", {":files"}),
     ("timeline n", {"navigation"}),
     ("completion ", {"bash", "zsh", "fish"}),
     ("graph ", {"services", "images"}),

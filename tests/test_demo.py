@@ -10,19 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_for
-
-
-def left_behind(folder: Path) -> list[str]:
-    """Folders of the demo, and processes that it started."""
-    found = [p.name for p in folder.glob("rorg-demo-*")]
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if f"RORG_EXIT={folder}/".encode() in (entry / "environ").read_bytes():
-                    found.append(entry.name)
-            except OSError:
-                continue
-    return found
+from left_behind import left_behind
 
 
 def demo(folder: Path, *args: str, **env: str) -> subprocess.Popen:
@@ -56,7 +44,7 @@ def test_demo_on_processes(tmp_path):
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 0, output
     check(output)
-    assert left_behind(tmp_path) == []
+    assert left_behind(tmp_path, "rorg-demo-") == []
 
 
 @pytest.mark.docker
@@ -70,17 +58,17 @@ def test_demo_on_docker(tmp_path, dockerd):
 
     api = docker.APIClient(dockerd.host, version="auto")
     assert [c for c in api.containers(all=True) if "rorg-demo" in c["Names"][0]] == []
-    assert left_behind(tmp_path) == []
+    assert left_behind(tmp_path, "rorg-demo-") == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_demo_interrupted(tmp_path, number):
     process = demo(tmp_path, "--engine", "process")
-    wait_for(lambda: len(left_behind(tmp_path)) > 8, 60, "a dozen of services")
+    wait_for(lambda: len(left_behind(tmp_path, "rorg-demo-")) > 8, 60, "a dozen of services")
     process.send_signal(number)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 130, output
-    assert left_behind(tmp_path) == []
+    assert left_behind(tmp_path, "rorg-demo-") == []
 
 
 def test_demo_without_git(tmp_path):
@@ -91,4 +79,4 @@ def test_demo_without_git(tmp_path):
         output.splitlines()[-1]
         == "rorg: cannot run the demo: git is not installed here; try installing git, or adding it to PATH"
     )
-    assert left_behind(tmp_path) == []
+    assert left_behind(tmp_path, "rorg-demo-") == []

@@ -49,6 +49,11 @@ def robot_with_parameters(robot: RealRobot, image: str, master: str) -> dict[str
     return tree
 
 
+def told(robot: RealRobot) -> list[dict[str, Any]]:
+    """What the journal has of parameters that were set."""
+    return robot.loop.recorder.journal.select(Filter(kinds=frozenset({"parameters-set"})), 9)
+
+
 def said(robot: RealRobot) -> list[str]:
     """What the node has found, start by start."""
     return robot.engine.api().logs(robot.container("talker").id).decode().splitlines()
@@ -66,7 +71,7 @@ def test_parameters_are_there_before_each_start_and_after_each_restart_of_the_ma
 
     first = docker_robot.run_of("talker")
     docker_robot.kill("roscore")
-    docker_robot.wait(lambda: docker_robot.container("talker").incarnation != first)
+    docker_robot.wait(lambda: docker_robot.container("talker").incarnation != first, 120)
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
     assert said(docker_robot) == ["freight", "freight"], "there when it started again"
     assert parameter(master, "/move_base/max_vel") == 0.5
@@ -88,11 +93,12 @@ def test_a_changed_value_is_set_without_a_restart_and_one_set_by_hand_stays(dock
     changed = {"ros": {"parameters": {**VALUES, "/move_base/max_vel": 0.25}}}
     docker_robot.declare({**tree, "talker": {**tree["talker"], **changed}})
     docker_robot.wait(lambda: parameter(master, "/move_base/max_vel") == 0.25)
+    (docker_robot.tree / "services/freight.urdf").write_text(URDF.replace("base", "base_link"))
+    docker_robot.wait(lambda: "base_link" in parameter(master, "/robot_description"))
     docker_robot.settle()
     assert docker_robot.run_of("talker") == run
-    told = docker_robot.loop.recorder.journal.select(Filter(kinds=frozenset({"parameters-set"})), 9)
-    assert len(told) == 2
-    assert told[-1]["names"] == sorted(VALUES)
+    docker_robot.wait(lambda: len(told(docker_robot)) == 3)
+    assert told(docker_robot)[-1]["names"] == sorted(VALUES)
 
     ros_master.call(master, "setParam", "/test", "/move_base/max_vel", 0.75)
     docker_robot.kill("talker")

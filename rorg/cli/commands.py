@@ -31,6 +31,7 @@ COMMANDS = (
     "rollback",
     "restore",
     "timeline",
+    "trace",
     "top",
     "logs",
     "exec",
@@ -43,6 +44,7 @@ COMMANDS = (
     "export",
     "dev",
     "demo",
+    "emulate",
     "schema",
     "completion",
 )

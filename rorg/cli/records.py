@@ -29,6 +29,9 @@ class Records(Protocol):
     def timeline(self, service: str, since: str, until: str) -> dict[str, Any]:
         """What a service went through; times are ISO 8601."""
 
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        """What the robot was asked for; times are ISO 8601."""
+
     def everything(self) -> Iterator[dict[str, Any]]:
         """All that is on record."""
 
@@ -64,6 +67,9 @@ class Served:
     def timeline(self, service: str, since: str, until: str) -> dict[str, Any]:
         asked = urlencode({"since": since, "until": until})
         return dict(self.client.call("GET", f"/v1/timeline/{quote(service, safe='')}?{asked}"))
+
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        return dict(self.client.call("GET", f"/v1/requested?{urlencode({'since': since, 'until': until})}"))
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
@@ -106,6 +112,14 @@ class Kept:
         from rorg.history.queries import timeline
 
         return timeline(self.journal, service, since, until)
+
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        """Up to the last entry at the most: nobody knows what is since."""
+        from rorg.history.journal import Filter
+        from rorg.history.requested import requested
+
+        last = next((entry["at"] for entry in self.journal.select(Filter(), 1, newest=True)), until)
+        return requested(self.journal, since, min(until, last))
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg.history.queries import records

@@ -16,7 +16,9 @@ from rorg.model.catalog import Probe, Service
 ROLE = "ros-parameters"
 """Under which their being set is asked for, among the probes of a service."""
 AGAIN = 1.0
-"""Seconds after which a failed attempt is repeated."""
+"""Seconds after which a failed attempt is repeated at first."""
+LONGEST = 8.0
+"""Up to so many seconds this doubles, as long as attempts fail and no run of what the service needs is another one."""
 
 
 def due(situation: Situation, service: Service) -> str:
@@ -26,8 +28,6 @@ def due(situation: Situation, service: Service) -> str:
         return ""
     there = situation.observed.by_service()
     firsts = [(there.get(name) or (None,))[0] for name in (service.name, *sorted(service.needs))]
-    if any(c is not None and c.brief for c in firsts):
-        return ""  # which runs these are is not known
     runs = [(c.incarnation, c.alive) for c in firsts if c is not None and c.started_at]
     found = canonical([situation.desired.ros[service.name], runs])
     return "" if situation.memory.of(service.name).parameters == found else found

@@ -12,7 +12,7 @@ from rorg.core.digest import rules_of
 from rorg.core.memory import Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.onward import Planned, busy
-from rorg.core.ros_parameters import AGAIN, ROLE, due, probe_of
+from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
 from rorg.core.transitions import doubt_ends
 from rorg.model.catalog import Probe
@@ -33,6 +33,14 @@ class Target:
     """Of ROS parameters; which ones these are, the probe tells too."""
     anew: bool = False
     """They are to be set whatever the master has."""
+    longest: float = 0.0
+    """Seconds up to which the time between attempts doubles while they fail; 0 where it does not."""
+
+    def next_after(self, failures: int) -> float:
+        """Seconds from one attempt to the next, after so many failures in a row."""
+        doubled = self.every * 2.0 ** min(max(failures - 1, 0), 10)
+        return min(doubled, max(self.every, self.longest))
+
     part: int = 0
     """Which of the probe's questions it is."""
 
@@ -142,7 +150,9 @@ def _parameters(planned: Planned, name: str) -> Target | None:
     runs = planned.situation.memory.of(name).running_since is not None
     if service.ros is None or not found or not (waits or runs):
         return None
-    return Target(probe_of(planned.situation, service), found, AGAIN, values=service.ros.values, anew=waits)
+    return Target(
+        probe_of(planned.situation, service), found, AGAIN, values=service.ros.values, anew=waits, longest=LONGEST
+    )
 
 
 def _waits_for_parameters(planned: Planned, name: str) -> bool:

@@ -85,6 +85,11 @@ class Recorder:
         text = f"the stale registration of the ROS node {node} was taken out of the master"
         self.event("ros-purged", text, node=node)
 
+    def parameters_set(self, service: str, master: str, names: list[str]) -> None:
+        """ROS parameters of a service were set at its master; values are not told."""
+        text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
+        self.event("parameters-set", text, service=service, master=master, names=names)
+
     def shm_purged(self, removed: Removed) -> None:
         """What dead ROS 2 participants left was removed."""
         files = f"{counted(removed.files, 'file')} ({format_memory(removed.size)})"
@@ -94,11 +99,6 @@ class Recorder:
             files=removed.files,
             bytes=removed.size,
         )
-
-    def parameters_set(self, service: str, master: str, names: list[str]) -> None:
-        """ROS parameters of a service were set at its master; values are not told."""
-        text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
-        self.event("parameters-set", text, service=service, master=master, names=names)
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")

@@ -7,6 +7,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -50,11 +51,13 @@ class Tree:
         named: str = "",
         host: str = "",
         source: GitSource | None = None,
+        adapt: Callable[[Catalog], Catalog] = lambda catalog: catalog,
     ) -> None:
-        """`named`: the robot whose overlay counts; without that the one called `host`, where there is one."""
+        """`named`: the robot whose overlay counts; without that the one called `host`, where there is one. `adapt`:
+        what is run in place of what is read, such as stand-ins of its programs."""
         self.named, self.host = named, host
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
-        self.references, self.source = references, source
+        self.references, self.source, self.adapt = references, source, adapt
         self.masker = Masker()
         """Knows the secrets of all that was read, refused trees included."""
         self.images = Content()
@@ -249,6 +252,7 @@ class Tree:
 
         try:
             loaded = load(self.root, found=found, engine=self.engine, robot=self.robot)
+            loaded = replace(loaded, catalog=self.adapt(loaded.catalog)) if loaded.catalog else loaded
         except RorgError as error:
             loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))
         return stamps[-1], loaded

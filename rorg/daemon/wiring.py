@@ -18,7 +18,7 @@ from rorg.daemon.loop import Loop
 from rorg.daemon.parts import Collaborators, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
-from rorg.daemon.ros import RosPurger
+from rorg.daemon.ros_watch import RosWatch
 from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
@@ -81,7 +81,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     asker = ProbeRunner(engine, lambda service: loop.container_of(service), stopping, recorder.parameters_set)
     prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = _sampler(engine, lambda: loop, wakes)
-    ros, shm, devices = RosPurger(recorder.purged), ShmPurger(recorder.shm_purged), DeviceWatch(wakes.wake)
+    ros, shm = RosWatch(recorder.purged, wakes.wake), ShmPurger(recorder.shm_purged)
+    devices = DeviceWatch(wakes.wake)
     workers = Workers(
         engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
     )

@@ -9,12 +9,14 @@ ROOT = Path("/sys/fs/cgroup")
 
 
 def container_usage(pid: int) -> tuple[float, int] | None:
-    """(CPU seconds since it began, bytes of memory without page cache) of the cgroup of a process; None when gone."""
+    """(CPU seconds since it began, bytes of memory without page cache) of the cgroup of a process; None when gone. One
+    that is just ending is in the root already, whose figures are those of the machine."""
     try:
         paths = _paths(pid)
-        if "memory" in paths and "cpuacct" in paths:
-            return _v1(paths)
-        return _v2(paths[""])
+        v1 = "memory" in paths and "cpuacct" in paths
+        if "/" in ((paths["memory"], paths["cpuacct"]) if v1 else (paths[""],)):
+            return None
+        return _v1(paths) if v1 else _v2(paths[""])
     except (OSError, KeyError, ValueError):
         return None
 

@@ -24,6 +24,8 @@ from rorg.model.catalog import Service
 from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
+UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
+"""Values of a Service that stand for nothing."""
 
 
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
@@ -111,7 +113,7 @@ def _first(
             yield level.value(".".join(field), told, value, *at)
             return
     value = _rendered(service, field)
-    if value not in (None, (), {}) and (field[-1], value) not in (("failures", 0), ("atomic", "")):
+    if value not in (None, (), {}) and (field[-1], value) not in UNSAID:
         yield Value(".".join(field), value, written(value, told.form), "default")
 
 

@@ -24,6 +24,9 @@ Fraction = Annotated[float, Field(strict=False, gt=0, le=1)]
 Percent = Annotated[float, Field(strict=False, gt=0, le=100)]
 
 
+Prewarm = Annotated[Literal["auto", "off"] | Fraction, Written("auto | off | probability")]
+
+
 class Escalate(Strict):
     """A second, harder step for a service that stays unwanted."""
 
@@ -49,6 +52,18 @@ class Idle(Strict):
     )
     reclaim: bool | None = unchanging(
         "Push a paused service's memory out to swap, where the machine has some.", True, unset="false"
+    )
+    prewarm: Prewarm | None = unchanging(
+        "Start or resume it before it is requested, when it is likely enough that it soon will be: auto for a "
+        "probability of 0.2, or the probability itself.",
+        "auto",
+        unset="off",
+    )
+    connected: Literal["pause", "stop"] | None = unchanging(
+        "What is done instead of a pause while a ROS 1 node of another active service is connected to one of its own "
+        "by a topic, or where that is not known.",
+        "stop",
+        unset="pause",
     )
 
 

@@ -44,6 +44,10 @@ class Idle:
     escalate: tuple[float, str] | None = None
     """(seconds after it was ceased, stop or remove)."""
     reclaim: bool = False
+    prewarm: float = 0.0
+    """Probability from which it is made active before it is requested; 0 for never."""
+    connected: str = "pause"
+    """pause or stop: what is done instead of pausing it while its ROS 1 nodes are connected to those of others."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +41,13 @@ class Trace:
                 open_at[event.requester] = event.at, event.state
         found += [(since, self.duration, who, state) for who, (since, state) in open_at.items()]
         return sorted(found)
+
+    def compressed(self, factor: float) -> Trace:
+        """The same in a `factor`th of the time."""
+        events = tuple(replace(event, at=event.at / factor) for event in self.events)
+        return replace(self, duration=self.duration / factor, events=events)
+
+    def delayed(self, seconds: float) -> Trace:
+        """The same after so many seconds in which nothing happens."""
+        events = tuple(replace(event, at=event.at + seconds) for event in self.events)
+        return replace(self, duration=self.duration + seconds, events=events)

@@ -139,7 +139,7 @@ class Prober:
         self._answers[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
         self._tell(key[:2])
         since = target.asked or 0.0
-        self._due[key] = max(rested, began + target.every if began >= since else self.clock())
+        self._due[key] = max(rested, began + target.next_after(failures) if began >= since else self.clock())
         if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":

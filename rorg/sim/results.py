@@ -57,15 +57,23 @@ class RunResult:
     violations: tuple[Violation, ...] = ()
     actions: Mapping[str, int] | None = None
     """Verb -> how many calls of the engine."""
+    cpu_seconds: float | None = None
+    """Core seconds over the run, where they were added up; else the samples tell."""
+    byte_seconds: float | None = None
+    """Bytes times seconds, likewise."""
 
     @property
     def cpu(self) -> float:
         """Cores, in the mean over the run."""
+        if self.cpu_seconds is not None:
+            return self.cpu_seconds / self.duration
         return self._mean([s.cpu for s in self.samples])
 
     @property
     def memory(self) -> float:
         """Bytes, in the mean over the run."""
+        if self.byte_seconds is not None:
+            return self.byte_seconds / self.duration
         return self._mean([float(s.memory) for s in self.samples])
 
     @property

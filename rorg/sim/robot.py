@@ -18,16 +18,21 @@ from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
+from rorg.core.ros_graph import Graphs
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
+from rorg.model.learned import Learned
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_document import RequestsDocument
 
 PROBE_AFTER = 0.1
 """Seconds after which a service with a probe answers it, unless ready_after says otherwise."""
+
+CORES, MEMORY = 4.0, 8 << 30
+"""Of the machine, where the policy's budget says nothing else."""
 
 OFTEN = 0.05
 """Seconds between passes while probes may tell something new."""
@@ -54,6 +59,10 @@ class SimRobot:
         """Services whose interlock says no."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
+        self.learned: Learned | None = None
+        """What was learnt before of requests; None: nothing is prewarmed."""
+        self.ros: Graphs = {}
+        """What ROS 1 masters say."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
@@ -86,8 +95,7 @@ class SimRobot:
         inputs = self.inputs()
         decision = decide(inputs)
         self.decision, self._asked, self._told = decision, decision.to_probe, inputs.results
-        if decision.violations:
-            raise AssertionError("; ".join(decision.violations))
+        self._check(decision)
         self.memory, self.cache = decision.memory, decision.cache
         left = {n: at for n, at in self.document.restarts.items() if n not in decision.served}
         self.document = replace(
@@ -100,11 +108,16 @@ class SimRobot:
         for request, why in decision.settled.dropped:
             self.log.append((self.now, f"dropped {request.id}: {why}"))
         for action in decision.begin:
-            self.at(
-                self.now + self.engine.latency(action.verb, action.service),
-                partial(self._finish, action, self.life),
-            )
+            self.at(self.now + self._latency(action), partial(self._finish, action, self.life))
         return decision
+
+    def _check(self, decision: Decision) -> None:
+        if decision.violations:
+            raise AssertionError("; ".join(decision.violations))
+
+    def _latency(self, action: Action) -> float:
+        """Seconds that its call takes."""
+        return self.engine.latency(action.verb, action.service)
 
     def reborn(self, memory: Memory) -> None:
         """Another rorg takes over. What the one before had begun is done, and nobody hears of the outcome."""
@@ -120,7 +133,12 @@ class SimRobot:
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
         if life == self.life:
             self.memory = finish(self.memory, [Outcome(action, error, refused, spent=spent)], self.now)
-        if action.verb == "start" and not error:
+        if not error:
+            self._done(action)
+
+    def _done(self, action: Action) -> None:
+        """A call has had its effect."""
+        if action.verb == "start":
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
             if after is not None:
@@ -156,7 +174,9 @@ class SimRobot:
             renewals=self.renewals,
             confirmed=self.document.removals,
             retries=self.document.retries,
+            learned=self.learned,
             cache=self.cache,
+            ros=self.ros,
             devices={
                 d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices
             },
@@ -199,21 +219,19 @@ class SimRobot:
         if limits is None:
             return None
         if self._sample is None or self.now >= self._sample.at + limits.step:
-            services = self.desired.catalog.services
-            use = {
-                c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
-                for c in self.engine.list()
-                if c.alive and c.service in services
-            }
-            self._sample = Load(
-                self.now,
-                self.extra[0] + sum(u[0] for u in use.values()),
-                4.0,
-                self.extra[1] + sum(u[1] for u in use.values()),
-                8 << 30,
-                use=use,
-            )
+            use = self._use()
+            cores, memory = (sum(u[0] for u in use.values()), sum(u[1] for u in use.values()))
+            self._sample = Load(self.now, self.extra[0] + cores, CORES, self.extra[1] + memory, MEMORY, use=use)
         return self._sample
+
+    def _use(self) -> dict[str, tuple[float, int]]:
+        """Service -> cores and bytes that it uses now."""
+        services = self.desired.catalog.services
+        return {
+            c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
+            for c in self.engine.list()
+            if c.alive and c.service in services
+        }
 
     def run(self, until: Callable[[SimRobot], bool], limit: float = 600.0) -> Decision:
         """Goes on until the condition holds after a pass; AssertionError when `limit` seconds pass before."""
@@ -230,8 +248,12 @@ class SimRobot:
             if not times or min(times) > end:
                 raise AssertionError(f"not so after {limit} s of virtual time:\n{decision.plan.text()}")
             self.now = max(self.now, min(times))
-            while self._events and self._events[0][0] <= self.now:
-                heapq.heappop(self._events)[2]()
+            self._happen()
+
+    def _happen(self) -> None:
+        """What is due by now."""
+        while self._events and self._events[0][0] <= self.now:
+            heapq.heappop(self._events)[2]()
 
     def settle(self, limit: float = 600.0) -> Decision:
         """Runs until nothing is left to do."""

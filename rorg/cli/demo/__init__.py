@@ -45,4 +45,5 @@ def command(
             show.line(f"kept: {robot.folder}; try RORG_STATE_DIR={robot.state.path} rorg get")
             robot.leave()
         else:
-            robot.clean_up()
+            show.line("cleaning up")
+            robot.clean_up(show.line)

@@ -31,11 +31,11 @@ def play(robot: DemoRobot, show: Show) -> None:
     show.step("Setting up: a git repository with 41 services, and their images")
     catalog = robot.set_up()
     began = time.monotonic()
-    robot.build(catalog)
+    robot.build(catalog, show.progress)
     show.line(
         f"images are there after {time.monotonic() - began:.0f} s; stand-ins use {robot.scale:.0%} of what they declare"
     )
-    robot.run()
+    robot.start()
     robot.wait("the start", lambda v: len(v["services"]) == 42)
     robot.settle("the start")
     show.line(f"rorg runs: {len(robot.active())} of 41 services are always on, the rest is not wanted")

@@ -79,6 +79,11 @@ _STOPPING = {
     "shell-without-exec": Code(
         WARNING, "The shell gets the signal and the exit code, not its program.", "exec before the last program"
     ),
+    "shell-form-command": Code(
+        WARNING,
+        "The shell is the first process, and its program never hears of the signal: it is killed after its grace.",
+        'CMD ["program", "argument"] in the Dockerfile',
+    ),
     "grace-too-short": Code(WARNING, "It is killed before it has signed off at the master.", "stop_grace_period: 5s"),
 }
 _IDLE = {
@@ -96,6 +101,11 @@ _IDLE = {
     "conflict-not-declared": Code(WARNING, "ROS ends the first of two nodes of one name.", "conflicts"),
     "pause-of-ros-service": Code(
         WARNING, "A call to a paused node does not fail: it hangs until it is resumed.", "idle: {action: stop}"
+    ),
+    "pause-of-server": Code(
+        WARNING,
+        "The kernel goes on taking connections of a paused program: callers do not fail, they wait.",
+        "idle: {action: stop}",
     ),
     "pause-of-latched-publisher": Code(
         WARNING,

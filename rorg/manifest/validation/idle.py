@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, text_of
 
 ACTUATORS = re.compile(
     r"cmd_vel|\w+_cmd\b|twist_mux|controller_manager|ros2?_control|trajectory_controller|follow_joint_trajectory|"
@@ -76,6 +76,28 @@ def _callees(robot: Robot) -> Iterator[Finding]:
             yield Finding("pause-with-healthcheck", where, message)
 
 
+def _servers(robot: Robot) -> Iterator[Finding]:
+    """Those that others connect to, which do not keep them active."""
+    for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
+        others = (s for s in robot.subjects if s is not subject and not robot.apart(s, subject))
+        found = [(s, port) for s in others if (port := _called(s, subject))]
+        callers = {s.name: port for s, port in found if subject.name not in robot.asks_for(s)}
+        if callers:
+            (first, port), *more = callers.items()
+            so = f"; so do {', '.join(name for name, _ in more)}" if more else ""
+            message = f"'{first}' calls '{subject.name}' at port {port}, and hangs while that is paused{so}"
+            remedy = f"idle: {{action: stop}}, or needs: [{subject.name}] in {first}"
+            yield Finding("pause-of-server", subject.at("idle", "action"), message, remedy)
+
+
+def _called(caller: Subject, server: Subject) -> str:
+    """The port of a server that a caller names; empty where it names none, or one of another place."""
+    ports, names = ports_of(server), (server.name, server.service.container_name)
+    shared = caller.network == "host" and (server.network == "host" or server.options.get("ports"))
+    hosts = (*names, *(LOCAL if shared else ()))
+    return next((port for host, port in sorted(calls_of(caller)) if port in ports and host in hosts), "")
+
+
 def _lingering(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         idle, ready = subject.service.idle, subject.service.ready
@@ -89,4 +111,4 @@ def _lingering(robot: Robot) -> Iterator[Finding]:
             yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
 
 
-CHECKS = (_actuators, _nodes, _callees, _lingering)
+CHECKS = (_actuators, _nodes, _callees, _servers, _lingering)

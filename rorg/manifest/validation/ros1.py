@@ -9,7 +9,7 @@ from rorg.manifest.idling import INFRASTRUCTURE
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.manifest.validation.texts import names_of_nodes, ports_of, text_of
 from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
@@ -96,7 +96,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
         own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
             givers.setdefault(name, subject)
-        for port in _ports(subject):
+        for port in ports_of(subject):
             givers.setdefault(f":{port}", subject)
     for subject in robot.subjects:
         text = text_of(subject)
@@ -113,15 +113,6 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
             shown = f"port {what[1:]}" if what[0] == ":" else f"/{what}"
             message = f"'{subject.name}' uses {shown} of '{name}', which it does not need"
             yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
-
-
-def _ports(subject: Subject) -> Iterator[str]:
-    for asked in subject.asked_ready:
-        if asked.probe.kind == "tcp":
-            yield str(asked.probe.target).rpartition(":")[2]
-    for text in subject.options.get("ports") or ():
-        if isinstance(text, str) and text.count(":") >= 1:
-            yield text.rpartition(":")[0].rpartition(":")[2]
 
 
 CHECKS = (_masters, _needing, _unprobed, _times, _hidden)

@@ -18,6 +18,9 @@ MOST_FILES = 12
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _NODE = re.compile(r"""<node\b[^>]*?\bname\s*=\s*["']([A-Za-z][\w/]*)["']""", re.DOTALL)
 _NAMED = re.compile(r"^__name:=(\S+)$")
+_ANSWERS = re.compile(r"(?:http://)?(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})(?![0-9])")
+_CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9]{2,5})(?![0-9])")
+LOCAL = ("localhost", "127.0.0.1")
 READ = (".launch", ".xml", ".sh", ".bash", ".py", ".yaml", ".yml")
 
 
@@ -100,3 +103,30 @@ def _names_of_nodes(subject: Subject) -> set[str]:
         found |= set(_NODE.findall(text))
     found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
     return {name.strip("/") for name in found} - {"rosout", ""}
+
+
+def ports_of(subject: Subject) -> frozenset[str]:
+    """Ports of this machine at which it answers, as far as its probes and what it publishes name them."""
+    if "ports" not in subject.memo:
+        subject.memo["ports"] = frozenset(_ports_of(subject))
+    found: frozenset[str] = subject.memo["ports"]
+    return found
+
+
+def _ports_of(subject: Subject) -> Iterator[str]:
+    for asked in subject.asked_ready:
+        if asked.probe.kind in ("tcp", "http"):
+            found = _ANSWERS.match(str(asked.probe.target))
+            yield from found.groups() if found else ()
+    for text in subject.options.get("ports") or ():
+        if isinstance(text, str) and text.count(":") >= 1:
+            yield text.rpartition(":")[0].rpartition(":")[2]
+
+
+def calls_of(subject: Subject) -> frozenset[tuple[str, str]]:
+    """(host, port) of each place that its words, its environment, its files and its probes name."""
+    if "calls" not in subject.memo:
+        probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
+        subject.memo["calls"] = frozenset(_CALLED.findall("\n".join((text_of(subject), *probed))))
+    found: frozenset[tuple[str, str]] = subject.memo["calls"]
+    return found

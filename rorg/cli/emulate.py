@@ -1,0 +1,204 @@
+"""rorg emulate"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Output
+
+if TYPE_CHECKING:
+    from rorg.model.catalog import Catalog
+    from rorg.model.trace import Trace
+    from rorg.sim.emulate import Experiment
+    from rorg.sim.emulation import Compared, Emulation
+    from rorg.sim.player import EmulatedRun
+    from rorg.sim.standins import Share
+
+COLUMNS = ("run", "pair", "cpu", "memory", "full_cpu", "full_memory", "rorg_cpu", "rorg_memory", "active_agree")
+SHORTEST = 5.0
+"""Seconds of a run at the least: a sample takes one."""
+
+
+def command(
+    trace: Annotated[str, Argument(help="A file with a trace.", completes=FILES)],
+    directory: Directory = None,
+    compress: Annotated[
+        float, Option(names=("--compress",), help="Divide the times of the trace by this.", least=1, most=1000)
+    ] = 6.0,
+    pairs: Annotated[
+        int, Option(names=("--pairs",), help="How often all on and rorg are run in turns.", least=1, most=100)
+    ] = 3,
+    scale: Annotated[
+        float | None,
+        Option(
+            names=("--scale",),
+            least=0.001,
+            most=1,
+            show_default=False,
+            metavar="F",
+            help="Factor on the CPU and memory that services declare. Default: all on takes a quarter of the machine.",
+        ),
+    ] = None,
+    engine: EngineName = None,
+    save: Annotated[
+        str | None,
+        Option(names=("--save",), help="Write everything that is measured to this file, as JSON.", completes=FILES),
+    ] = None,
+    output: Output = "table",
+) -> None:
+    """Play a trace on a real engine, with stand-ins in place of programs: everything on against rorg, in turns. Nothing
+    of it is left behind.
+
+    Example: rorg emulate docs/evaluation/hour.yaml manifests --compress 6 --pairs 3
+    """
+    import signal
+    import sys
+
+    from rorg.cli.output import check_form, note
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    check_form(output)
+    experiment = _experiment(trace, directory, compress, scale, engine)
+    if save:
+        _save(save, "{}\n")
+    signal.signal(signal.SIGTERM, interrupt)
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        _print(_measured(experiment, compress, pairs, save), output)
+    except KeyboardInterrupt:
+        note("interrupted")
+        sys.exit(130)
+
+
+def _experiment(
+    path: str, directory: Path | None, compress: float, scale: float | None, engine: str | None
+) -> Experiment:
+    """What is to be run. Raises Invalid for whatever is wrong with it."""
+    from rorg.cli.context import Context
+    from rorg.cli.demo.robot import TRITONBOT
+    from rorg.errors import Invalid
+    from rorg.manifest.load import load_or_raise
+    from rorg.manifest.traces import read_trace
+    from rorg.sim.emulate import Experiment
+    from rorg.sim.standins import PROGRAM
+
+    context = Context(None, engine, directory, local=True, own=True)
+    catalog = context.catalog()
+    played = read_trace(Path(path), {*catalog.services, *catalog.groups}).compressed(compress)
+    if played.duration < SHORTEST:
+        why = f"it takes {played.duration:g} s when it is compressed, and {SHORTEST:g} s are the least"
+        raise Invalid(f"emulate {path}", why, "a smaller --compress")
+    images = load_or_raise(TRITONBOT / "manifests").images
+    return Experiment(
+        root=context.root,
+        robot=context.robot,
+        catalog=catalog,
+        images={name: images[name] for name in (PROGRAM, *images[PROGRAM].bases)},
+        engine=context.engine_name,
+        trace=played,
+        share=_share(catalog, played, scale),
+    )
+
+
+def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
+    from rorg.host.load import machine
+    from rorg.sim.baseline import all_on_services
+    from rorg.sim.standins import Share, share_of
+
+    if scale is not None:
+        return Share(scale, scale)
+    now = machine()
+    return share_of(catalog, all_on_services(catalog, trace), now["cores"], now["memory_total"])
+
+
+def _measured(experiment: Experiment, compress: float, pairs: int, save: str | None) -> Emulation:
+    """All runs. What is known is saved after each of them."""
+    from contextlib import closing
+
+    from rorg.cli.output import as_json, note
+    from rorg.host.load import machine
+    from rorg.sim.emulate import emulate
+    from rorg.sim.emulation import Emulation
+    from rorg.sim.emulation import as_json as plain
+
+    now = machine()
+    found = Emulation(
+        trace=experiment.trace.name,
+        compress=compress,
+        engine=experiment.engine,
+        share=experiment.share,
+        machine={"cores": now["cores"], "memory": now["memory_total"]},
+        runs=(),
+    )
+    with closing(emulate(experiment, pairs, note)) as runs:
+        for run in runs:
+            found = found.with_run(_compared(experiment, run))
+            note(_told(found))
+            if save:
+                _save(save, as_json(plain(found), 1) + "\n")
+    return found
+
+
+def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
+    from rorg.sim.agreement import agreement, simulated
+    from rorg.sim.emulate import ALL_ON
+    from rorg.sim.emulation import Compared
+
+    virtual = simulated(experiment.stand_ins, experiment.trace, run, run.result.name == ALL_ON)
+    return Compared(run, agreement(virtual, run.result))
+
+
+def _save(path: str, text: str) -> None:
+    from rorg.errors import Invalid
+
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise Invalid(f"write {path}", error.strerror or str(error), "another file for --save") from error
+
+
+def _told(emulation: Emulation) -> str:
+    """The last run in a line."""
+    row = _rows(emulation)[-1]
+    return f"{row['run']}: {row['cpu']} cores, {row['memory']}; rorg itself {row['rorg_cpu']} cores"
+
+
+def _rows(emulation: Emulation) -> list[dict[str, str]]:
+    from rorg.model.units import format_memory
+
+    rows = []
+    for number, one in enumerate(emulation.runs):
+        run, share = one.run, emulation.share
+        rows.append(
+            {
+                "run": run.result.name,
+                "pair": str(number // 2 + 1),
+                "cpu": f"{run.result.cpu:.3f}",
+                "memory": format_memory(run.result.memory),
+                "full_cpu": f"{run.result.cpu / share.cpu:.2f}",
+                "full_memory": format_memory(run.result.memory / share.memory),
+                "rorg_cpu": f"{run.own_cpu:.3f}",
+                "rorg_memory": format_memory(run.own_memory),
+                "active_agree": f"{one.agreement.services:.1%}",
+            }
+        )
+    return rows
+
+
+def _print(emulation: Emulation, output: str) -> None:
+    from rorg.cli.output import print_rows, table
+    from rorg.sim.emulation import as_json
+
+    rows, lines = _rows(emulation), list[str]()
+    for what, of in (("CPU", "cpu"), ("memory", "memory")):
+        one = emulation.reductions[of]
+        lines.append(
+            f"{what}: {-one.mean:+.1%} with rorg (from {-one.most:+.1%} to {-one.least:+.1%}, "
+            f"standard deviation {one.deviation:.1%})"
+        )
+    share = emulation.share
+    lines.append(f"stand-ins use {share.cpu:.1%} of the CPU and {share.memory:.1%} of the memory that is declared")
+    print_rows(rows, output, COLUMNS, full=as_json(emulation), text="\n".join([table(rows, COLUMNS), "", *lines]))

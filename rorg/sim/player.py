@@ -1,0 +1,222 @@
+"""A trace on a robot that runs: requests are made at their times, and what comes of it is measured."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from rorg.core.decide import Decision
+from rorg.core.wanted import wanted
+from rorg.daemon.loop import Loop
+from rorg.history.journal import ALL, Filter
+from rorg.model.catalog import Request
+from rorg.model.trace import Trace, TraceEvent
+from rorg.sim.metering import OwnMeter, ServicesMeter
+from rorg.sim.responses import Responses
+from rorg.sim.results import RunResult, Sample
+from rorg.sim.throwaway import ThrowawayRobot
+from rorg.sim.violations import Violations
+
+LOOK, LOOKS = 0.25, 4
+"""Seconds between two looks at what services use; so many of them are a sample."""
+AGAIN = 0.02
+"""Seconds after which a request whose requester is not ready is tried again."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedRun:
+    """What was measured in one run."""
+
+    result: RunResult
+    own_cpu: float
+    """Cores that rorg itself used, in the mean."""
+    own_memory: int
+    """Bytes that its process held at the most, what measures included."""
+    load: tuple[float, float]
+    """The machine's load average of a minute, before and after."""
+    calls: Mapping[str, tuple[float, ...]]
+    """Verb -> seconds of each call of the engine."""
+    starts: Mapping[str, tuple[float, ...]]
+    """Service -> seconds from each start until it was ready."""
+    resumes: Mapping[str, tuple[float, ...]]
+    """Likewise, from each resume."""
+
+
+@dataclass
+class Readiness:
+    """How long services took to be ready that were started `since` then (monotonic seconds), where they are asked."""
+
+    since: float
+    starts: dict[str, list[float]] = field(default_factory=dict)
+    resumes: dict[str, list[float]] = field(default_factory=dict)
+    _seen: dict[str, tuple[str, float]] = field(default_factory=dict)
+    """Service -> the run that was ready last, and since when it ran."""
+
+    def look(self, decision: Decision) -> None:
+        """After every pass."""
+        for name, service in decision.situation.desired.catalog.services.items():
+            step = decision.memory.of(name)
+            if service.ready is None or service.ready.delay is not None:
+                continue
+            if not step.ready or step.running_since is None:
+                continue
+            known, now = self._seen.get(name), (step.incarnation, step.running_since)
+            self._seen[name] = now
+            if known != now and step.running_since >= self.since:
+                found = self.resumes if known and known[0] == now[0] else self.starts
+                found.setdefault(name, []).append(decision.situation.now - step.running_since)
+
+
+class Player:
+    """Plays one trace on a robot that is settled. Time 0 is when play() is called."""
+
+    def __init__(self, robot: ThrowawayRobot, loop: Loop, trace: Trace) -> None:
+        catalog = loop.tree.desired.catalog
+        self.robot, self.loop, self.trace, self.catalog = robot, loop, trace, catalog
+        self.responses, self.violations = Responses(catalog), Violations(None)
+        self.readiness = Readiness(time.monotonic())
+        self.meter = ServicesMeter(robot.engine.usage)
+        self._standing: dict[tuple[str, str], TraceEvent] = {}
+        """Requests of the trace that are not released."""
+        self._unmade: dict[tuple[str, str], TraceEvent] = {}
+        """Those of them that wait for their requester."""
+        self._samples: list[Sample] = []
+        self._cpu_before = 0.0
+        """CPU seconds at the last sample."""
+        self._began = 0.0
+        self._lock = threading.Lock()
+        """Over `responses` and `violations`: requests are made in one thread, and get ready in that of the loop."""
+
+    @property
+    def now(self) -> float:
+        """Seconds since the trace began."""
+        return time.monotonic() - self._began
+
+    def play(self, name: str) -> EmulatedRun:
+        """To the end of the trace. `name` is that of the result."""
+        seq, load, memory = self.loop.recorder.journal.last, os.getloadavg()[0], 0
+        self.meter.look(self.robot.containers())
+        own, self._began = OwnMeter(), time.monotonic()
+        self._want()
+        self.loop.decided = self._decided
+        for _ in self._moments():
+            memory = max(memory, own.memory())
+        self.loop.decided = lambda: None
+        calls = self._calls(seq)
+        result = RunResult(
+            name,
+            self.trace.duration,
+            tuple(self._samples),
+            tuple(self.responses.found),
+            tuple(self.violations.found),
+            dict(sorted((verb, len(seconds)) for verb, seconds in calls.items())),
+            self.meter.cpu_seconds,
+        )
+        starts, resumes = (
+            {n: tuple(s) for n, s in sorted(found.items())} for found in (self.readiness.starts, self.readiness.resumes)
+        )
+        return EmulatedRun(result, own.cores(), memory, (load, os.getloadavg()[0]), calls, starts, resumes)
+
+    # -- time --------------------------------------------------------------------------------------------------
+
+    def _moments(self) -> Iterator[None]:
+        """Does everything at its time; one for each sample."""
+        events, looks = deque(self.trace.events), 1
+        while True:
+            event = events[0].at if events else self.trace.duration + 1
+            until = min(event, looks * LOOK)
+            if until > self.trace.duration:
+                self._sleep(self.trace.duration)
+                return
+            self._sleep(until)
+            if until == event:
+                self._ask(events.popleft())
+                continue
+            self.meter.look(self.robot.containers())
+            if looks % LOOKS == 0:
+                self._sample()
+                yield
+            looks += 1
+
+    def _sleep(self, until: float) -> None:
+        """Meanwhile requests are made whose requesters get ready."""
+        while (left := until - self.now) > 0:
+            time.sleep(min(left, AGAIN) if self._unmade else left)
+            self._make()
+
+    def _sample(self) -> None:
+        containers, now = self.robot.containers(), self.now
+        before = self._samples[-1].at if self._samples else 0.0
+        cpu = self.meter.cpu_seconds - self._cpu_before
+        self._cpu_before = self.meter.cpu_seconds
+        active, paused = (frozenset(c.service for c in containers if c.state == s) for s in ("running", "paused"))
+        self._samples.append(Sample(now, cpu / (now - before), self.meter.memory, active, paused - active))
+
+    # -- requests ----------------------------------------------------------------------------------------------
+
+    def _ask(self, event: TraceEvent) -> None:
+        key = event.requester, event.id
+        with self._lock:
+            self.responses.asked(event)
+        self._unmade.pop(key, None)
+        self._standing.pop(key, None)
+        if event.services:
+            self._standing[key] = self._unmade[key] = event
+        self._want()
+        if event.services:
+            self._make()
+        else:
+            self.robot.requests.change(lambda asked: asked.without({key}))
+
+    def _want(self) -> None:
+        """What the trace wants, by the rule of activation."""
+        asked = [Request(e.id, e.requester, e.services) for e in self._standing.values()]
+        with self._lock:
+            self.violations.wants(frozenset(wanted(self.catalog, [*self.catalog.requests, *asked])))
+
+    def _make(self) -> None:
+        """Makes the requests whose requesters are there."""
+        for key, event in list(self._unmade.items()):
+            run = self._run_of(event.requester)
+            if run != "":
+                del self._unmade[key]
+                request = Request(event.id, event.requester, event.services, event.state, incarnation=run)
+                self.robot.requests.change(lambda asked, request=request: asked.put(request))  # type: ignore[misc]
+
+    def _run_of(self, requester: str) -> str | None:
+        """The run that requests now; "" while there is none, None for who has no runs."""
+        service = self.catalog.services.get(requester)
+        if service is None or service.meta:
+            return None
+        return self.loop.memory.of(requester).incarnation if self._ready(requester) else ""
+
+    # -- what the loop decides, in its thread --------------------------------------------------------------------
+
+    def _decided(self) -> None:
+        decision = self.loop.decision
+        if decision is not None:
+            self.readiness.look(decision)
+            with self._lock:
+                self.responses.look(self._ready, self.now)
+                self.violations.look(decision, self.now)
+
+    def _ready(self, service: str) -> bool:
+        decision = self.loop.decision
+        if decision is None:
+            return False
+        memory, found = decision.memory, decision.situation.observed.by_service().get(service, ())
+        if any(c.state == "exited" and memory.of(service).over(self.catalog.services[service], c) for c in found):
+            return True
+        running = any(c.state == "running" for c in found)
+        return running and memory.of(service).ready and service not in memory.in_flight
+
+    def _calls(self, seq: int) -> dict[str, tuple[float, ...]]:
+        """What calls of the engine took that were noted after an entry of the journal."""
+        found: dict[str, list[float]] = {}
+        for entry in self.loop.recorder.journal.select(Filter(kinds=frozenset({"done"}), after=seq), ALL):
+            found.setdefault(entry["verb"], []).append(entry["seconds"])
+        return {verb: tuple(seconds) for verb, seconds in sorted(found.items())}

@@ -1,0 +1,78 @@
+"""What the programs of services do in a simulation, drawn from a workload. Each service draws from streams of its own,
+one for each purpose: a policy that starts one of them more often changes nothing of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+from random import Random
+
+from rorg.model.catalog import Service
+from rorg.model.workload import Behaviour, Distribution, Workload
+from rorg.sim.engine import LATENCY
+
+COMES_UP = Distribution((0.1,))
+"""Seconds that a program takes, where nothing is said."""
+HOUR = 3600.0
+
+
+class Programs:
+    """Bit for bit the same for the same seed."""
+
+    def __init__(self, services: Mapping[str, Service], workload: Workload, seed: int) -> None:
+        self.services, self.workload, self.seed = services, workload, seed
+        self._streams: dict[tuple[str, str], Random] = {}
+
+    def call(self, verb: str, service: str) -> float:
+        """Seconds that a call of the engine takes; to stop something takes as long as its processes take to end."""
+        said = self.workload.calls.get(verb)
+        taken = LATENCY[verb] if said is None else self._draw(said, service, verb)
+        ending = self.workload.of(service).stop if verb == "stop" else None
+        return taken + (self._draw(ending, service, "end") if ending else 0.0)
+
+    def start(self, service: str) -> float:
+        """Seconds from its start until it does what it is for."""
+        said, ready = self.workload.of(service).start, self.services[service].ready
+        if said is None and ready is not None and ready.kind == "delay" and ready.delay is not None:
+            return ready.delay
+        return self._draw(said or COMES_UP, service, "up")
+
+    def resume(self, service: str) -> float:
+        """Seconds from its resume until it does so again."""
+        return self._draw(self.workload.of(service).resume or COMES_UP, service, "again")
+
+    def life(self, service: str) -> float:
+        """Seconds that it runs before it crashes."""
+        rate = self.workload.of(service).crashes
+        return self._stream(service, "crash").expovariate(rate / HOUR) if rate else inf
+
+    def cores(self, service: str, in_use: bool) -> float:
+        """That it uses while it runs."""
+        one = self.workload.of(service)
+        active = one.cpu or Distribution((self.services[service].cpu,))
+        return self._draw(active if in_use else one.cpu_idle or active, service, "cpu")
+
+    def memory(self, service: str, state: str, in_use: bool) -> float:
+        """Bytes that it uses, running or paused, beside what it has grown by."""
+        return self._draw(self._memory(self.workload.of(service), service, state, in_use), service, "memory")
+
+    def growth(self, service: str) -> float:
+        """Bytes per second."""
+        return self.workload.of(service).growth
+
+    def _memory(self, one: Behaviour, service: str, state: str, in_use: bool) -> Distribution:
+        active = one.memory or Distribution((float(self.services[service].memory),))
+        if state == "paused":
+            return one.memory_paused or one.memory_idle or active
+        return active if in_use else one.memory_idle or active
+
+    def _draw(self, one: Distribution, service: str, purpose: str) -> float:
+        if one.deviation:
+            return max(0.0, self._stream(service, purpose).normalvariate(one.mean, one.deviation))
+        return one.values[0] if len(one.values) == 1 else self._stream(service, purpose).choice(one.values)
+
+    def _stream(self, service: str, purpose: str) -> Random:
+        found = self._streams.get((service, purpose))
+        if found is None:
+            found = self._streams[service, purpose] = Random(f"{self.seed}/{service}/{purpose}")
+        return found

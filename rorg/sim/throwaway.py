@@ -1,0 +1,185 @@
+"""A robot on a real engine, in a folder of its own, with a loop in this process. Nothing of it is left behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rorg.core.observed import Container
+from rorg.daemon.loop import Loop
+from rorg.daemon.tree import Tree
+from rorg.daemon.wiring import loop_over
+from rorg.engines.make import make_engine
+from rorg.engines.protocol import Usage
+from rorg.errors import NotReady, RorgError
+from rorg.images.make import make_supplier
+from rorg.images.order import Builder, Order, Result
+from rorg.images.references import references_for
+from rorg.model.catalog import Catalog, Request
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir, read_json
+
+EMPTY: Mapping[str, Any] = {
+    "services": {},
+    "tree": {"errors": [], "fingerprint": ""},
+    "plan": {"actions": [1], "waitings": []},
+    "in_flight": {},
+}
+"""What there is to see before anything is published."""
+LOOK = 0.05
+"""Seconds between two looks at what is waited for."""
+
+
+class Told:
+    """Says of each image what became of it."""
+
+    def __init__(self, say: Callable[[str], None], names: Mapping[str, str]) -> None:
+        self.say, self.names = say, names
+
+    def began(self, order: Order) -> None:
+        """What has ended is enough."""
+
+    def step(self, order: Order, text: str) -> None:
+        """Likewise."""
+
+    def ended(self, result: Result) -> None:
+        self.say(f"{result.outcome:<8} {self.names.get(result.reference, result.reference)}")
+
+
+class ThrowawayRobot:
+    """Its folder, state directory, engine and loop. Whoever makes one calls clean_up(), or leave() to keep it."""
+
+    def __init__(self, engine: str, prefix: str) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix=prefix))
+        self.state = StateDir(self.folder / "state").prepare()
+        self.engine = make_engine(engine, self.state)
+        self.references = references_for(self.engine.name, self.state.path)
+        self.requests = RequestsFile(self.state.requests)
+        self.loop: Loop | None = None
+        self._thread: threading.Thread | None = None
+        self._builder: Builder | None = None
+        self._new_images: list[str] = []
+
+    def build(self, catalog: Catalog, say: Callable[[str], None]) -> None:
+        """Has the images that its services are made from. `say` gets a line for each. Raises NotReady."""
+        supplier = make_supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
+        content = self.references.of(catalog)
+        used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
+        self._builder = supplier.make_builder()
+        names = content.names
+        before = self._builder.there({*names, *names.values()})
+        try:
+            results = supplier.supply(catalog, content, used, Told(say, names))
+        finally:
+            self._new_images = sorted({*names, *names.values()} - before)
+        failed = [r for r in results if r.outcome == "failed"]
+        if failed:
+            raise NotReady("build the stand-in images", f"{failed[0].reference}: {failed[0].message}")
+
+    def run(self, tree: Tree, say: Callable[[str], None], owner: str) -> Loop:
+        """Starts its loop, and returns it; `say` gets a line for each thing that happens. `owner`: the command that
+        this is."""
+        self.state.acquire(owner)
+        self.loop = loop_over(tree, self.state, self.engine, say)
+        self._thread = threading.Thread(target=self.loop.run, daemon=True)
+        self._thread.start()
+        return self.loop
+
+    # -- what is, and what is asked for ------------------------------------------------------------------------
+
+    def view(self) -> Mapping[str, Any]:
+        """What the loop published last."""
+        return read_json(self.state.status) or EMPTY
+
+    def containers(self) -> tuple[Container, ...]:
+        """As the loop sees them."""
+        return self.loop.observer.snapshot().containers if self.loop else ()
+
+    def meanwhile(self) -> None:
+        """Called again and again while something is waited for."""
+
+    def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
+        """Until the published state is so. Raises NotReady."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            view = self.view()
+            if done(view):
+                return view
+            self.meanwhile()
+            time.sleep(LOOK)
+        raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s")
+
+    def settle(self, what: str, seconds: float = 60.0) -> Mapping[str, Any]:
+        """Until all that was asked for runs, is ready, and nothing lingers."""
+        return self.wait(
+            what,
+            lambda v: (
+                not (v["plan"]["actions"] or v["plan"]["waitings"] or v["in_flight"])
+                and all(s["health"] not in ("Progressing", "Degraded") for s in v["services"].values())
+            ),
+            seconds,
+        )
+
+    def active(self) -> set[str]:
+        return {n for n, s in self.view()["services"].items() if s["state"] == "running"}
+
+    def request(self, id: str, requester: str, services: list[str]) -> None:
+        """Returns once it counts. Raises NotReady."""
+        run = self.view()["services"].get(requester, {}).get("incarnation") or None
+        self.requests.change(lambda a: a.put(Request(id, requester, tuple(services), incarnation=run)))
+        self.wait(
+            "the request",
+            lambda v: any(r["id"] == id and r["services"] == list(services) for r in v.get("requests", ())),
+        )
+
+    def release(self, id: str, requester: str) -> None:
+        """Likewise."""
+        self.requests.change(lambda a: a.without({(requester, id)}))
+        self.wait("the release", lambda v: all(r["id"] != id for r in v.get("requests", [{"id": id}])))
+
+    def usage(self) -> dict[str, Usage]:
+        """By service."""
+        containers = self.containers()
+        found = self.engine.usage(containers)
+        return {c.service: found[c.id] for c in containers if c.id in found}
+
+    # -- the end -----------------------------------------------------------------------------------------------
+
+    def leave(self) -> None:
+        """Stops the loop; what runs goes on."""
+        if self.loop and self._thread:
+            self.loop.stop()
+            self._thread.join(60)
+        self.state.release()
+
+    def clean_up(self, say: Callable[[str], None]) -> None:
+        """Stops and removes all that it made. A second Ctrl-C does not leave half of it. `say` hears what is left."""
+        before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            self.leave()
+            containers = self.engine.list() if self.loop else []
+            threads = [threading.Thread(target=self._remove, args=(c,)) for c in containers]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            if self.engine.name == "docker" and self._builder:
+                self._builder.remove(self._new_images[::-1])
+        except RorgError as error:
+            say(f"not everything could be removed: {error}")
+        finally:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _remove(self, container: Container) -> None:
+        if container.alive:
+            self.engine.stop(container.id, "SIGKILL", 5.0)
+        self.engine.remove(container.id)
