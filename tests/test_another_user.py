@@ -57,6 +57,7 @@ LINES = {
     "build": ["build --manifests robot --engine process"],
     "image": ["image list"],
     "demo": ["demo --help"],
+    "emulate": ["emulate nosuch.yaml"],
     "export": ["export compose robot"],
     "explain": ["explain service.spec.idle"],
     "edit": ["edit base"],
@@ -73,6 +74,7 @@ LINES = {
 CODES = {
     "import roslaunch nosuch.launch": {2},
     "run nowhere": {2},
+    "emulate nosuch.yaml": {2},
     "diff {tree}": {0, 1},
     "retry base": {5},
     "edit base": {2},

@@ -50,6 +50,7 @@ schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --
 cp; cp a
 dev --workspace; dev --name; dev arm -x; dev arm --nosuch; dev arm ls -la
 cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
+emulate; emulate --pairs 0 a-file; emulate a-file --compress 0.5; emulate a-file --scale 2; emulate a-file --pairs x
 """
 """What is said of them is said before anything is looked at: exit code 2."""
 
@@ -72,6 +73,7 @@ import; import nosuch; import compose nosuch.yaml; import compose a-file; import
 import roslaunch a-file x; import compose -o nosuch; export; export nosuch; export compose -o nosuch
 trace x; trace show; trace show nosuch; trace show a-file; trace record a; trace generate a; trace show a-file -o nosuch
 trace generate --greetings 1 --tours 2; trace generate --greetings 9999; trace generate --file nosuch/x; trace record
+emulate nosuch; emulate nosuch nosuch; emulate nosuch --engine x; emulate nosuch -o nosuch; emulate nosuch a-file
 history export x; history export --format xml; history -o nosuch; timeline arm; timeline nosuch; timeline arm -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
 validate ''x

@@ -8,7 +8,7 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Distribution
-from rorg.sim.agreement import agreement, calibrated, simulated
+from rorg.sim.agreement import agreement, calibrated, replayed, simulated
 from rorg.sim.player import EmulatedRun
 from rorg.sim.results import RunResult, Sample
 
@@ -18,8 +18,9 @@ def run(*active: str, late: float = 0.0) -> RunResult:
     return RunResult("run", len(active), tuple(Sample(i + 1 + late, 0, 0, frozenset(a)) for i, a in enumerate(active)))
 
 
-def measured(result: RunResult, **more) -> EmulatedRun:
-    return EmulatedRun(result, 0.0, 0, (0.0, 0.0), **{"calls": {}, "starts": {}, "resumes": {}, **more})
+def measured(times: dict[tuple[str, str], tuple[float, ...]], *events: TraceEvent) -> EmulatedRun:
+    """A run in which calls took these times."""
+    return EmulatedRun(run(), 0.0, 0, (0.0, 0.0), times, events)
 
 
 def test_all_the_same_agrees_whole():
@@ -38,30 +39,40 @@ def test_services_that_never_run_do_not_make_it_better():
     assert agreement(run("a"), run("")).services == 0.0
 
 
-def test_moments_that_only_one_has_are_left_out():
-    assert agreement(run("a", "a", "b"), run("a", "a")).moments == 2
+def test_a_moment_is_compared_with_the_one_that_is_nearest():
+    often = RunResult("simulated", 2, tuple(Sample(i / 4, 0, 0, frozenset("ab"[i > 5])) for i in range(9)))
+    exact = RunResult("emulated", 2, (Sample(1.3, 0, 0, frozenset("a")), Sample(1.4, 0, 0, frozenset("b"))))
+    assert agreement(often, exact).sets == 1.0
 
 
-def test_a_simulation_takes_as_long_as_was_measured(tmp_path):
-    tree = write_tree(
-        tmp_path / "tree", {"arm": {"idle": {"action": "stop", "linger": "0s"}}, "hand": {"needs": ["arm"]}}
-    )
-    trace = Trace("short", 20, (TraceEvent(2.2, "developer", "one", ("hand",)), TraceEvent(12.2, "developer", "one")))
-    calls = {"start": (3.0,), "stop": (4.0,)}
-    found = simulated(load_or_raise(tree), trace, measured(run(), calls=calls), all_on=False)
-    states = {round(s.at): s.active for s in found.samples}
-    assert found.duration == 20
-    assert states[4] == states[5] - {"arm"} == set()
-    assert "arm" in states[6]
-    assert "hand" in states[9]
-    everything = simulated(load_or_raise(tree), trace, measured(run(), calls=calls), all_on=True)
-    assert {s.active for s in everything.samples} == {frozenset({"arm", "hand"})}
+ARM = {"arm": {"idle": {"action": "stop", "linger": "0s"}}, "hand": {"needs": ["arm"]}}
+EVENTS = (TraceEvent(2.2, "developer", "one", ("hand",)), TraceEvent(12.2, "developer", "one"))
+TRACE = Trace("short", 20, (TraceEvent(2, "developer", "one", ("hand",)), TraceEvent(12, "developer", "one")))
+TIMES = {("start", "arm"): (3.0,), ("start", "hand"): (1.0,), ("stop", "arm"): (4.0,), ("stop", "hand"): (0.1,)}
+
+
+def test_a_replay_takes_as_long_as_was_measured_and_begins_when_events_were_passed_on(tmp_path):
+    catalog = load_or_raise(write_tree(tmp_path / "tree", ARM))
+    measured_run = measured(TIMES, *EVENTS)
+    found = simulated(catalog, TRACE, measured_run, replayed(measured_run), all_on=False)
+    ends = {"arm": (5.2, 16.3), "hand": (6.2, 12.3)}
+    for name, (start, end) in ends.items():
+        times = [s.at for s in found.samples if name in s.active]
+        assert times[0] == pytest.approx(start, abs=0.3)
+        assert times[-1] == pytest.approx(end, abs=0.3)
+
+
+def test_with_everything_on_nothing_changes(tmp_path):
+    catalog = load_or_raise(write_tree(tmp_path / "tree", ARM))
+    measured_run = measured({}, *EVENTS)
+    found = simulated(catalog, TRACE, measured_run, calibrated(measured_run), all_on=True)
+    assert {s.active for s in found.samples} == {frozenset({"arm", "hand"})}
 
 
 def test_calibration_takes_what_was_measured():
-    found = calibrated(measured(run(), calls={"start": (0.1, 0.3)}, starts={"arm": (2.0,)}, resumes={"arm": (0.5,)}))
-    assert found.calls == {"start": Distribution((0.1, 0.3))}
+    found = calibrated(measured({**TIMES, ("up", "arm"): (2.0,), ("again", "arm"): (0.5, 0.7)}))
+    assert found.calls == {"start": Distribution((3.0, 1.0)), "stop": Distribution((4.0, 0.1))}
     assert found.of("arm").start == Distribution((2.0,))
-    assert found.of("arm").resume == Distribution((0.5,))
+    assert found.of("arm").resume == Distribution((0.5, 0.7))
     assert found.of("hand").start is None
-    assert found.calls["start"].mean == pytest.approx(0.2)
+    assert not found.measured

@@ -46,7 +46,7 @@ DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
     "importing": set(),
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
-    "sim": set(),
+    "sim": {"matplotlib"},
     "daemon": set(),
     "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
-from robots import VirtualRobot
+from robots import RealRobot, VirtualRobot, write_tree
 
 from rorg.core.learning import learn
+from rorg.errors import Invalid
+from rorg.manifest.effective import effective
+from rorg.manifest.load import load_or_raise
 from rorg.model.learned import Departure, Learned
 from rorg.model.trace import TraceEvent
 from rorg.store.learned_file import NAME, read_learned, write_learned
@@ -180,6 +185,31 @@ def test_a_real_robot_knows_it_again_and_says_why(real_robot):
     assert "start" in kept.took["wheels"]
 
 
+def test_the_policy_is_for_all_but_drivers(tmp_path):
+    idle = {"prewarm": "auto"}
+    specs = {
+        "ears": {},
+        "wheels": {"driver": {}},
+        "lamp": {"driver": {}, "idle": idle},
+        "map": {"idle": {"prewarm": "off"}},
+        "door": {"idle": {"prewarm": 0.6}},
+    }
+    tree = write_tree(tmp_path, specs, policies={"policy": {"idle": idle}})
+    services = load_or_raise(tree).services
+    found = {n: services[n].idle.prewarm for n in specs}
+    assert found == {"ears": 0.2, "wheels": 0.0, "lamp": 0.2, "map": 0.0, "door": 0.6}
+    told = {n: [(v.text, v.kind) for v in effective(tree, n) if v.field == "idle.prewarm"] for n in specs}
+    assert told["ears"] == [("auto", "policy")]
+    assert told["wheels"] == []
+    assert told["lamp"] == [("auto", "manifest")]
+
+
+@pytest.mark.parametrize("said", ["always", 0, 1.5, True])
+def test_what_is_no_probability_is_refused(tmp_path, said):
+    with pytest.raises(Invalid, match=r"services/ears.yaml:\d+:\d+"):
+        load_or_raise(write_tree(tmp_path, {"ears": {"idle": {"prewarm": said}}}))
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "{", "[]", '{"version": 2}', '{"version": 1, "departures": {"a": [{"asked": "b"}]}, "took": {}}'],
@@ -193,3 +223,23 @@ def test_what_was_learnt_is_read_as_it_was_written(tmp_path):
     learned = Learned(habits(("wheels", 6.0)).departures, {"wheels": {"start": 1.5}})
     write_learned(tmp_path, learned)
     assert read_learned(tmp_path) == learned
+
+
+def test_without_a_file_it_is_learnt_from_the_journal(request, tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    request.addfinalizer(robot.close)
+    robot.declare({"ears": {}, "wheels": {}})
+    robot.wait(lambda: len(robot.states()) == 2)
+    for service in ("ears", "wheels", "ears"):
+        robot.request(service)
+        robot.wait(lambda name=service: robot.active() == {name})
+        end = time.monotonic() + 1.2  # what is shorter is a step on the way
+        robot.wait(lambda end=end: time.monotonic() > end)
+    robot.release()
+    robot.wait(lambda: not robot.active())
+    robot.stop()
+    (robot.state.path / NAME).unlink()
+    robot.start()
+    found = robot.loop.learner.learned.of("developer", ("ears",))
+    assert [d.to for d in found] == [("wheels",), ()]
+    assert all(1.0 <= d.after < 60.0 for d in found)

@@ -87,6 +87,7 @@ def services(draw):
             "driver": draw(
                 st.sampled_from([None, None, None, {"devices": [DEVICE]}, {"devices": [DEVICE], "unplugged": "keep"}])
             ),
+            "ros": draw(st.sampled_from([None, None, {"parameters": {"/speed": 0.5}}])),
             "priority": draw(st.sampled_from([20, 50, 80])),
             "protected": draw(st.integers(0, 4)) == 0,
             "exclusive": exclusive,

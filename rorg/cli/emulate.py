@@ -15,8 +15,19 @@ if TYPE_CHECKING:
     from rorg.sim.player import EmulatedRun
     from rorg.sim.standins import Share
 
-COLUMNS = ("run", "pair", "cpu", "memory", "full_cpu", "full_memory", "rorg_cpu", "rorg_memory", "active_agree")
-SHORTEST = 5.0
+COLUMNS = (
+    "run",
+    "pair",
+    "cpu",
+    "memory",
+    "full_cpu",
+    "full_memory",
+    "rorg_cpu",
+    "rorg_memory",
+    "agreement",
+    "replayed",
+)
+SHORTEST = 2.0
 """Seconds of a run at the least: a sample takes one."""
 
 
@@ -143,12 +154,16 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: str | N
 
 
 def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
-    from rorg.sim.agreement import agreement, simulated
+    from rorg.sim.agreement import agreement, calibrated, replayed, simulated
     from rorg.sim.emulate import ALL_ON
     from rorg.sim.emulation import Compared
 
-    virtual = simulated(experiment.stand_ins, experiment.trace, run, run.result.name == ALL_ON)
-    return Compared(run, agreement(virtual, run.result))
+    catalog, all_on = experiment.stand_ins, run.result.name == ALL_ON
+    drawn, same = (
+        agreement(simulated(catalog, experiment.trace, run, workload, all_on), run.result)
+        for workload in (calibrated(run), replayed(run))
+    )
+    return Compared(run, drawn, same)
 
 
 def _save(path: str, text: str) -> None:
@@ -182,7 +197,8 @@ def _rows(emulation: Emulation) -> list[dict[str, str]]:
                 "full_memory": format_memory(run.result.memory / share.memory),
                 "rorg_cpu": f"{run.own_cpu:.3f}",
                 "rorg_memory": format_memory(run.own_memory),
-                "active_agree": f"{one.agreement.services:.1%}",
+                "agreement": f"{one.drawn.services:.2%}",
+                "replayed": f"{one.replayed.services:.2%}",
             }
         )
     return rows

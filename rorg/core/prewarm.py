@@ -126,6 +126,7 @@ class _Room:
     ) -> None:
         self.memory, self.learning, self.desired, self.admission = memory, learning, desired, admission
         self.services, self.containers, self.now = desired.catalog.services, observed.by_service(), now
+        self._leads = dict[str, float]()
         self.barred = {*barred, *admission.preempted, *(r.requester for r in requests)}
 
     def current(self, name: str) -> Container | None:
@@ -133,6 +134,11 @@ class _Room:
 
     def lead(self, name: str) -> float:
         """Seconds until it would be ready, with what it needs first."""
+        if name not in self._leads:
+            self._leads[name] = self._lead(name)
+        return self._leads[name]
+
+    def _lead(self, name: str) -> float:
         step, service, current = self.memory.of(name), self.services[name], self.current(name)
         if service.meta or step.ready:
             return 0.0
@@ -172,8 +178,8 @@ class _Room:
         return Warm(likely, self.now + HOLD) if likely is not None and chance >= enough else None
 
     def may(self, name: str, foresight: Foresight) -> bool:
-        """Whether it may be active without anybody's request: it moves nothing, takes nothing from others and asks for
-        nothing itself, it is all there, and nothing is wrong with it."""
+        """Whether it may be active without anybody's request: it may be touched, takes nothing from others and asks
+        for nothing itself, it is all there, and nothing is wrong with it."""
         service, containers, step = self.services[name], self.containers.get(name, ()), self.memory.of(name)
         if not harmless(service) or name in self.barred or foresight.failed.get(name, 0.0) > self.now:
             return False
@@ -198,14 +204,7 @@ class _Room:
 
 
 def harmless(service: Service) -> bool:
-    """Nothing happens by its running alone, and nobody has to wait for its end."""
+    """Its running alone does nothing that somebody would have to be asked for, or be told of; and nobody has to wait
+    for its end."""
     task = service.ready is not None and service.ready.completed
-    return not (
-        service.meta
-        or service.driver
-        or service.interlock
-        or service.exclusive
-        or service.calls
-        or task
-        or service.spec is None
-    )
+    return not (service.meta or service.interlock or service.exclusive or service.calls or task or service.spec is None)

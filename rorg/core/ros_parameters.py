@@ -26,8 +26,6 @@ def due(situation: Situation, service: Service) -> str:
         return ""
     there = situation.observed.by_service()
     firsts = [(there.get(name) or (None,))[0] for name in (service.name, *sorted(service.needs))]
-    if any(c is not None and c.brief for c in firsts):
-        return ""  # which runs these are is not known
     runs = [(c.incarnation, c.alive) for c in firsts if c is not None and c.started_at]
     found = canonical([situation.desired.ros[service.name], runs])
     return "" if situation.memory.of(service.name).parameters == found else found

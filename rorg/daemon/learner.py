@@ -5,19 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from rorg.core.learning import learn
+from rorg.errors import Missing
+from rorg.history.journal import Journal
+from rorg.history.requested import requested
 from rorg.model.learned import Learned
+from rorg.model.trace import TraceEvent
+from rorg.model.units import parse_time, stamp
 from rorg.store.learned_file import read_learned, write_learned
 
 EVERY = 60.0
 """Seconds between two writes, at the least."""
+BACK = 30 * 86_400.0
+"""Seconds of the journal that are looked at where nothing was kept."""
 
 
 class Learner:
-    """Over the file of a state directory. `clock` gives monotonic seconds."""
+    """Over the file of a state directory; where there is none, over what the journal says of requests. `clock` gives
+    monotonic seconds, `now` is the time of day."""
 
-    def __init__(self, folder: Path, clock: Callable[[], float]) -> None:
+    def __init__(self, folder: Path, journal: Journal, clock: Callable[[], float], now: float) -> None:
         self.folder, self.clock = folder, clock
-        self.learned = read_learned(folder) or Learned()
+        self.learned = read_learned(folder) or learnt_from(journal, now)
         """What the loop begins with."""
         self._written, self._last = self.learned, self.learned
         self._at = clock()
@@ -38,3 +47,16 @@ class Learner:
         except OSError:
             return
         self._written = self._last
+
+
+def learnt_from(journal: Journal, now: float) -> Learned:
+    """What the journal teaches of the time before `now`, seconds since the epoch."""
+    try:
+        found = requested(journal, stamp(now - BACK), stamp(now))
+    except Missing:
+        return Learned()
+    begin = parse_time(found["begin"])
+    return learn(
+        TraceEvent(parse_time(r["at"]) - begin, r["requester"], r["id"], tuple(r["services"]))
+        for r in found["requests"]
+    )

@@ -50,7 +50,7 @@ class Loop:
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
         self.images, self.devices, self.shm = parts.images, parts.devices, parts.shm
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
-        self.learner = Learner(parts.state.path, clock)
+        self.learner = Learner(parts.state.path, self.recorder.journal, clock, wall())
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))

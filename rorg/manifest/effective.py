@@ -79,7 +79,7 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
         elif name in ("idle", "resources"):
             for key, part in fields_of(told.model or BaseModel).items():
-                yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
+                yield from _first(_said_by(name, key, levels, policy, service), (name, key), part, service)
         elif name == "profile" and own.source.spec.profile and len(own.source.spec.profile) == 1:
             yield own.value(name, told, own.source.spec.profile[0], "spec", name)
         elif name == "needs":
@@ -88,6 +88,13 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
             yield from _ros(own, told)
         elif name != "container":
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
+
+
+def _said_by(name: str, key: str, levels: list[Level], policy: list[Level], service: Service) -> list[Level]:
+    """Who may say a part of `idle` or of `resources`. A driver is prewarmed only by its own word."""
+    if name == "resources":
+        return levels[:1]
+    return levels if key == "prewarm" and service.driver else [*levels, *policy]
 
 
 def _ros(own: Level, told: FieldText) -> Iterator[Value]:

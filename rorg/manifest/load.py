@@ -143,18 +143,8 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
 LATER = (
-    "stand_ins",
-    "cache_from",
-    "inline",
-    "networks",
-    "volumes",
-    "devices",
-    "unplugged",
-    "ros",
-    "parts",
-    "purge_shm",
-    "prewarm",
-    "connected",
+    *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
+    *("purge_shm", "prewarm", "connected"),
 )
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 

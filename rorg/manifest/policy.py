@@ -24,7 +24,15 @@ Fraction = Annotated[float, Field(strict=False, gt=0, le=1)]
 Percent = Annotated[float, Field(strict=False, gt=0, le=100)]
 
 
-Prewarm = Annotated[Literal["auto", "off"] | Fraction, Written("auto | off | probability")]
+def _probability(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("it is auto, off or a probability such as 0.1")
+    return value
+
+
+Prewarm = Annotated[
+    Literal["auto", "off"] | Fraction, BeforeValidator(_probability), Written("auto | off | probability")
+]
 
 
 class Escalate(Strict):

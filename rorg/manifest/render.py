@@ -82,8 +82,11 @@ PREWARM = {"auto": 0.2, "off": 0.0}
 
 
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
-    """The Policy's, with what the profile and then the manifest say otherwise."""
+    """The Policy's, with what the profile and then the manifest say otherwise. What moves hardware does not begin
+    before anybody asks for it unless that is said of itself."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
+    if spec.driver is not None:
+        first.pop("prewarm", None)
     return idle_of({**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})})
 
 

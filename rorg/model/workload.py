@@ -53,5 +53,9 @@ class Workload:
     calls: Mapping[str, Distribution] = field(default_factory=dict)
     """Seconds that a call of the engine takes, by verb: create, start, pause, resume, stop, remove."""
 
+    measured: Mapping[tuple[str, str], tuple[float, ...]] = field(default_factory=dict)
+    """(verb, service) -> seconds that its calls took in a run, in their order: they take the same again, and what comes
+    after them goes by `calls`. `up` and `again` for verbs: from a start, and a resume, until it was ready."""
+
     def of(self, service: str) -> Behaviour:
         return self.services.get(service, self.others)

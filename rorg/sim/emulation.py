@@ -33,7 +33,10 @@ class Compared:
     """A run, and how far a simulation of the same trace agrees with it."""
 
     run: EmulatedRun
-    agreement: Agreement
+    drawn: Agreement
+    """Where what calls take is drawn from what was measured."""
+    replayed: Agreement
+    """Where each call takes what it took."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +110,8 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "scaled_back": {"cpu": round(result.cpu / share.cpu, 3), "memory": round(result.memory / share.memory)},
         "rorg": {"cpu": round(run.own_cpu, 4), "memory": run.own_memory},
         "load": [round(load, 2) for load in run.load],
-        "agreement": {**asdict(one.agreement), "differing": dict(one.agreement.differing)},
+        "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
+        "actions": dict(result.actions or {}),
         "calls": {verb: _times(seconds) for verb, seconds in run.calls.items()},
         "responses": response_times(result),
         "violations": [asdict(v) for v in result.violations],
@@ -117,6 +121,15 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
             "memory": [s.memory for s in result.samples],
             "changes": list(_changes(result)),
         },
+    }
+
+
+def _agreement(found: Agreement) -> dict[str, Any]:
+    return {
+        "moments": found.moments,
+        "services": round(found.services, 4),
+        "sets": round(found.sets, 4),
+        "differing": dict(found.differing),
     }
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from rorg.core.decide import Decision
 from rorg.core.wanted import wanted
@@ -38,12 +38,19 @@ class EmulatedRun:
     """Bytes that its process held at the most, what measures included."""
     load: tuple[float, float]
     """The machine's load average of a minute, before and after."""
-    calls: Mapping[str, tuple[float, ...]]
-    """Verb -> seconds of each call of the engine."""
-    starts: Mapping[str, tuple[float, ...]]
-    """Service -> seconds from each start until it was ready."""
-    resumes: Mapping[str, tuple[float, ...]]
-    """Likewise, from each resume."""
+    measured: Mapping[tuple[str, str], tuple[float, ...]]
+    """As of a Workload: seconds of calls of the engine, and until services were ready."""
+    made: tuple[TraceEvent, ...]
+    """The events of the trace, each at the time at which it was passed on."""
+
+    @property
+    def calls(self) -> dict[str, tuple[float, ...]]:
+        """Verb -> seconds of each call of the engine."""
+        found: dict[str, tuple[float, ...]] = {}
+        for (verb, _), seconds in sorted(self.measured.items()):
+            if verb not in ("up", "again"):
+                found[verb] = (*found.get(verb, ()), *seconds)
+        return found
 
 
 @dataclass
@@ -51,8 +58,8 @@ class Readiness:
     """How long services took to be ready that were started `since` then (monotonic seconds), where they are asked."""
 
     since: float
-    starts: dict[str, list[float]] = field(default_factory=dict)
-    resumes: dict[str, list[float]] = field(default_factory=dict)
+    found: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    """(up after a start, again after a resume; service) -> seconds."""
     _seen: dict[str, tuple[str, float]] = field(default_factory=dict)
     """Service -> the run that was ready last, and since when it ran."""
 
@@ -67,8 +74,8 @@ class Readiness:
             known, now = self._seen.get(name), (step.incarnation, step.running_since)
             self._seen[name] = now
             if known != now and step.running_since >= self.since:
-                found = self.resumes if known and known[0] == now[0] else self.starts
-                found.setdefault(name, []).append(decision.situation.now - step.running_since)
+                after = "again" if known and known[0] == now[0] else "up"
+                self.found.setdefault((after, name), []).append(decision.situation.now - step.running_since)
 
 
 class Player:
@@ -84,6 +91,7 @@ class Player:
         """Requests of the trace that are not released."""
         self._unmade: dict[tuple[str, str], TraceEvent] = {}
         """Those of them that wait for their requester."""
+        self._passed: list[TraceEvent] = []
         self._samples: list[Sample] = []
         self._cpu_before = 0.0
         """CPU seconds at the last sample."""
@@ -106,20 +114,18 @@ class Player:
         for _ in self._moments():
             memory = max(memory, own.memory())
         self.loop.decided = lambda: None
-        calls = self._calls(seq)
+        measured = {key: tuple(seconds) for key, seconds in (self._calls(seq) | self.readiness.found).items()}
+        actions = Counter(verb for (verb, _), seconds in self._calls(seq).items() for _ in seconds)
         result = RunResult(
             name,
             self.trace.duration,
             tuple(self._samples),
             tuple(self.responses.found),
             tuple(self.violations.found),
-            dict(sorted((verb, len(seconds)) for verb, seconds in calls.items())),
-            self.meter.cpu_seconds,
+            dict(sorted(actions.items())),
+            cpu_seconds=self.meter.cpu_seconds,
         )
-        starts, resumes = (
-            {n: tuple(s) for n, s in sorted(found.items())} for found in (self.readiness.starts, self.readiness.resumes)
-        )
-        return EmulatedRun(result, own.cores(), memory, (load, os.getloadavg()[0]), calls, starts, resumes)
+        return EmulatedRun(result, own.cores(), memory, (load, os.getloadavg()[0]), measured, tuple(self._passed))
 
     # -- time --------------------------------------------------------------------------------------------------
 
@@ -171,6 +177,7 @@ class Player:
             self._make()
         else:
             self.robot.requests.change(lambda asked: asked.without({key}))
+        self._passed.append(replace(event, at=self.now))
 
     def _want(self) -> None:
         """What the trace wants, by the rule of activation."""
@@ -214,9 +221,9 @@ class Player:
         running = any(c.state == "running" for c in found)
         return running and memory.of(service).ready and service not in memory.in_flight
 
-    def _calls(self, seq: int) -> dict[str, tuple[float, ...]]:
-        """What calls of the engine took that were noted after an entry of the journal."""
-        found: dict[str, list[float]] = {}
+    def _calls(self, seq: int) -> dict[tuple[str, str], list[float]]:
+        """Seconds of the calls of the engine that were noted after an entry of the journal, by verb and service."""
+        found: dict[tuple[str, str], list[float]] = {}
         for entry in self.loop.recorder.journal.select(Filter(kinds=frozenset({"done"}), after=seq), ALL):
-            found.setdefault(entry["verb"], []).append(entry["seconds"])
-        return {verb: tuple(seconds) for verb, seconds in sorted(found.items())}
+            found.setdefault((entry["verb"], entry["service"]), []).append(entry["seconds"])
+        return found

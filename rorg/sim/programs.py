@@ -22,9 +22,12 @@ class Programs:
     def __init__(self, services: Mapping[str, Service], workload: Workload, seed: int) -> None:
         self.services, self.workload, self.seed = services, workload, seed
         self._streams: dict[tuple[str, str], Random] = {}
+        self._measured = {key: iter(seconds) for key, seconds in workload.measured.items()}
 
     def call(self, verb: str, service: str) -> float:
         """Seconds that a call of the engine takes; to stop something takes as long as its processes take to end."""
+        if (measured := self._next(verb, service)) is not None:
+            return measured
         said = self.workload.calls.get(verb)
         taken = LATENCY[verb] if said is None else self._draw(said, service, verb)
         ending = self.workload.of(service).stop if verb == "stop" else None
@@ -32,6 +35,8 @@ class Programs:
 
     def start(self, service: str) -> float:
         """Seconds from its start until it does what it is for."""
+        if (measured := self._next("up", service)) is not None:
+            return measured
         said, ready = self.workload.of(service).start, self.services[service].ready
         if said is None and ready is not None and ready.kind == "delay" and ready.delay is not None:
             return ready.delay
@@ -39,7 +44,8 @@ class Programs:
 
     def resume(self, service: str) -> float:
         """Seconds from its resume until it does so again."""
-        return self._draw(self.workload.of(service).resume or COMES_UP, service, "again")
+        measured = self._next("again", service)
+        return measured if measured is not None else self._draw(self._resume(service), service, "again")
 
     def life(self, service: str) -> float:
         """Seconds that it runs before it crashes."""
@@ -65,6 +71,13 @@ class Programs:
         if state == "paused":
             return one.memory_paused or one.memory_idle or active
         return active if in_use else one.memory_idle or active
+
+    def _resume(self, service: str) -> Distribution:
+        return self.workload.of(service).resume or COMES_UP
+
+    def _next(self, verb: str, service: str) -> float | None:
+        """What was measured of its next call."""
+        return next(self._measured.get((verb, service), iter(())), None)
 
     def _draw(self, one: Distribution, service: str, purpose: str) -> float:
         if one.deviation:

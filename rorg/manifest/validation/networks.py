@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -97,7 +98,8 @@ def _differing(robot: Robot) -> Iterator[Finding]:
     alike = {n: re.sub(r"//(127\.0\.0\.1|localhost)\b", "//localhost", u.rstrip("/")) for n, u in uris.items()}
     known = [s for s in robot.ros1 if s.name in alike]
     own = [alike[s.name] for s in robot.masters if s.name in alike]
-    usual = own[0] if own else max(alike.values(), key=lambda v: (list(alike.values()).count(v), v), default="")
+    counts = Counter(alike.values())
+    usual = own[0] if own else max(counts, key=lambda v: (counts[v], v), default="")
     for subject in (s for s in known if alike[s.name] != usual):
         message = f"'{subject.name}' has its ROS master at {uris[subject.name]}, the others at {usual}"
         yield Finding("ros-masters-differ", subject.variable("ROS_MASTER_URI"), message)

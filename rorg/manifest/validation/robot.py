@@ -60,6 +60,31 @@ class Robot:
             self._needed[name] = known
         return known
 
+    @cached_property
+    def _dependants(self) -> dict[str, set[str]]:
+        return {}
+
+    def dependants(self, name: str) -> set[str]:
+        """All that need a service, directly or not, with itself."""
+        if name not in self._dependants:
+            found, pending = set[str](), [name]
+            while pending:
+                one = pending.pop()
+                if one not in found:
+                    found.add(one)
+                    pending += self._direct.get(one, ())
+            self._dependants[name] = found
+        return self._dependants[name]
+
+    @cached_property
+    def _direct(self) -> dict[str, list[str]]:
+        """By name, those whose manifests or profiles say that they need it."""
+        found: dict[str, list[str]] = {}
+        for name, service in self.catalog.services.items():
+            for need in service.needs:
+                found.setdefault(need, []).append(name)
+        return found
+
     def _closure(self, name: str) -> set[str]:
         found = self._needed[name] = closure(self.catalog.services, [name])
         return found

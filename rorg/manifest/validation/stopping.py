@@ -35,13 +35,13 @@ def _restarts(robot: Robot) -> Iterator[Finding]:
 def _signals(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
-        where = subject.option("stop_signal")
         if signal in ("KILL", "9"):
+            where = subject.option("stop_signal")
             yield Finding("stop-by-kill", where, f"'{subject.name}' is killed at once when it is to stop")
         elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
             end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
             message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
-            yield Finding("sigterm-with-cpp-node", where, message)
+            yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
 
 
 def _python(subject: Subject) -> bool:

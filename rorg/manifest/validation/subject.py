@@ -66,7 +66,7 @@ class Subject:
     def name(self) -> str:
         return self.service.name
 
-    @property
+    @cached_property
     def options(self) -> Mapping[str, Any]:
         return self.service.spec or {}
 
@@ -97,7 +97,7 @@ class Subject:
         """Names of programs, and of all words that may be one behind another (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
 
-    @property
+    @cached_property
     def network(self) -> str:
         """host, none, bridge, the name of a network, container:NAME, or `networks`."""
         if self.options.get("network_disabled"):
@@ -133,18 +133,18 @@ class Subject:
         """What its probes ask it, one by one: first those of `ready`, then those of `live`."""
         return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
 
-    @property
-    def asked_ready(self) -> Iterator[Asked]:
+    @cached_property
+    def asked_ready(self) -> tuple[Asked, ...]:
         """Those of `ready`."""
-        return (asked for asked in self.asked if asked.role == "ready")
+        return tuple(asked for asked in self.asked if asked.role == "ready")
 
     @property
     def ros(self) -> bool:
         return self.ros1 or self.ros2
 
-    @property
+    @cached_property
     def is_master(self) -> bool:
-        return not set(MASTERS).isdisjoint(self.programs)
+        return not self.programs.isdisjoint(MASTERS)
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:

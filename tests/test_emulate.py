@@ -1,0 +1,167 @@
+"""`rorg emulate` plays a trace with everything on and with rorg, measures both, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import free_port, wait_for
+from left_behind import left_behind
+from robots import write_tree
+
+PREFIX = "rorg-emulate-"
+TRACE = {
+    "duration": "24s",
+    "behaviour": "behaviour",
+    "states": {"look": ["eyes"], "drive": ["wheels"], "rest": []},
+    "events": [
+        {"at": "0s", "request": "autonomy", "services": ["behaviour"]},
+        {"at": "2s", "state": "look"},
+        {"at": "8s", "state": "drive"},
+        {"at": "16s", "state": "rest"},
+    ],
+}
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A trace, and the robot that it is for: half of what could run is never asked for."""
+    small, stop = {"cpu": 0.02, "memory": "30Mi"}, {"action": "stop", "linger": "0s"}
+    services = {
+        "base": {"always_on": True, "resources": small, "ready": {"tcp": free_port()}},
+        "behaviour": {"needs": ["base"], "resources": small, "idle": stop},
+        "eyes": {"needs": ["base"], "resources": small, "idle": {"action": "pause", "linger": "500ms"}},
+        "wheels": {"needs": ["base"], "resources": small, "idle": stop},
+        "arm": {"resources": {"cpu": 0.2, "memory": "90Mi"}, "idle": stop},
+    }
+    trace = tmp_path / "trace.yaml"
+    trace.write_text(
+        yaml.safe_dump({"apiVersion": "rorg/v1", "kind": "Trace", "metadata": {"name": "t"}, "spec": TRACE})
+    )
+    return trace, write_tree(tmp_path / "tree", services)
+
+
+def emulate(tmp_path: Path, *args: object, **env: str) -> subprocess.Popen:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    return subprocess.Popen(
+        [sys.executable, "-m", "rorg", "emulate", *map(str, args)],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(folder), **env},
+    )
+
+
+def check(result: dict) -> None:
+    assert result["trace"] == "t"
+    all_on, rorg = result["runs"]
+    assert (all_on["name"], rorg["name"]) == ("all on", "rorg")
+    assert all_on["samples"]["changes"] == [
+        {"at": all_on["samples"]["at"][0], "active": ["arm", "base", "behaviour", "eyes", "wheels"], "not_active": []}
+    ]
+    assert {n for change in rorg["samples"]["changes"] for n in change["active"]} == {
+        *("base", "behaviour", "eyes", "wheels")
+    }
+    assert rorg["actions"]["start"] == 3
+    assert rorg["actions"]["pause"] == 1
+    assert result["reductions"]["cpu"]["mean"] > 0.1
+    assert result["reductions"]["memory"]["mean"] > 0.2
+    assert result["reductions"]["memory"]["deviation"] == 0.0
+    assert all_on["scaled_back"]["memory"] == pytest.approx(all_on["memory"], rel=0.01)
+    assert 300 << 20 > all_on["memory"] > 100 << 20
+    for run in (all_on, rorg):
+        assert len(run["samples"]["at"]) == len(run["samples"]["cpu"]) == 6
+        assert run["rorg"]["cpu"] > 0
+        assert {s: r["requests"] for s, r in run["responses"].items()} == {"autonomy": 1, "look": 1, "drive": 1}
+        assert run["responses"]["drive"]["ready"] == 1
+        assert run["agreement"]["replayed"]["services"] > 0.7
+        assert not run["violations"]
+
+
+def play(tmp_path: Path, trace: Path, tree: Path, **env: str) -> None:
+    saved = tmp_path / "saved.json"
+    args = ("--compress", 4, "--pairs", 1, "--scale", 1, "--save", saved, "-o", "json")
+    process = emulate(tmp_path, trace, tree, *args, **env)
+    output, told = process.communicate(timeout=120)
+    assert process.returncode == 0, told
+    result = json.loads(output)
+    check(result)
+    assert json.loads(saved.read_text()) == result
+    assert "pair 1 of 1, rorg" in told
+    assert left_behind(tmp_path / "temporary", PREFIX) == []
+
+
+def test_emulation_on_processes(tmp_path, files):
+    play(tmp_path, *files, RORG_ENGINE="process")
+
+
+def tags(api) -> set[str]:
+    """Of all images."""
+    return {tag for image in api.images() for tag in image["RepoTags"] or ()}
+
+
+@pytest.mark.docker
+def test_emulation_on_docker(tmp_path, files, dockerd):
+    import docker
+
+    api = docker.APIClient(dockerd.host, version="auto")
+    before = tags(api)
+    play(tmp_path, *files, DOCKER_HOST=dockerd.host)
+    assert [c for c in api.containers(all=True) if PREFIX in c["Names"][0]] == []
+    assert tags(api) - {"<none>:<none>"} == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, number):
+    saved = tmp_path / "saved.json"
+    process = emulate(tmp_path, *files, "--engine", "process", "--compress", 4, "--pairs", 9, "--save", saved)
+    wait_for(lambda: saved.is_file() and json.loads(saved.read_text()), 60, "the first run")
+    wait_for(lambda: len(left_behind(tmp_path / "temporary", PREFIX)) > 4, 60, "the second run")
+    process.send_signal(number)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130, told
+    assert told.splitlines()[-1] == "interrupted"
+    assert len(json.loads(saved.read_text())["runs"]) >= 1
+    assert left_behind(tmp_path / "temporary", PREFIX) == []
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (["--compress", "24"], "it takes 1 s when it is compressed, and 2 s are the least; try a smaller --compress"),
+        (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
+        (["--engine", "swarm"], "swarm"),
+        (["-o", "yml"], "unknown output format 'yml'"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_done(tmp_path, files, args, told):
+    process = emulate(tmp_path, *files, *args)
+    output, error = process.communicate(timeout=60)
+    assert (process.returncode, output) == (2, "")
+    assert told in error
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_a_trace_for_another_robot_is_refused_with_its_place(tmp_path, files):
+    trace, tree = files
+    trace.write_text(trace.read_text().replace("- wheels", "- weels"))
+    process = emulate(tmp_path, trace, tree)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 2
+    line = next(n for n, text in enumerate(trace.read_text().splitlines(), 1) if "weels" in text)
+    assert f"{trace}:{line}:" in error
+    assert "no service or group 'weels'; try 'wheels'" in error
+
+
+def test_without_an_engine_nothing_is_left(tmp_path, files):
+    process = emulate(tmp_path, *files, DOCKER_HOST=f"unix://{tmp_path}/nothing.sock")
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 3, error
+    assert left_behind(tmp_path / "temporary", PREFIX) == []
