@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import commands
 import pytest
 from conftest import wait_for
 from test_ros import NODES, healthy, master, services  # noqa: F401  (`master` is a fixture)
@@ -28,6 +29,7 @@ def robot(docker_robot, ros_image, master, tmp_path):  # noqa: F811
     """A publisher, and a subscriber that is wanted now; what it is connected to is known."""
     count = docker_robot.count = tmp_path / "count"
     count.mkdir()
+    docker_robot.with_server = True
 
     def begin(sender: dict, **idle) -> None:
         docker_robot.declare(
@@ -80,6 +82,9 @@ def test_a_paused_subscriber_blocks_its_publisher_and_that_is_told(robot):
     assert "provides /listener/clear: callers hang" in told["message"]
     assert "publishes /listener/map, once as a rule" in told["message"]
     robot.wait(lambda: any("pausing listener is not safe: it subscribes to /scan" in line for line in robot.log()))
+    assert robot.client().why("listener")[0]["cautions"] == [told["message"]]
+    said = commands.rorg("why", "listener", "--state-dir", robot.state.path).stdout
+    assert f"  caution: {told['message']}" in said.splitlines()
     robot.release()
     robot.wait(lambda: robot.states()["listener"] == "paused")
     robot.wait(lambda: not goes_on(robot), 60)
