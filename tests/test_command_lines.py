@@ -32,7 +32,7 @@ request arm --priority HUGE; request arm --timeout x; request arm --timeout ''; 
 request arm --as
 release; release a b; release --all; release tour --as; start; stop; stop a b; start arm --ttl soon; up a b
 up --nosuch
-restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --yes arm; retry arm --output
+restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --yes; retry arm --output
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
