@@ -88,13 +88,15 @@ def check(result: dict) -> None:
 
 def play(tmp_path: Path, trace: Path, tree: Path, **env: str) -> None:
     saved = tmp_path / "saved.json"
-    args = ("--compress", 4, "--pairs", 1, "--scale", 1, "--save", saved, "-o", "json")
+    picture = tmp_path / "picture.svg"
+    args = ("--compress", 4, "--pairs", 1, "--scale", 1, "--save", saved, "--plot", picture, "-o", "json")
     process = emulate(tmp_path, trace, tree, *args, **env)
     output, told = process.communicate(timeout=120)
     assert process.returncode == 0, told
     result = json.loads(output)
     check(result)
     assert json.loads(saved.read_text()) == result
+    assert "measured on the" in picture.read_text()
     assert "pair 1 of 1, rorg" in told
     assert left_behind(tmp_path / "temporary", PREFIX) == []
 
@@ -138,6 +140,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, n
     [
         (["--compress", "24"], "it takes 1 s when it is compressed, and 2 s are the least; try a smaller --compress"),
         (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
+        (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is no format of pictures; try .png or .svg"),
         (["--engine", "swarm"], "swarm"),
         (["-o", "yml"], "unknown output format 'yml'"),
     ],

@@ -32,7 +32,7 @@ SHORTEST = 2.0
 
 
 def command(
-    trace: Annotated[str, Argument(help="A file with a trace.", completes=FILES)],
+    trace: Annotated[Path, Argument(help="File of a Trace: what the robot is asked for.", completes=FILES)],
     directory: Directory = None,
     compress: Annotated[
         float, Option(names=("--compress",), help="Divide the times of the trace by this.", least=1, most=1000)
@@ -53,8 +53,22 @@ def command(
     ] = None,
     engine: EngineName = None,
     save: Annotated[
-        str | None,
-        Option(names=("--save",), help="Write everything that is measured to this file, as JSON.", completes=FILES),
+        Path | None,
+        Option(
+            names=("--save",),
+            help="Write everything that is measured to this file, as JSON, after each run.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        Option(
+            names=("--plot",),
+            help="Draw CPU, memory and what the robot does in the first pair, to a .png or .svg.",
+            show_default=False,
+            completes=FILES,
+        ),
     ] = None,
     output: Output = "table",
 ) -> None:
@@ -73,19 +87,21 @@ def command(
 
     check_form(output)
     experiment = _experiment(trace, directory, compress, scale, engine)
-    if save:
-        _save(save, "{}\n")
+    _check_files(save, plot)
     signal.signal(signal.SIGTERM, interrupt)
     signal.signal(signal.SIGINT, interrupt)
     try:
-        _print(_measured(experiment, compress, pairs, save), output)
+        found = _measured(experiment, compress, pairs, save)
+        if plot:
+            _draw(found, experiment, plot)
+        _print(found, output)
     except KeyboardInterrupt:
         note("interrupted")
         sys.exit(130)
 
 
 def _experiment(
-    path: str, directory: Path | None, compress: float, scale: float | None, engine: str | None
+    path: Path, directory: Path | None, compress: float, scale: float | None, engine: str | None
 ) -> Experiment:
     """What is to be run. Raises Invalid for whatever is wrong with it."""
     from rorg.cli.context import Context
@@ -98,7 +114,7 @@ def _experiment(
 
     context = Context(None, engine, directory, local=True, own=True)
     catalog = context.catalog()
-    played = read_trace(Path(path), {*catalog.services, *catalog.groups}).compressed(compress)
+    played = read_trace(path, {*catalog.services, *catalog.groups}).compressed(compress)
     if played.duration < SHORTEST:
         why = f"it takes {played.duration:g} s when it is compressed, and {SHORTEST:g} s are the least"
         raise Invalid(f"emulate {path}", why, "a smaller --compress")
@@ -125,7 +141,7 @@ def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
     return share_of(catalog, all_on_services(catalog, trace), now["cores"], now["memory_total"])
 
 
-def _measured(experiment: Experiment, compress: float, pairs: int, save: str | None) -> Emulation:
+def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | None) -> Emulation:
     """All runs. What is known is saved after each of them."""
     from contextlib import closing
 
@@ -165,11 +181,31 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
     return Compared(run, agreement(drawn, run.result), agreement(same, run.result), same)
 
 
-def _save(path: str, text: str) -> None:
+def _check_files(save: Path | None, plot: Path | None) -> None:
+    """Raises Invalid for what could not be written in the end."""
+    if save:
+        _save(save, "{}\n")
+    if plot:
+        from rorg.sim.plots import check_drawing
+
+        check_drawing(plot)
+
+
+def _draw(emulation: Emulation, experiment: Experiment, path: Path) -> None:
+    from rorg.sim.plots import draw
+
+    results = [one.run.result for one in emulation.runs[:2]]
+    said = (
+        f"measured on the {emulation.engine} engine with stand-ins, which use {emulation.share.cpu:.1%} of the CPU and "
+    )
+    draw(results, experiment.trace, path, said + f"{emulation.share.memory:.1%} of the memory of the manifests")
+
+
+def _save(path: Path, text: str) -> None:
     from rorg.errors import Invalid
 
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise Invalid(f"write {path}", error.strerror or str(error), "another file for --save") from error
 

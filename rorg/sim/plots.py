@@ -4,6 +4,7 @@ when one is drawn: it is big, and an extra of the installation (`rorg[plots]`)."
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,22 +25,27 @@ BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984
 GIB = 1 << 30
 
 
-def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
-    """Writes a picture, PNG or SVG by its name. The same runs give the same SVG. Raises Invalid where that cannot be
-    done."""
+def check_drawing(path: Path) -> None:
+    """Raises Invalid where no picture of this name can be drawn here: something that takes long asks first."""
     what = f"draw {path}"
     if path.suffix not in FORMATS:
         raise Invalid(what, f"'{path.suffix}' is no format of pictures", " or ".join(FORMATS))
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`") from None
+    if find_spec("matplotlib") is None:
+        raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`")
+
+
+def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
+    """Writes a picture, PNG or SVG by its name. The same runs give the same SVG. Raises Invalid where that cannot be
+    done."""
+    check_drawing(path)
+    import matplotlib as mpl
+
     with mpl.rc_context({"svg.hashsalt": "rorg", "svg.fonttype": "none", "font.size": 9}):
         figure = _figure(results, trace, footnote)
         try:
             figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
         except OSError as error:
-            raise Invalid(what, error.strerror or str(error), "another file") from None
+            raise Invalid(f"draw {path}", error.strerror or str(error), "another file") from None
 
 
 def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
