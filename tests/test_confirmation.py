@@ -67,7 +67,7 @@ def released(robot, id: str, by: str = "developer") -> Affected:
 
 
 def test_a_release_stops_drivers_that_nobody_else_asks_for(robot):
-    assert released(robot, "test") == Affected((), {"arm": True}), "grasp needs it, and is released"
+    assert released(robot, "test") == Affected(), "it names grasp, and the arm ceases with that as it is declared to"
     robot.request("arm", id="mine")
     robot.settle()
     assert released(robot, "test") == Affected(), "somebody else asks for the arm"

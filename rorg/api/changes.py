@@ -62,7 +62,7 @@ def _refuse(request: Request, found: Sequence[Problem]) -> None:
 
 def release(key: tuple[str, str], current: Current | None = None) -> Change:
     """Gives the request of a (requester, id) up; what is released already is fine. With `current`, raises Unconfirmed
-    where that stops what moves hardware, or takes something from a service that asked for it itself."""
+    where it names a driver that is stopped then, or takes something from a service that asked for it itself."""
     requester, id = key
     if current is not None:
         _ask(f"release '{id}'", by_release(current.decision.situation, current.decision.memory, key))

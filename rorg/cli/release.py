@@ -17,8 +17,8 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """End a request. Releasing what is already released is no error. Asks first where that stops what moves hardware,
-    or takes something from a service that asked for it itself.
+    """End a request. Releasing what is already released is no error. Asks first where it names a driver that
+    is stopped then, or takes something from a service that asked for it itself.
 
     Example: rorg release tour
     """

@@ -64,20 +64,19 @@ def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Aff
 
 
 def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
-    """Of the release of the request of a (requester, id): drivers that nobody else asks for, and its requester where
-    that is a service that runs and loses something. Nobody, where there is no such request."""
+    """Of the release of the request of a (requester, id): drivers that it names and nobody else asks for, and its
+    requester where that is a service that runs and loses something. A driver that only goes along, since what needed it
+    is released, ceases as its manifest says: nobody need be asked. Nobody, where there is no such request."""
     catalog, admitted = situation.desired.catalog, memory.admitted
     asked = next((r for r in admitted.requests if r.key == key and not r.standing), None) if admitted else None
     if admitted is None or asked is None:
         return Affected()
     found = admit(catalog, tuple(r for r in admitted.requests if r is not asked), admitted.excluded).wanted
-    gone = {n for n in _drivers(situation, found) if _touched(situation, catalog.services[n])}
     named = {m for name in asked.services for m in catalog.members(name)}
+    gone = {n for n in _drivers(situation, found) & named if _touched(situation, catalog.services[n])}
     requester = catalog.services.get(asked.requester)
     loses = requester is not None and _touched(situation, requester) and any(n not in found for n in situation.wanted)
-    return Affected(
-        tuple(sorted(gone & named)), dict.fromkeys(sorted(gone - named), True), (asked.requester,) if loses else ()
-    )
+    return Affected(tuple(sorted(gone)), {}, (asked.requester,) if loses else ())
 
 
 def _follow(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:
