@@ -93,7 +93,7 @@ def distro(name: str) -> dict:
     ("code", "containers"),
     [
         ("ros2-host-net-private-ipc", {"listener": {"ipc": "private"}}),
-        ("ros2-mixed-uid", {"listener": {"user": "1000"}}),
+        ("ros2-mixed-uid", {"listener": {"user": "1000", "environment": {"ROS_HOME": "/tmp/ros"}}}),
         ("ros2-domain-mismatch", {"listener": {"environment": {"ROS_DOMAIN_ID": "7"}}}),
         ("ros2-release-mismatch", {"talker": distro("humble"), "listener": distro("jazzy")}),
     ],
