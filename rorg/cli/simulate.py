@@ -46,6 +46,23 @@ def command(
             completes=FILES,
         ),
     ] = None,
+    compare: Annotated[
+        list[str],
+        Option(
+            names=("--compare",),
+            metavar="[NAME=]VARIANT",
+            help="Instead of the time series, also try this: a directory of manifests, a Policy's file, or settings of "
+            "all that is not always on, such as linger=20s,idle=pause,prewarm=auto. As often as you like.",
+        ),
+    ] = [],  # noqa: B006
+    sweep: Annotated[
+        list[str],
+        Option(
+            names=("--sweep",),
+            metavar="SETTING=VALUES",
+            help="Likewise all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+        ),
+    ] = [],  # noqa: B006
     output: Output = "table",
 ) -> None:
     """Run a trace on a simulated robot, in virtual time and by the very planner of `rorg run`, with everything always
@@ -63,9 +80,17 @@ def command(
     from rorg.sim.simulate import simulate
 
     check_form(output)
-    catalog = Context(None, None, directory, local=True).catalog()
+    context = Context(None, None, directory, local=True)
+    catalog = context.catalog()
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
+    if compare or sweep:
+        from rorg.cli.trying import Trial, try_out
+        from rorg.sim.variants import Tree
+
+        tree = Tree(context.root, catalog, context.engine_name, context.robot)
+        try_out(Trial(tree, asked, programs, seed), compare, sweep, output, csv, plot)
+        return
     results = [
         simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every)
         for name, all_on in (("all-on", True), ("rorg", False))
