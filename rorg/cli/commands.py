@@ -39,6 +39,7 @@ COMMANDS = (
     "cp",
     "graph",
     "edit",
+    "fit",
     "build",
     "image",
     "export",
