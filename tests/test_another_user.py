@@ -51,6 +51,7 @@ LINES = {
     "top": ["top --once", "top -o json"],
     "logs": ["logs base"],
     "graph": ["graph", "graph -o dot", "graph images -o json"],
+    "simulate": ["simulate nosuch.yaml robot"],
     "schema": ["schema schemas"],
     "completion": ["completion bash"],
     "run": ["run nowhere"],
@@ -74,6 +75,7 @@ LINES = {
 CODES = {
     "import roslaunch nosuch.launch": {2},
     "run nowhere": {2},
+    "simulate nosuch.yaml robot": {2},
     "diff {tree}": {0, 1},
     "retry base": {5},
     "edit base": {2},

@@ -50,6 +50,7 @@ init --force x
 schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --user x arm -- ls; shell; shell a b
 cp; cp a
 dev --workspace; dev --name; dev arm -x; dev arm --nosuch; dev arm ls -la
+simulate; simulate a b c; simulate a --seed x; simulate a --seed 1.5; simulate a --every 0; simulate a --every soon
 cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
 """
 """What is said of them is said before anything is looked at: exit code 2."""
@@ -85,6 +86,8 @@ cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x 
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
 edit arm --manifests nosuch; fit nosuch; fit -o nosuch; fit arm --manifests nosuch
 dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
+simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s
+simulate nosuch; simulate day.yaml nosuch; simulate day.yaml -o nosuch; simulate empty; simulate day.yaml empty
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,
     3: "wait arm; wait nosuch; request arm --wait; restart base --wait; events -f",

@@ -46,6 +46,8 @@ OFFERED = [
     ("completion ", {"bash", "zsh", "fish"}),
     ("graph ", {"services", "images"}),
     ("graph images ", {":directories"}),
+    ("simulate ", {":files"}),
+    ("simulate day.yaml ", {":directories"}),
     ("diff ", {":directories"}),
     ("why --state-dir ", {":directories"}),
     ("release ", {"tour"}),

@@ -46,7 +46,7 @@ DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
     "importing": set(),
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
-    "sim": set(),
+    "sim": {"matplotlib"},
     "daemon": set(),
     "images": {"docker", "networkx", "requests", "urllib3"},
     "probes": set(),
@@ -64,10 +64,10 @@ LOADED: dict[str, set[str]] = {
     **DIRECT,
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
     "importing": {"pydantic", "re2", "yaml"},
+    "sim": {"pydantic", "re2", "yaml", "psutil", "watchfiles"},
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},
-    "sim": {"pydantic", "yaml"},  # to read variants of a tree
     "compose": {"pydantic", "re2", "yaml"},
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }

@@ -38,6 +38,7 @@ COMMANDS = (
     "shell",
     "cp",
     "graph",
+    "simulate",
     "edit",
     "fit",
     "build",

@@ -180,6 +180,10 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     return source, noted(found, [document])
 
 
+BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}
+"""Kinds of documents that stand beside a tree, and what they are for."""
+
+
 def _checked(
     document: Document, found: list[Diagnostic], path: Path, root: Path, variables: Variables
 ) -> tuple[Source | None, list[Diagnostic]]:
@@ -191,7 +195,10 @@ def _checked(
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
     envelope, more = validated(form, document, document.value, ())
     found += [d for d in more if d.where not in told]
-    if isinstance(kind, str) and kind not in SPECS:
+    if kind in BESIDE:
+        message = f"a {kind} says nothing of what a robot is, and is no part of its tree"
+        found.append(Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}"))
+    elif isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None, found

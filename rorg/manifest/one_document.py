@@ -40,11 +40,11 @@ def read_document(
             raw = file.read(LARGEST + 1)
         text = raw.decode("utf-8")
     except UnicodeDecodeError:
-        raise Invalid(f"read {path}", "it is not UTF-8 text", f"the file of a {kind}") from None
+        raise Invalid(f"read {path}", "it is not UTF-8 text", f"a file with a {kind}") from None
     except OSError as error:
-        raise Invalid(f"read {path}", error.strerror or str(error), f"the file of a {kind}") from None
+        raise Invalid(f"read {path}", error.strerror or str(error), f"a file with a {kind}") from None
     if len(raw) > LARGEST:
-        raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a shorter {kind}")
+        raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a smaller {kind}")
     document, found = read_yaml(text, str(path), most=MOST_NODES)
     if document is not None and not found:
         checked, found = _checked(document, kind, model)

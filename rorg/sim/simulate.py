@@ -285,6 +285,8 @@ class _Run(SimRobot):
     def _account(self) -> None:
         """What containers use has changed with what they do."""
         containers = tuple(self.engine.list())
+        if not changed_items(self._accounted, containers):
+            return
         for one in {c.id: c for c in changed_items(self._accounted, containers)}:
             self._account_for(one, self.engine.containers.get(one))
         self._accounted = containers

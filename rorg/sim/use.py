@@ -45,18 +45,23 @@ class MachineUse:
         self._uses: dict[str, Use] = {}
         self._cores = self._memory = self._growth = 0.0
         """Sums of now; memory at `_since`."""
-        self._since = 0.0
+        self._since, self._stale = 0.0, False
         self._active, self._paused = frozenset[str](), frozenset[str]()
         self._sampled = 0.0, 0.0
         """When the last sample was, and the CPU seconds then."""
 
     @property
     def cores(self) -> float:
+        """That are used now."""
+        if self._stale:
+            self._sum()
         return self._cores
 
     @property
     def memory(self) -> float:
         """Bytes, now."""
+        if self._stale:
+            self._sum()
         return self._memory + self._growth * (self.now - self._since)
 
     def by_service(self) -> dict[str, tuple[float, int]]:
@@ -72,11 +77,16 @@ class MachineUse:
             self._uses.pop(container, None)
         else:
             self._uses[container] = use
+        self._stale = True
+
+    def _sum(self) -> None:
+        """After changes, all of which are of now."""
         uses = self._uses.values()
-        self._since, self._cores = self.now, sum(u.cores for u in uses)
-        self._memory, self._growth = sum(u.memory_at(self.now) for u in uses), sum(u.growth for u in uses)
-        self._active = frozenset(u.service for u in uses if u.running)
-        self._paused = frozenset(u.service for u in uses if not u.running) - self._active
+        self._since, self._cores = self.now, sum([u.cores for u in uses])
+        self._memory, self._growth = sum([u.memory_at(self.now) for u in uses]), sum([u.growth for u in uses])
+        self._active = frozenset([u.service for u in uses if u.running])
+        self._paused = frozenset([u.service for u in uses if not u.running]) - self._active
+        self._stale = False
 
     def advance(self, now: float) -> None:
         """Time goes on to `now`, with a sample whenever one is due."""
@@ -87,8 +97,8 @@ class MachineUse:
 
     def _add(self, now: float) -> None:
         for_seconds = now - self.now
-        self.cpu_seconds += self._cores * for_seconds
-        before = self.memory
+        before, cores = self.memory, self.cores
+        self.cpu_seconds += cores * for_seconds
         self.now = now
         self.byte_seconds += (before + self.memory) / 2 * for_seconds
 

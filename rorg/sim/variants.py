@@ -96,7 +96,8 @@ def _split(what: str, text: str) -> dict[str, str]:
 
 
 def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
-    """The robot with these settings of all services that are not always on. Raises Invalid."""
+    """The robot with these settings of all services that are not always on. What moves hardware is prewarmed only where
+    it says so itself, as with a Policy. Raises Invalid."""
     declared = {SETTINGS[key]: as_scalar(value) for key, value in settings.items()}
     document, _ = read_yaml(yaml_text(declared), "")
     assert document is not None
@@ -107,8 +108,10 @@ def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
     changes: dict[str, Any] = idle.model_dump(exclude_none=True)
 
     def changed(service: Service) -> Service:
-        fixed = service.meta or service.always_on
-        return service if fixed else replace(service, idle=idle_of(changes, service.idle))
+        if service.meta or service.always_on:
+            return service
+        mine = {key: value for key, value in changes.items() if not (key == "prewarm" and service.driver)}
+        return replace(service, idle=idle_of(mine, service.idle))
 
     return replace(catalog, services={name: changed(service) for name, service in catalog.services.items()})
 

@@ -1,0 +1,121 @@
+"""rorg simulate"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rorg.cli.options import FILES, Argument, Directory, Option, Output, duration
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rorg.model.trace import Trace
+    from rorg.sim.results import RunResult
+
+
+def command(
+    trace: Annotated[Path, Argument(help="File of a Trace: what the robot is asked for.", completes=FILES)],
+    directory: Directory = None,
+    workload: Annotated[
+        Path | None,
+        Option(
+            names=("--workload",),
+            help="File of a Workload: how programs use the machine. Default: what `resources` and `ready` say.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
+    seed: Annotated[
+        int, Option(names=("--seed",), help="Of everything that is drawn; the same one gives the same.")
+    ] = 1,
+    every: Annotated[
+        float,
+        Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Between two samples."),
+    ] = 1.0,
+    csv: Annotated[
+        Path | None,
+        Option(names=("--csv",), help="Write the time series to a file.", show_default=False, completes=FILES),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        Option(
+            names=("--plot",),
+            help="Draw CPU, memory and what the robot does over time, to a .png or .svg.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
+    compare: Annotated[
+        list[str],
+        Option(
+            names=("--compare",),
+            metavar="[NAME=]VARIANT",
+            help="Instead of the time series, also try this: a directory of manifests, a Policy's file, or settings of "
+            "all that is not always on, such as linger=20s,idle=pause,prewarm=auto. As often as you like.",
+        ),
+    ] = [],  # noqa: B006
+    sweep: Annotated[
+        list[str],
+        Option(
+            names=("--sweep",),
+            metavar="SETTING=VALUES",
+            help="Likewise all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+        ),
+    ] = [],  # noqa: B006
+    output: Output = "table",
+) -> None:
+    """Run a trace on a simulated robot, in virtual time and by the very planner of `rorg run`, with everything always
+    on and with time-sharing: what CPU and memory are used, how long requests take, what goes wrong. Nothing of it is
+    measured: it follows from what the workload, or the manifests, say of the programs.
+
+    Example: rorg simulate day.yaml manifests --plot day.png
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.output import check_form, print_rows
+    from rorg.manifest.traces import read_trace
+    from rorg.manifest.workloads import read_workload
+    from rorg.model.workload import Workload
+    from rorg.sim.report import COLUMNS, WIDE, as_json, rows
+    from rorg.sim.simulate import simulate
+
+    check_form(output)
+    context = Context(None, None, directory, local=True)
+    catalog = context.catalog()
+    asked = read_trace(trace, {*catalog.services, *catalog.groups})
+    programs = read_workload(workload) if workload else Workload("manifests")
+    if compare or sweep:
+        from rorg.cli.trying import Trial, try_out
+        from rorg.sim.variants import Tree
+
+        tree = Tree(context.root, catalog, context.engine_name, context.robot)
+        try_out(Trial(tree, asked, programs, seed), compare, sweep, output, csv, plot)
+        return
+    results = [
+        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every)
+        for name, all_on in (("all-on", True), ("rorg", False))
+    ]
+    if csv:
+        _write(results, asked, csv)
+    if plot:
+        from rorg.sim.plots import draw
+
+        draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
+    full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
+    print_rows(rows(results), output, COLUMNS, WIDE, full)
+
+
+def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
+    """The time series."""
+    import csv
+
+    from rorg.errors import Invalid
+    from rorg.sim.report import SERIES, series
+
+    try:
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(SERIES)
+            writer.writerows(series(results, trace))
+    except OSError as error:
+        raise Invalid(f"write {path}", error.strerror or str(error), "another file by --csv") from error

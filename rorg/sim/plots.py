@@ -1,0 +1,106 @@
+"""Pictures of runs: CPU and memory over time, with what the robot does underneath. matplotlib is imported here only,
+when one is drawn: it is big, and an extra of the installation (`rorg[plots]`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rorg.errors import Invalid
+from rorg.model.trace import Trace
+from rorg.sim.results import RunResult, Sample
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+MOST_POINTS = 480
+"""Of a line: means over equal times are drawn where there are more samples."""
+COLOURS = ("#8c8c8c", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
+"""Of runs, the first of which the others are compared with."""
+BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984ea3", "#a6d854")
+"""Of states."""
+GIB = 1 << 30
+
+
+def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
+    """CPU and memory over time. Raises Invalid as save() does."""
+    save(lambda: _figure(results, trace, footnote), path)
+
+
+def save(make: Callable[[], Figure], path: Path) -> None:
+    """Writes a picture, PNG or SVG by its name. The same figure gives the same SVG. Raises Invalid where that cannot be
+    done."""
+    what = f"draw {path}"
+    if path.suffix not in FORMATS:
+        raise Invalid(what, f"'{path.suffix}' is no format of pictures", " or ".join(FORMATS))
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`") from None
+    with mpl.rc_context({"svg.hashsalt": "rorg", "svg.fonttype": "none", "font.size": 9}):
+        figure = make()
+        try:
+            figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+        except OSError as error:
+            raise Invalid(what, error.strerror or str(error), "another file") from None
+
+
+def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    cpu, memory, activity = figure.subplots(3, 1, sharex=True, height_ratios=(5, 5, 1.2))
+    scale, unit = (3600.0, "hours") if trace.duration >= 7200 else (60.0, "minutes")
+    for one, colour in zip(results, COLOURS * len(results), strict=False):
+        samples = _thinned(one.samples)
+        times = [s.at / scale for s in samples]
+        cpu.plot(times, [s.cpu for s in samples], color=colour, linewidth=1.0)
+        cpu.axhline(one.cpu, color=colour, linewidth=0.8, linestyle="--")
+        memory.plot(times, [s.memory / GIB for s in samples], color=colour, linewidth=1.0)
+        memory.axhline(one.memory / GIB, color=colour, linewidth=0.8, linestyle="--")
+        said = f"{one.name}: {one.cpu:.2f} cores, {one.memory / GIB:.2f} GiB in the mean"
+        cpu.plot([], [], color=colour, label=said)
+    cpu.set_ylabel("CPU (cores)")
+    memory.set_ylabel("memory (GiB)")
+    for axes in (cpu, memory):
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
+    _activity(activity, trace, scale)
+    activity.set_xlabel(f"time ({unit})")
+    activity.set_xlim(0, trace.duration / scale)
+    lines, said = cpu.get_legend_handles_labels()
+    figure.legend(lines, said, loc="outside upper right", ncols=min(3, len(results)), frameon=False)
+    bands, states = activity.get_legend_handles_labels()
+    if bands:
+        figure.legend(bands, states, loc="outside lower right", ncols=8, frameon=False)
+    figure.suptitle(trace.name, x=0.01, ha="left", fontweight="bold")
+    figure.supxlabel(footnote, fontsize=7, color="#555555", x=0.01, ha="left")
+    return figure
+
+
+def _activity(axes: Axes, trace: Trace, scale: float) -> None:
+    """A band for each state of the behaviours, one behaviour above the other."""
+    spans = trace.states()
+    who = list(dict.fromkeys(span[2] for span in spans))
+    names = list(dict.fromkeys(span[3] for span in spans))
+    for state, colour in zip(names, BANDS * len(names), strict=False):
+        for row, behaviour in enumerate(who):
+            bars = [(a / scale, (b - a) / scale) for a, b, by, of in spans if of == state and by == behaviour]
+            axes.broken_barh(bars, (row, 0.9), facecolors=colour, label=state if row == 0 else None)
+    axes.set_yticks([row + 0.45 for row in range(len(who))], who)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _thinned(samples: Sequence[Sample]) -> list[Sample]:
+    """At the most MOST_POINTS, each the mean over some samples."""
+    every = -(-len(samples) // MOST_POINTS) or 1
+    parts = [samples[i : i + every] for i in range(0, len(samples), every)]
+    return [
+        Sample(
+            part[-1].at, sum(s.cpu for s in part) / len(part), sum(s.memory for s in part) // len(part), part[-1].active
+        )
+        for part in parts
+    ]

@@ -1,0 +1,116 @@
+"""What runs of a trace came to, in figures: values for programs, rows for tables, time series."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from math import ceil
+from statistics import median
+from typing import Any
+
+from rorg.model.trace import Trace
+from rorg.model.units import format_memory
+from rorg.sim.results import Response, RunResult
+
+COLUMNS = ("run", "cpu", "memory", "peak", "ready", "95%", "never", "violations")
+"""Of a table, a row each run."""
+WIDE = ("calls",)
+SERIES = ("run", "at", "state", "cpu", "memory", "active", "paused")
+"""Of a time series, a row each sample."""
+
+
+def summary(result: RunResult, against: RunResult | None = None) -> dict[str, Any]:
+    """Cores, bytes and seconds; `reduction` is the part of what `against` uses that this run does not."""
+    return {
+        "run": result.name,
+        "duration": result.duration,
+        "cpu": result.cpu,
+        "memory": result.memory,
+        "peak_memory": result.peak_memory,
+        "reduction": None if against is None else reduction(result, against),
+        "responses": {"all": _times(result.responses), **_times_by_state(result.responses)},
+        "violations": dict(sorted(Counter(v.code for v in result.violations).items())),
+        "calls": dict(result.actions or {}),
+    }
+
+
+def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
+    """Parts of 1: of CPU and of memory."""
+    return {
+        "cpu": 1 - result.cpu / against.cpu if against.cpu else 0.0,
+        "memory": 1 - result.memory / against.memory if against.memory else 0.0,
+    }
+
+
+def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
+    """By the state that was entered, or the id of a request by itself."""
+    found: dict[str, list[Response]] = {}
+    for one in responses:
+        found.setdefault(one.state or one.id, []).append(one)
+    return {name: _times(those) for name, those in sorted(found.items())}
+
+
+def _times(responses: Sequence[Response]) -> dict[str, Any]:
+    """Seconds; `never` counts those that were given up before they were ready."""
+    seconds = sorted(r.seconds for r in responses if r.seconds is not None)
+    return {
+        "count": len(responses),
+        "never": len(responses) - len(seconds),
+        "median": median(seconds) if seconds else None,
+        "p95": seconds[ceil(0.95 * len(seconds)) - 1] if seconds else None,
+        "most": seconds[-1] if seconds else None,
+    }
+
+
+def as_json(results: Sequence[RunResult]) -> list[dict[str, Any]]:
+    """All but the samples; each run is compared with the first one."""
+    return [
+        {
+            **summary(one, results[0] if one is not results[0] else None),
+            "requests": [
+                {"at": r.at, "requester": r.requester, "id": r.id, "state": r.state, "seconds": r.seconds}
+                for r in one.responses
+            ],
+            "violated": [{"at": v.at, "code": v.code, "service": v.service, "text": v.text} for v in one.violations],
+        }
+        for one in results
+    ]
+
+
+def rows(results: Sequence[RunResult]) -> list[dict[str, str]]:
+    """For a table: each run is compared with the first one."""
+    return [_row(summary(one, results[0] if one is not results[0] else None)) for one in results]
+
+
+def _row(found: Mapping[str, Any]) -> dict[str, str]:
+    less, times = found["reduction"] or {"cpu": None, "memory": None}, found["responses"]["all"]
+    return {
+        "run": found["run"],
+        "cpu": f"{found['cpu']:.2f}{_percent(less['cpu'])}",
+        "memory": f"{format_memory(round(found['memory']))}{_percent(less['memory'])}",
+        "peak": format_memory(found["peak_memory"]),
+        "ready": _seconds(times["median"]),
+        "95%": _seconds(times["p95"]),
+        "never": f"{times['never']} of {times['count']}",
+        "violations": ", ".join(f"{n} {code}" for code, n in found["violations"].items()) or "-",
+        "calls": ", ".join(f"{n} {verb}" for verb, n in found["calls"].items()) or "-",
+    }
+
+
+def _percent(part: float | None) -> str:
+    return "" if part is None else f" ({-100 * part:+.1f} %)"
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} s"
+
+
+def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | int | float, ...]]:
+    """Rows of SERIES: cores since the sample before, bytes, and how many services run and are paused."""
+    for one in results:
+        states = trace.states()
+        for sample in one.samples:
+            while states and states[0][1] < sample.at:
+                states.pop(0)
+            state = states[0][3] if states and states[0][0] <= sample.at else ""
+            yield one.name, sample.at, state, sample.cpu, sample.memory, len(sample.active), len(sample.paused)
