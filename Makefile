@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test fuzz lint types bench schemas docs constraints deb clean
+.PHONY: demo test fuzz lint types bench schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -39,6 +39,10 @@ schemas: $(BIN)/rorg
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py
 	$(BIN)/python docs/explanation/import_graph.py
+
+# docs/evaluation: figures, plots, and the tables of its page. Some minutes.
+evaluation: $(VENV)/test-installed
+	$(BIN)/python docs/evaluation/evaluate.py
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm.
 deb: $(BIN)/rorg

@@ -1,0 +1,53 @@
+"""docs/evaluation is what the simulator says now: by its figures, not by pixels."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "docs/evaluation"))
+import evaluate
+import weights
+
+FOUND = json.loads(evaluate.FIGURES.read_text())
+REMEDY = "try `make evaluation`"
+
+
+def test_the_weights_follow_from_the_rule():
+    assert weights.FILE.read_text() == weights.text(), "try `python docs/evaluation/weights.py`"
+
+
+def test_the_weights_add_up_to_what_the_paper_says_of_the_whole_robot():
+    services = evaluate.robot().services.values()
+    together = [s for s in services if s.name != "cartographer"]
+    assert sum(s.cpu for s in together) == pytest.approx(0.894 * 4, abs=0.01)
+    assert sum(s.memory for s in together) == pytest.approx(3.41e9, rel=0.005)
+
+
+def test_the_page_shows_the_figures():
+    text = evaluate.PAGE.read_text()
+    assert evaluate.page(text, FOUND) == text, REMEDY
+
+
+@pytest.mark.parametrize("name", evaluate.TRACES)
+def test_figures_and_plots_are_current(name):
+    """By one seed: it is one of those that the means are made of, and that of the plot."""
+    robot, trace, workload = evaluate.robot(), evaluate.trace(name), evaluate.weights()
+    base, rorg = evaluate.both(robot, trace, workload, 1)
+    found = evaluate.row_of(base, rorg, trace)
+    wrong = {k: v for k, v in found.items() if round(v, 4) != FOUND[name]["first"][k]}
+    assert not wrong, REMEDY
+    plot = (evaluate.HERE / f"{name}.svg").read_text()
+    for run in (base, rorg):
+        assert f"{run.name}: {run.cpu:.2f} cores, {run.memory / 2**30:.2f} GiB in the mean" in plot, REMEDY
+    assert "synthetic weights and trace" in plot
+
+
+def test_a_figure_of_the_sensitivity_is_current():
+    robot, trace, workload = evaluate.robot(), evaluate.trace("hour"), evaluate.weights()
+    changed = evaluate.reweighted(robot, workload, dict.fromkeys(evaluate.CLASSES["perception"].services, (2.0, 2.0)))
+    found = evaluate.reductions(*evaluate.both(robot, trace, changed, 1), trace)
+    assert evaluate.rounded(found) == FOUND["sensitivity"]["classes"]["perception x 2"], REMEDY
