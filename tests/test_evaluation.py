@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "docs/evaluation"))
+import emulated
 import evaluate
 import weights
 
@@ -51,3 +52,17 @@ def test_a_figure_of_the_sensitivity_is_current():
     changed = evaluate.reweighted(robot, workload, dict.fromkeys(evaluate.CLASSES["perception"].services, (2.0, 2.0)))
     found = evaluate.reductions(*evaluate.both(robot, trace, changed, 1), trace)
     assert evaluate.rounded(found) == FOUND["sensitivity"]["classes"]["perception x 2"], REMEDY
+
+
+def test_what_was_emulated_is_what_its_page_and_plot_show():
+    """Nothing is measured anew: figures follow from the runs in the file."""
+    runs = emulated.MEASURED["runs"]
+    for what, told in emulated.MEASURED["reductions"].items():
+        saved = [1 - rorg[what] / base[what] for base, rorg in zip(runs[::2], runs[1::2], strict=True)]
+        assert told["mean"] == pytest.approx(sum(saved) / len(saved), abs=2e-4)
+        assert (told["least"], told["most"]) == pytest.approx((min(saved), max(saved)), abs=2e-4)
+    assert [run["name"] for run in runs] == ["all-on", "rorg"] * (len(runs) // 2)
+    plot = (evaluate.HERE / "emulation.svg").read_text()
+    for run in emulated.first_pair():
+        assert f"{run.name}: {run.cpu:.2f} cores" in plot, REMEDY
+    assert "synthetic weights and trace" in plot

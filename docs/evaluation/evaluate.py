@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import mean, median, stdev
 from typing import Any
 
+import emulated
 from weights import CLASSES
 
 from rorg.manifest.load import load_or_raise
@@ -241,6 +242,7 @@ def plots() -> None:
         asked = trace(name)
         note = "simulated, seed 1; synthetic weights and trace: nothing of this was measured"
         draw(both(catalog, asked, workload, 1), asked, HERE / f"{name}.svg", note)
+    emulated.plot()
 
 
 def reduction_table(found: Mapping[str, Any]) -> str:
@@ -252,7 +254,7 @@ def reduction_table(found: Mapping[str, Any]) -> str:
         all_time = [_percent(found[name][f"{k}_of_all_time"]) for k in ("cpu", "memory")]
         lines.append(f"| ours: simulation of {name}.yaml | {told[0]} | {told[1]} |")
         lines.append(f"| the same, with charging and start | {all_time[0]} | {all_time[1]} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, emulated.reduction_row()])
 
 
 def _percent(one: Mapping[str, float]) -> str:
@@ -304,7 +306,13 @@ def policy_table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-TABLES = {"reductions": reduction_table, "use": use_table, "sensitivity": sensitivity_table, "policies": policy_table}
+TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "reductions": reduction_table,
+    "use": use_table,
+    "sensitivity": sensitivity_table,
+    "policies": policy_table,
+    "emulation": lambda _: emulated.table(),
+}
 
 
 def page(text: str, found: Mapping[str, Any]) -> str:

@@ -1,0 +1,100 @@
+"""What emulation.json says, as tables and a plot of docs/evaluation.md. The file is written by `rorg emulate --save`,
+which takes an hour; nothing here measures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from rorg.manifest.traces import read_trace
+from rorg.sim.plots import draw
+from rorg.sim.results import RunResult, Sample
+
+HERE = Path(__file__).parent
+FILE = HERE / "emulation.json"
+MEASURED = json.loads(FILE.read_text(encoding="utf-8"))
+GB = 1e9
+
+
+def reduction_row() -> str:
+    """A line of the table beside the paper's figures."""
+    cells = (f"-{100 * one['mean']:.1f} % (± {100 * one['deviation']:.1f})" for one in _reductions())
+    return f"| ours: emulation of {MEASURED['trace']}.yaml | {' | '.join(cells)} |"
+
+
+def _reductions() -> list[Mapping[str, float]]:
+    return [MEASURED["reductions"][what] for what in ("cpu", "memory")]
+
+
+def reductions_table() -> str:
+    """Over the pairs."""
+    lines = ["| saved, by pair | CPU | memory |", "|---|---|---|"]
+    for name, key in (("mean", "mean"), ("least", "least"), ("most", "most"), ("standard deviation", "deviation")):
+        lines.append(f"| {name} | " + " | ".join(f"{100 * one[key]:.1f} %" for one in _reductions()) + " |")
+    return "\n".join(lines)
+
+
+def runs_table() -> str:
+    """Of each run: what services use, what that is of the whole robot, what the simulator says, what rorg takes."""
+    lines = [
+        "| pair | run | cores | scaled back | simulated | memory | simulated | rorg itself | load average |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for number, run in enumerate(MEASURED["runs"]):
+        load = " to ".join(f"{one:.0f}" for one in run["load"])
+        lines.append(
+            f"| {number // 2 + 1} | {run['name']} | {run['cpu']:.3f} | {run['scaled_back']['cpu']:.2f} "
+            f"| {run['simulated']['cpu'] / MEASURED['scale']['cpu']:.2f} | {run['memory'] / GB:.2f} GB "
+            f"| {run['simulated']['memory'] / GB:.2f} GB "
+            f"| {run['rorg']['cpu']:.3f} cores, {run['rorg']['memory'] / 1e6:.0f} MB | {load} |"
+        )
+    return "\n".join(lines)
+
+
+def agreement_table() -> str:
+    """Of the runs with rorg; where everything is on there is nothing to agree on."""
+    lines = [
+        "| pair | durations | moments | services at moments | whole sets |",
+        "|---|---|---|---|---|",
+    ]
+    for number, run in enumerate(MEASURED["runs"]):
+        for how, one in run["agreement"].items() if run["name"] == "rorg" else ():
+            lines.append(
+                f"| {number // 2 + 1} | {how} | {one['moments']} | {one['services']:.2%} | {one['sets']:.2%} |"
+            )
+    return "\n".join(lines)
+
+
+def responses_table() -> str:
+    """Of the last run with rorg, in seconds that were not compressed."""
+    lines = ["| state | requests | ready | median | longest |", "|---|---|---|---|---|"]
+    last = [run for run in MEASURED["runs"] if run["name"] == "rorg"][-1]
+    for state, one in last["responses"].items():
+        lines.append(
+            f"| {state} | {one['requests']} | {one['ready']} | {one['median']:.2f} s | {one['longest']:.2f} s |"
+        )
+    return "\n".join(lines)
+
+
+def table() -> str:
+    """All of them."""
+    return "\n\n".join([reductions_table(), runs_table(), agreement_table(), responses_table()])
+
+
+def first_pair() -> list[RunResult]:
+    """Its use of the machine, scaled back to the whole robot."""
+    cpu, memory = MEASURED["scale"]["cpu"], MEASURED["scale"]["memory"]
+    found = []
+    for run in MEASURED["runs"][:2]:
+        columns = (run["samples"][name] for name in ("at", "cpu", "memory"))
+        samples = tuple(Sample(at, c / cpu, round(m / memory), frozenset()) for at, c, m in zip(*columns, strict=True))
+        found.append(RunResult(run["name"], run["seconds"], samples, cpu_seconds=run["cpu"] / cpu * run["seconds"]))
+    return found
+
+
+def plot() -> None:
+    """Of the first pair."""
+    trace = read_trace(HERE / f"{MEASURED['trace']}.yaml").compressed(MEASURED["compress"])
+    note = "measured on Docker with stand-ins for programs, scaled back to the whole robot; synthetic weights and trace"
+    draw(first_pair(), trace, HERE / "emulation.svg", note)
