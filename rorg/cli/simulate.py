@@ -10,6 +10,7 @@ from rorg.cli.options import FILES, Argument, Directory, Option, Output, duratio
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.sim.results import RunResult
 
@@ -42,6 +43,15 @@ def command(
         Option(
             names=("--plot",),
             help="Draw CPU, memory and what the robot does over time, to a .png or .svg.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
+    learn: Annotated[
+        Path | None,
+        Option(
+            names=("--learn",),
+            help="What services are prewarmed by is learnt from this trace before. Default: from nothing.",
             show_default=False,
             completes=FILES,
         ),
@@ -84,15 +94,16 @@ def command(
     catalog = context.catalog()
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
+    learned = _learned(learn)
     if compare or sweep:
         from rorg.cli.trying import Trial, try_out
         from rorg.sim.variants import Tree
 
         tree = Tree(context.root, catalog, context.engine_name, context.robot)
-        try_out(Trial(tree, asked, programs, seed), compare, sweep, output, csv, plot)
+        try_out(Trial(tree, asked, programs, seed, learned), compare, sweep, output, csv, plot)
         return
     results = [
-        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every)
+        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned)
         for name, all_on in (("all-on", True), ("rorg", False))
     ]
     if csv:
@@ -103,6 +114,13 @@ def command(
         draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
     print_rows(rows(results), output, COLUMNS, WIDE, full)
+
+
+def _learned(trace: Path | None) -> Learned:
+    from rorg.core.learning import learn
+    from rorg.manifest.traces import read_trace
+
+    return learn(read_trace(trace).events if trace else ())
 
 
 def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
