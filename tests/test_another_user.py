@@ -61,6 +61,7 @@ LINES = {
     "export": ["export compose robot"],
     "explain": ["explain service.spec.idle"],
     "edit": ["edit base"],
+    "fit": ["fit base", "fit -o json --since 1h"],
     "run-with": ["run-with navigation -- true"],
     "exec": ["exec base -- true"],
     "shell": ["shell base"],

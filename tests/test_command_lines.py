@@ -39,6 +39,7 @@ down --timeout x; down --keep; events arm; events --tail; events --tail x; event
 events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x
 trace; trace show a b; trace generate --seed x; trace generate --duration soon; trace record --since soon
 timeline; timeline a b; timeline arm --since soon; timeline arm -n -1
+fit --margin much; fit --margin 200%; fit --since soon
 logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; logs --follow; top x
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
@@ -83,9 +84,9 @@ exec nosuch -- ls; exec '' -- ls; exec arm -- ''; exec -it arm -- ls; exec drivi
 shell driving
 cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x /nosuch/y; cp nosuch:/x .
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
-edit arm --manifests nosuch
+edit arm --manifests nosuch; fit nosuch; fit -o nosuch; fit arm --manifests nosuch
 dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
-simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s
+simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s; simulate day.yaml --learn nosuch
 simulate nosuch; simulate day.yaml nosuch; simulate day.yaml -o nosuch; simulate empty; simulate day.yaml empty
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,

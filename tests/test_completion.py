@@ -42,6 +42,7 @@ OFFERED = [
     ("trace ", {"generate", "record", "show"}),
     ("trace show ", {":files"}),
     ("timeline n", {"navigation"}),
+    ("fit n", {"navigation"}),
     ("completion ", {"bash", "zsh", "fish"}),
     ("graph ", {"services", "images"}),
     ("graph images ", {":directories"}),

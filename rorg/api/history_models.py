@@ -88,6 +88,17 @@ class Timeline(BaseModel):
     spans: list[SpanView]
 
 
+class MeasuredView(BaseModel):
+    """What a service used while it ran; paused time is left out."""
+
+    service: str
+    runs: int
+    seconds: float = Field(description="For which it ran and was measured.")
+    cpu: float = Field(description="Cores, in the mean.")
+    memory: int = Field(description="Bytes, in the mean.")
+    peak_memory: int = Field(description="The most bytes that were seen; once a minute, and before it ceased.")
+
+
 class Asking(BaseModel):
     """A request that is made, or made anew; or released, where it names no services."""
 

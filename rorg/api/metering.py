@@ -24,6 +24,7 @@ THREADS = (
     "/v1/history",
     "/v1/timeline",
     "/v1/requested",
+    "/v1/measured",
 )
 """Calls that work in threads of their own: one at a time of a service, each charged by its time."""
 

@@ -40,6 +40,7 @@ COMMANDS = (
     "graph",
     "simulate",
     "edit",
+    "fit",
     "build",
     "image",
     "export",

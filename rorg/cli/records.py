@@ -32,6 +32,9 @@ class Records(Protocol):
     def requested(self, since: str, until: str) -> dict[str, Any]:
         """What the robot was asked for; times are ISO 8601."""
 
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        """What services used while they ran."""
+
     def everything(self) -> Iterator[dict[str, Any]]:
         """All that is on record."""
 
@@ -71,6 +74,9 @@ class Served:
     def requested(self, since: str, until: str) -> dict[str, Any]:
         return dict(self.client.call("GET", f"/v1/requested?{urlencode({'since': since, 'until': until})}"))
 
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        return list(self.client.call("GET", f"/v1/measured?{urlencode({'since': since})}"))
+
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
 
@@ -90,7 +96,7 @@ class Kept:
         from rorg.history.journal import Journal
         from rorg.history.revisions import Revisions
 
-        self.context = context
+        self.context, self.database = context, database
         self.journal, self.revisions = Journal(database), Revisions(database)
 
     def listed(self, most: int) -> list[dict[str, Any]]:
@@ -120,6 +126,11 @@ class Kept:
 
         last = next((entry["at"] for entry in self.journal.select(Filter(), 1, newest=True)), until)
         return requested(self.journal, since, min(until, last))
+
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        from rorg.history.usage import UsageTable
+
+        return UsageTable(self.database).since(since)
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg.history.queries import records

@@ -30,6 +30,17 @@ def command(
     seed: Annotated[
         int, Option(names=("--seed",), help="Of everything that is drawn; the same one gives the same.")
     ] = 1,
+    learn: Annotated[
+        Path | None,
+        Option(
+            names=("--learn",),
+            metavar="TRACE",
+            help="File of another Trace, from which services with `idle: {prewarm: auto}` are known when the first one "
+            "begins. Default: they are learnt as it goes on.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
     every: Annotated[
         float,
         Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Between two samples."),
@@ -43,15 +54,6 @@ def command(
         Option(
             names=("--plot",),
             help="Draw CPU, memory and what the robot does over time, to a .png or .svg.",
-            show_default=False,
-            completes=FILES,
-        ),
-    ] = None,
-    learn: Annotated[
-        Path | None,
-        Option(
-            names=("--learn",),
-            help="What services are prewarmed by is learnt from this trace before. Default: from nothing.",
             show_default=False,
             completes=FILES,
         ),
@@ -116,11 +118,12 @@ def command(
     print_rows(rows(results), output, COLUMNS, WIDE, full)
 
 
-def _learned(trace: Path | None) -> Learned:
+def _learned(path: Path | None) -> Learned:
     from rorg.core.learning import learn
     from rorg.manifest.traces import read_trace
+    from rorg.model.learned import Learned
 
-    return learn(read_trace(trace).events if trace else ())
+    return learn(read_trace(path).events) if path else Learned()
 
 
 def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:

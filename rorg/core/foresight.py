@@ -15,6 +15,8 @@ START, RESUME = 2.0, 0.2
 """Seconds that a service is thought to take until it is ready, before that was measured."""
 LOOK = 1.0
 """Seconds between two looks at what is likely, at the least."""
+EXACT = 1e-6
+"""Seconds: a look at a time that was computed the other way round must find what it was made for."""
 FEWEST = 5
 """Departures from a state, below which nothing is concluded."""
 
@@ -86,7 +88,7 @@ def foresee(
                 names = asked[departure.to] = asked_for(catalog, departure.to) & within.keys()
             looks += [stay.since + departure.after] if names else []
             for name in names:
-                if departure.after <= elapsed + within[name]:
+                if departure.after <= elapsed + within[name] + EXACT:
                     hits[name] = hits.get(name, 0) + 1
                 else:
                     looks.append(stay.since + departure.after - within[name])

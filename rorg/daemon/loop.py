@@ -281,6 +281,15 @@ class Loop:
                 found[container.service] = cpu + used.cpu, memory + used.memory
         return found
 
+    def running(self) -> list[tuple[Container, float]]:
+        """Containers that run, each since when by `clock`."""
+        found = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"]
+        return [
+            (c, step.running_since)
+            for c, step in found
+            if step.running_since is not None and step.incarnation == c.incarnation
+        ]
+
     def paused(self, service: str) -> None:
         """A service was just paused."""
         if self.engine.capabilities.isolation and self.engine.local:
