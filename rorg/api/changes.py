@@ -48,7 +48,8 @@ def put_request(current: Current, request: Request) -> Change:
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
-    return Change(edit, "request", told, request.services, {"service": request.requester, "request": request.id})
+    about = {"service": request.requester, "request": request.id, "requested": list(request.services)}
+    return Change(edit, "request", told, request.services, about)
 
 
 def _refuse(request: Request, found: Sequence[Problem]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
+from rorg.core.foresight import Foresight
 from rorg.core.former import Kept
 from rorg.core.observed import Container
 from rorg.core.plan import Action
@@ -166,6 +167,7 @@ class Memory:
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
     kept: Kept = Kept()
+    foresight: Foresight = Foresight()
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

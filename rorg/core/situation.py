@@ -56,5 +56,7 @@ class Situation:
     """Services of which a device cannot be used now, each with why."""
     purge: bool = False
     """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
+    prewarmed: frozenset[str] = frozenset()
+    """Services that are wanted only since it is likely that they will be requested soon, and what these need."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

@@ -7,19 +7,27 @@ from dataclasses import dataclass
 
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import closure
+from rorg.model.learned import Likelihood
+
+ROOTS = ("always_on", "meta", "prewarmed")
+"""Kinds of causes for which nothing else has to be wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id) or `needed`."""
+    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id), `needed`, or
+    `prewarmed`, which is no request: it is likely that a service will soon ask for it."""
 
     kind: str
     by: str = ""
     request: str = ""
+    likely: Likelihood | None = None
 
     def __str__(self) -> str:
         if self.kind == "requested":
             return f"requested by {self.by} ({self.request})"
+        if self.kind == "prewarmed":
+            return f"prewarmed: {self.likely}"
         return {"always_on": "always on", "meta": "meta-service"}.get(self.kind, f"needed by {self.by}")
 
 
@@ -93,7 +101,7 @@ def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
     while trails:
         trail = trails.pop(0)
         cause = trail[0][1]
-        if cause.kind in ("always_on", "meta"):
+        if cause.kind in ROOTS:
             return trail
         if cause.by not in seen:
             seen.add(cause.by)

@@ -22,6 +22,8 @@ from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
 
 AT = ("spec", "container")
+UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
+"""Values of a Service that stand for nothing."""
 
 
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
@@ -71,9 +73,13 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 own_word = getattr(own.source.spec.update, key, None) is not None
                 at = ("update" if own_word else "updates", key)
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
-        elif name in ("idle", "resources"):
+        elif name == "idle":
             for key, part in fields_of(told.model or BaseModel).items():
-                yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
+                alone = key == "prewarm" and service.driver
+                yield from _first(levels if alone else [*levels, *policy], (name, key), part, service)
+        elif name == "resources":
+            for key, part in fields_of(told.model or BaseModel).items():
+                yield from _first([own], (name, key), part, service)
         elif name == "needs":
             yield from _needs(levels, told, service)
         elif name != "container":
@@ -94,7 +100,7 @@ def _first(
             yield level.value(".".join(field), told, value, *at)
             return
     value = _rendered(service, field)
-    if value not in (None, (), {}) and (field[-1], value) not in (("failures", 0), ("atomic", "")):
+    if value not in (None, (), {}) and (field[-1], value) not in UNSAID:
         yield Value(".".join(field), value, written(value, told.form), "default")
 
 

@@ -142,7 +142,7 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
-LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged")
+LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "prewarm")
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 

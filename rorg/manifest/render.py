@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rorg.manifest.documents import Source
@@ -73,12 +75,27 @@ def _endless(source: Source, service: Service) -> list[Diagnostic]:
     return [Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")]
 
 
+PREWARM = {"auto": 0.2, "off": 0.0}
+"""Probabilities by name; why 0.2 is in docs/explanation/planning.md."""
+
+
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
-    """The Policy's, with what the profile and then the manifest say otherwise."""
+    """The Policy's, with what the profile and then the manifest say otherwise. What moves hardware does not begin
+    before anybody asks for it unless that is said of itself."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
-    declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
-    escalate = declared.get("escalate")
-    return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+    if spec.driver is not None:
+        first.pop("prewarm", None)
+    return idle_of({**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})})
+
+
+def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
+    """What fields of `idle` come to, with those that are not declared as they are otherwise."""
+    found = dict(declared)
+    if "escalate" in found:
+        found["escalate"] = found["escalate"]["after"], found["escalate"]["action"]
+    if isinstance(found.get("prewarm"), str):
+        found["prewarm"] = PREWARM[found["prewarm"]]
+    return replace(otherwise, **found)
 
 
 ALL = "*"

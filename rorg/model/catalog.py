@@ -43,6 +43,8 @@ class Idle:
     escalate: tuple[float, str] | None = None
     """(seconds after it was ceased, stop or remove)."""
     reclaim: bool = False
+    prewarm: float = 0.0
+    """Probability from which it is made active before it is requested; 0 for never."""
 
 
 @dataclass(frozen=True, slots=True)

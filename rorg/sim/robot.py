@@ -22,6 +22,7 @@ from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
+from rorg.model.learned import Learned
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_document import RequestsDocument
 
@@ -56,6 +57,8 @@ class SimRobot:
         """Services whose interlock says no."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
+        self.learned: Learned | None = None
+        """What was learnt before of requests; None: nothing is prewarmed."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
@@ -167,6 +170,7 @@ class SimRobot:
             renewals=self.renewals,
             confirmed=self.document.removals,
             retries=self.document.retries,
+            learned=self.learned,
             cache=self.cache,
             devices={
                 d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices

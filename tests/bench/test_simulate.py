@@ -20,16 +20,7 @@ from rorg.sim.simulate import simulate
 
 def test_the_day_of_41_services_as_a_command():
     """With everything on and with time-sharing, the start of Python included."""
-    line = [
-        sys.executable,
-        "-m",
-        "rorg",
-        "simulate",
-        ROOT / "docs/evaluation/day.yaml",
-        ROOT / "manifests",
-        "-o",
-        "json",
-    ]
+    words = ["simulate", ROOT / "docs/evaluation/day.yaml", ROOT / "manifests", "-o", "json"]
     before = getrusage(RUSAGE_CHILDREN)
     found = json.loads(subprocess.run([sys.executable, "-m", "rorg", *words], capture_output=True, check=True).stdout)
     used = getrusage(RUSAGE_CHILDREN)
