@@ -43,6 +43,7 @@ docs: $(BIN)/rorg
 # docs/evaluation: figures, plots, and the tables of its page. Some minutes.
 evaluation: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/evaluate.py
+	$(BIN)/python docs/evaluation/prewarm.py
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm.
 deb: $(BIN)/rorg

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import shutil
 import signal
@@ -107,33 +106,18 @@ def dockerd() -> Iterator[Dockerd]:
 
 @pytest.fixture(scope="session")
 def ros_image(dockerd) -> str:
-    """An image with real ROS 1 from Debian's packages, on the private daemon. Built once a machine, then kept as a
-    file, since each session has an empty daemon."""
-    import docker
+    """An image with real ROS 1 from Debian's packages, on the private daemon."""
+    from debian_images import bring
 
-    folder, name = ROOT / "images/ros1", "ros1-base"
-    api = docker.APIClient(dockerd.host, version="auto", timeout=600)
-    if api.images(name):
-        return name
-    key = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(folder.iterdir()) if p.is_file())).hexdigest()[:16]
-    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / f"rorg-tests/{name}-{key}.tar"
-    if kept.exists():
-        with kept.open("rb") as file:
-            api.load_image(file)
-        return name
-    if not shutil.which("debootstrap"):
-        no_docker("debootstrap is not installed, so no image with ROS can be made")
-    made = subprocess.Popen([str(folder / "rootfs.sh")], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    api.import_image(src=made.stdout, repository="debian", tag="bookworm-slim", stream_src=True)
-    assert made.wait() == 0
-    lines = list(api.build(path=str(folder), tag=name, network_mode="host", decode=True, rm=True))
-    assert api.images(name), lines[-5:]
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    with kept.with_suffix(".new").open("wb") as file:
-        for chunk in api.get_image(name):
-            file.write(chunk)
-    kept.with_suffix(".new").rename(kept)
-    return name
+    return bring(dockerd.host, ROOT / "images/ros1", "ros1-base")
+
+
+@pytest.fixture(scope="session")
+def dds_image(dockerd) -> str:
+    """An image with a talker and a listener of ROS 2's wire, on the Fast DDS of Debian's packages."""
+    from debian_images import bring
+
+    return bring(dockerd.host, ROOT / "tests/ros_nodes/dds", "dds-nodes")
 
 
 @pytest.fixture(scope="session")
@@ -181,25 +165,25 @@ g++ -O1 -I/out/include /nodes/caller.cpp -o /out/caller $(pkg-config --cflags --
 @pytest.fixture(scope="session")
 def package(dockerd, ros_image, tmp_path_factory):
     """The install space of the package, built by catkin; and a caller in C++."""
-    import docker
-
     out = tmp_path_factory.mktemp("package") / "out"
     out.mkdir()
-    api = docker.APIClient(dockerd.host, version="auto")
-    made = api.create_container(
-        ros_image,
-        ["bash", "-c", BUILD],
-        host_config=api.create_host_config(
-            network_mode="host",
-            binds=[f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"],
-        ),
-    )["Id"]
+    binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]
+    run_in_container(dockerd.host, ros_image, BUILD, binds)
+    return out
+
+
+def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:
+    """Runs a script of bash to its end; fails with what it says where that is not well."""
+    import docker
+
+    api = docker.APIClient(host, version="auto")
+    options = api.create_host_config(network_mode="host", binds=binds)
+    made = api.create_container(image, ["bash", "-c", script], host_config=options)["Id"]
     api.start(made)
     code = api.wait(made)["StatusCode"]
     said = api.logs(made).decode()
     api.remove_container(made)
     assert code == 0, said
-    return out
 
 
 @pytest.fixture(scope="session")

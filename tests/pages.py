@@ -25,10 +25,12 @@ class Step(NamedTuple):
     expected: list[str]
 
 
-def steps(page: Path) -> list[Step]:
-    """All that a page does, in its order."""
+def steps(page: Path, headings: tuple[str, ...] = ()) -> list[Step]:
+    """All that a page does, in its order; or only what stands under these headings."""
     found: list[Step] = []
-    for language, text in BLOCK.findall(page.read_text()):
+    sections = re.split(r"^## ", page.read_text(), flags=re.MULTILINE)
+    said = "".join(s for s in sections if not headings or s.partition("\n")[0] in headings)
+    for language, text in BLOCK.findall(said):
         path = PATH.match(text)
         if path and language != "console":
             found.append(Step(_written(path[1], text), []))

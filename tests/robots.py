@@ -154,6 +154,8 @@ class RealRobot(VirtualRobot):
             os.environ["DOCKER_HOST"] = host
         self.engine = make_engine(kind, self.state)
         self.lines: list[str] = []
+        self.shm = folder / "shm"
+        """In place of /dev/shm, of which it is not alone."""
         self.loop = None
         self.plan, self.closed = "", False
         """Of the last loop that was stopped; whether it is over."""
@@ -170,6 +172,7 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
+        self.loop.shm.folder = self.shm
         if self.look:
             self.loop.sampler.meter = Meter(self.loop.clock, self.look)
         if self.with_server:

@@ -1,78 +1,64 @@
-"""A simulation and an emulation agree, moment by moment; a simulation can be given what an emulation measured."""
+"""What rorg creates of an imported Compose project is what Compose creates of it, by the engine's inspection.
+
+Each of tests/cases/compose with an `inspect.json`, which tests/cases/compose/record_inspect.py has recorded with
+Compose itself: its project is imported, the manifests are loaded, and the engine makes their networks, volumes and
+containers. Nothing is started.
+"""
 
 from __future__ import annotations
 
+import json
+import shutil
+from pathlib import Path
+
+import agreement
 import pytest
-from robots import write_tree
+from compose_cases import CASES, environment_of, load_from
+from creating import Creator
 
-from rorg.manifest.load import load_or_raise
-from rorg.model.trace import Trace, TraceEvent
-from rorg.model.workload import Distribution
-from rorg.sim.agreement import agreement, calibrated, replayed, simulated
-from rorg.sim.player import EmulatedRun
-from rorg.sim.results import RunResult, Sample
+from rorg.core.desired import desire
+from rorg.importing.compose import from_compose
+from rorg.manifest.load import load
+from rorg.model.catalog import Catalog
 
-
-def run(*active: str, late: float = 0.0) -> RunResult:
-    """One sample a second, each with services named by letters."""
-    return RunResult("run", len(active), tuple(Sample(i + 1 + late, 0, 0, frozenset(a)) for i, a in enumerate(active)))
+pytestmark = pytest.mark.docker
+RECORDED = sorted(p.parent for p in CASES.glob("*/inspect.json"))
 
 
-def measured(times: dict[tuple[str, str], tuple[float, ...]], *events: TraceEvent) -> EmulatedRun:
-    """A run in which calls took these times."""
-    return EmulatedRun(run(), 0.0, 0, (0.0, 0.0), times, events)
+@pytest.fixture(scope="module")
+def creator(dockerd):
+    found = Creator(dockerd.host)
+    yield found
+    found.close()
 
 
-def test_all_the_same_agrees_whole():
-    found = agreement(run("ab", "a", ""), run("ab", "a", "", late=0.04))
-    assert (found.moments, found.services, found.sets, found.differing) == (3, 1.0, 1.0, ())
+def imported(case: Path, folder: Path) -> Catalog:
+    """The tree that a case becomes, in the folder of its Compose file."""
+    found = load_from(folder, profiles=("*",))
+    assert found.project, "\n".join(map(str, found.diagnostics))
+    tree = folder / "manifests"
+    made = from_compose(found.project, tree, folder, environment_of(case), _text)
+    assert not made.errors, "\n".join(map(str, made.errors))
+    for path, text in made.texts.items():
+        (tree / path).parent.mkdir(parents=True, exist_ok=True)
+        (tree / path).write_text(text)
+    loaded = load(tree)
+    assert loaded.catalog, "\n".join(map(str, loaded.diagnostics))
+    return loaded.catalog
 
 
-def test_what_differs_is_counted_by_service_and_by_moment():
-    found = agreement(run("ab", "ab", "a", "a"), run("ab", "a", "b", "a"))
-    assert found.services == 1 - 3 / 8
-    assert found.sets == 0.5
-    assert found.differing == (("b", 2), ("a", 1))
+def _text(path: Path) -> str | None:
+    return path.read_text() if path.is_file() else None
 
 
-def test_services_that_never_run_do_not_make_it_better():
-    assert agreement(run("a"), run("")).services == 0.0
-
-
-def test_a_moment_is_compared_with_the_one_that_is_nearest():
-    often = RunResult("simulated", 2, tuple(Sample(i / 4, 0, 0, frozenset("ab"[i > 5])) for i in range(9)))
-    exact = RunResult("emulated", 2, (Sample(1.3, 0, 0, frozenset("a")), Sample(1.4, 0, 0, frozenset("b"))))
-    assert agreement(often, exact).sets == 1.0
-
-
-ARM = {"arm": {"idle": {"action": "stop", "linger": "0s"}}, "hand": {"needs": ["arm"]}}
-EVENTS = (TraceEvent(2.2, "developer", "one", ("hand",)), TraceEvent(12.2, "developer", "one"))
-TRACE = Trace("short", 20, (TraceEvent(2, "developer", "one", ("hand",)), TraceEvent(12, "developer", "one")))
-TIMES = {("start", "arm"): (3.0,), ("start", "hand"): (1.0,), ("stop", "arm"): (4.0,), ("stop", "hand"): (0.1,)}
-
-
-def test_a_replay_takes_as_long_as_was_measured_and_begins_when_events_were_passed_on(tmp_path):
-    catalog = load_or_raise(write_tree(tmp_path / "tree", ARM))
-    measured_run = measured(TIMES, *EVENTS)
-    found = simulated(catalog, TRACE, measured_run, replayed(measured_run), all_on=False)
-    ends = {"arm": (5.2, 16.3), "hand": (6.2, 12.3)}
-    for name, (start, end) in ends.items():
-        times = [s.at for s in found.samples if name in s.active]
-        assert times[0] == pytest.approx(start, abs=0.3)
-        assert times[-1] == pytest.approx(end, abs=0.3)
-
-
-def test_with_everything_on_nothing_changes(tmp_path):
-    catalog = load_or_raise(write_tree(tmp_path / "tree", ARM))
-    measured_run = measured({}, *EVENTS)
-    found = simulated(catalog, TRACE, measured_run, calibrated(measured_run), all_on=True)
-    assert {s.active for s in found.samples} == {frozenset({"arm", "hand"})}
-
-
-def test_calibration_takes_what_was_measured():
-    found = calibrated(measured({**TIMES, ("up", "arm"): (2.0,), ("again", "arm"): (0.5, 0.7)}))
-    assert found.calls == {"start": Distribution((3.0, 1.0)), "stop": Distribution((4.0, 0.1))}
-    assert found.of("arm").start == Distribution((2.0,))
-    assert found.of("arm").resume == Distribution((0.5, 0.7))
-    assert found.of("hand").start is None
-    assert not found.measured
+@pytest.mark.parametrize("case", RECORDED, ids=lambda c: c.name)
+def test_both_create_the_same(case, creator, tmp_path):
+    folder = tmp_path / case.name
+    shutil.copytree(case, folder)
+    catalog = imported(case, folder)
+    compose = json.loads((case / "inspect.json").read_text())
+    rorg = creator.create(desire(catalog), compose["config"], folder)
+    found = agreement.differences({k: v for k, v in compose.items() if k != "config"}, rorg)
+    meant = agreement.otherwise(case)
+    assert [d for d in found if d.partition(": ")[0] not in meant] == []
+    assert meant.keys() <= {d.partition(": ")[0] for d in found}, "what is meant to be otherwise is not"

@@ -32,12 +32,14 @@ request arm --priority HUGE; request arm --timeout x; request arm --timeout ''; 
 request arm --as
 release; release a b; release --all; release tour --as; start; stop; stop a b; start arm --ttl soon; up a b
 up --nosuch
-restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --yes arm; retry arm --output
+restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --yes; retry arm --output
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events arm; events --tail; events --tail x; events --tail -1; events --tail 1.5
 events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x
+trace; trace show a b; trace generate --seed x; trace generate --duration soon; trace record --since soon
 timeline; timeline a b; timeline arm --since soon; timeline arm -n -1
+fit --margin much; fit --margin 200%; fit --since soon
 logs; logs arm arm; logs arm --tail x; logs arm --tail -1; logs arm --lines 3; logs --follow; top x
 top --interval 0
 top --interval x; top --interval 0.1; validate a b; validate --fix; diff a b; diff --color; apply a b
@@ -71,6 +73,8 @@ hold '' --for 1m; suspend; suspend --for 0s; suspend --for 10m --end; wait; even
 history nosuch; history show; history show 1 2; history show 1; history show é; history diff; history diff a b c
 import; import nosuch; import compose nosuch.yaml; import compose a-file; import systemd; import systemd nosuch
 import roslaunch a-file x; import compose -o nosuch; export; export nosuch; export compose -o nosuch
+trace x; trace show; trace show nosuch; trace show a-file; trace record a; trace generate a; trace show a-file -o nosuch
+trace generate --greetings 1 --tours 2; trace generate --greetings 9999; trace generate --file nosuch/x; trace record
 emulate nosuch; emulate nosuch nosuch; emulate nosuch --engine x; emulate nosuch -o nosuch; emulate nosuch a-file
 history export x; history export --format xml; history -o nosuch; timeline arm; timeline nosuch; timeline arm -o nosuch
 logs nosuch; logs arm; logs driving; validate nosuch; validate a-file; validate empty; validate /dev/null
@@ -82,8 +86,9 @@ exec nosuch -- ls; exec '' -- ls; exec arm -- ''; exec -it arm -- ls; exec drivi
 shell driving
 cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x /nosuch/y; cp nosuch:/x .
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
-edit arm --manifests nosuch
+edit arm --manifests nosuch; fit nosuch; fit -o nosuch; fit arm --manifests nosuch
 dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
+simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s; simulate day.yaml --learn nosuch
 simulate nosuch; simulate day.yaml nosuch; simulate day.yaml -o nosuch; simulate empty; simulate day.yaml empty
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,
@@ -104,7 +109,7 @@ restart nosuch; restart ..; hold nosuch --for 1m; hold arm --for 0s; wait nosuch
 exec nosuch -- ls; edit nosuch; edit groups/arm; get -o nosuch; why arm -o nosuch; events -o nosuch
 dev base
 history show 99; history show ..; history show a/diff/b; history diff 1 99; history show -- --all
-timeline nosuch
+timeline nosuch; trace record --since 1h --until 2h; trace show nosuch; trace record --file nosuch/x
 events --tail 3 --since 1h -o nosuch
 suspend --for 0s; wait a/b; exec base -- ''; exec -t base -- ls; edit driving; edit arm; request arm --reason LONG
 """,
@@ -165,8 +170,8 @@ def held(line: str, code: int, told: tuple[int, str, str]) -> list[str]:
     """What is wrong with an answer."""
     got, out, err = told
     err = "".join(line for line in err.splitlines(True) if not line.startswith("no rorg runs on "))  # stands above
-    # A tree with mistakes has a line for each; what is refused is shown before.
-    long = code in (4, 5) or any(word in line for word in ("broken", "empty", "import compose"))
+    # A tree or trace with mistakes has a line for each; what is refused is shown before.
+    long = code in (4, 5) or any(word in line for word in ("broken", "empty", "import compose", "trace show"))
     checks = {
         f"exit code {got}, not {code}": got == code,
         "a traceback": "Traceback" not in err + out and "internal error" not in err,

@@ -9,7 +9,7 @@ from conftest import wait_for
 from robots import VirtualRobot, write_tree
 from test_cli import Shell, shell  # noqa: F401  (a fixture)
 
-from rorg.core.affected import Affected, by_hold, by_restart
+from rorg.core.affected import Affected, by_hold, by_release, by_restart
 
 ROBOT = {
     "core": {},
@@ -59,6 +59,34 @@ def test_a_driver_that_one_alone_requests_goes_with_it(robot):
     robot.request("laser", id="too")
     assert affected(robot, by_restart, "tour") == Affected()
     assert affected(robot, by_hold, "tour") == Affected()
+
+
+def released(robot, id: str, by: str = "developer") -> Affected:
+    decision = robot.sim.step()
+    return by_release(decision.situation, decision.memory, (by, id))
+
+
+def test_a_release_stops_drivers_that_nobody_else_asks_for(robot):
+    assert released(robot, "test") == Affected(), "it names grasp, and the arm ceases with that as it is declared to"
+    robot.request("arm", id="mine")
+    robot.settle()
+    assert released(robot, "test") == Affected(), "somebody else asks for the arm"
+    assert released(robot, "mine") == Affected(), "and grasp needs it"
+    robot.release()
+    robot.settle()
+    assert released(robot, "mine") == Affected(("arm",))
+    assert released(robot, "nosuch") == Affected()
+
+
+def test_a_release_names_the_service_that_asked(robot):
+    robot.request("laser", "camera", id="look", by="tour")
+    robot.wait(lambda: "laser" in robot.active())
+    robot.settle()
+    assert released(robot, "look", "tour") == Affected(("laser",), {}, ("tour",))
+    assert str(released(robot, "look", "tour")) == "laser moves hardware; tour asked for it, and would go on without"
+    robot.request("laser", id="too")
+    robot.settle()
+    assert released(robot, "look", "tour") == Affected(), "nothing is taken from it"
 
 
 def test_a_paused_driver_that_nobody_wants_is_not_touched_by_a_hold(tmp_path):
@@ -127,3 +155,45 @@ def test_the_api_names_who_is_affected_and_does_it_when_told_again(shell):  # no
         assert list(refused.value.confirm) == ["base"]
         ask(force=True)
     client.unhold("core")
+
+
+def test_a_release_by_hand_asks_before_a_driver_stops(shell):  # noqa: F811
+    from rorg_client import Client, Refused
+
+    write_tree(shell.tree, {"base": {"always_on": True}, "arm": {"driver": {}}, "camera": {}})
+    shell.run()
+    shell("request", "arm", "--wait")
+    shell("request", "camera", "--wait")
+    shell("release", "camera")
+    for line in (("release", "arm"), ("stop", "arm")):
+        refused = shell(*line, code=5).stderr
+        assert "arm moves hardware" in refused
+        assert "--yes" in refused
+    with pytest.raises(Refused) as asked:
+        Client(str(shell.state / "run/rorg.sock")).call("DELETE", "/v1/requests/arm?force=false")
+    assert list(asked.value.confirm) == ["arm"]
+    assert [r["id"] for r in json.loads(shell("get", "requests", "-o", "json").stdout)] == ["arm"]
+    shell("release", "arm", "--yes")
+    assert json.loads(shell("get", "requests", "-o", "json").stdout) == []
+    shell("request", "arm", "--wait")
+    Client(str(shell.state / "run/rorg.sock")).release("arm")
+    assert json.loads(shell("get", "requests", "-o", "json").stdout) == [], "a program gives up its own unasked"
+
+
+def test_another_try_of_a_change_asks_where_it_replaces_a_driver(shell):  # noqa: F811
+    good = {"always_on": True, "driver": {}, "update": {"bake": "100ms"}}
+    write_tree(shell.tree, {"base": good})
+    shell.run()
+    before = run_of(shell, "base")
+    write_tree(shell.tree, {"base": {**good, "command": ["false"], "ready": {"tcp": 1, "timeout": "1s"}}})
+
+    def failed() -> bool:
+        found = json.loads(shell("get", "services", "base", "-o", "json").stdout)[0]
+        return any(c["reason"] == "Quarantined" for c in found["conditions"])
+
+    wait_for(failed)
+    wait_for(lambda: run_of(shell, "base") not in ("", before))
+    refused = shell("retry", "base", code=5).stderr
+    assert "base moves hardware" in refused
+    assert "--yes" in refused
+    shell("retry", "base", "--yes")

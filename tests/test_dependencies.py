@@ -18,8 +18,8 @@ from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 DECLARED = {canonicalize_name(r.name): r for r in map(Requirement, PROJECT["project"]["dependencies"])}
-EXTRAS = {canonicalize_name(Requirement(text).name) for text in PROJECT["project"]["optional-dependencies"]["plots"]}
-"""What is imported where it is asked for, and is no part of what robots get."""
+PLOTS = {canonicalize_name(Requirement(text).name) for text in PROJECT["project"]["optional-dependencies"]["plots"]}
+"""Only imported where a plot is drawn."""
 OWN = {"rorg", "rorg_client"}
 """In the wheel of rorg."""
 PRIVATE = {
@@ -48,7 +48,7 @@ def test_what_is_imported_is_declared():
     missing = {
         f"{path.relative_to(ROOT)}: {name}"
         for path, name in third
-        if not {canonicalize_name(p) for p in providers.get(name, [name])} & (DECLARED.keys() | EXTRAS)
+        if not {canonicalize_name(p) for p in providers.get(name, [name])} & (DECLARED.keys() | PLOTS)
     }
     assert not missing
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import time
 from pathlib import Path
 
 import pytest
@@ -10,10 +12,14 @@ import yaml
 from commands import rorg
 from conftest import ROOT
 from finding_cases import build
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from robots import RealRobot
 
 from rorg.manifest.load import load
+from rorg.manifest.validation import idle, texts
 from rorg.manifest.validation.codes import CODES
+from rorg.manifest.validation.run import validate
 
 FOLDER = Path(__file__).parent / "cases/findings"
 CASES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
@@ -137,3 +143,43 @@ def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):
     finally:
         robot.close()
     assert "[shell-words-without-shell]" in rorg("diff", str(robot.tree), code=1, **environment).stderr
+
+
+@given(st.text("/.:~-_ab1 \n\"'é", max_size=60))
+@settings(max_examples=300, deadline=None)
+def test_names_are_found_word_by_word_as_in_the_whole_text(text):
+    """Words are only a short way to what the expression finds in the whole."""
+    assert texts.names_in(text) == {name for pair in texts._NAME.findall(text) for name in pair if name}
+    assert texts._calls_in(text) == set(texts._CALLED.findall(text))
+
+
+@pytest.mark.parametrize("word", idle.ACTUATORS.pattern.split("|"))
+def test_each_word_of_an_actuator_has_a_hint(word):
+    """Without one it would never be looked for."""
+    plain = re.sub(r"\(\?<?!.*?\)|\\\w\+?|[()]", "", word.replace("2?", "").replace("s?", ""))
+    assert any(hint in plain for hint in idle.HINTS), plain
+
+
+def test_checks_take_a_small_part_of_the_time_of_a_load(tmp_path):
+    """An eighth, of 300 services with launch files."""
+    node = '<node name="n{0}_{1}" pkg="p" type="t"><remap from="/scan" to="/front{0}/scan"/></node>\n'
+    for number in range(300):
+        nodes = "".join(node.format(number, n) for n in range(12))
+        spec = f"image: robot:1\nprofile: ros1\ncommand: roslaunch /s/x.launch --wait\nneeds: [s{number // 2}]\n"
+        spec += f"idle: {{action: pause}}\nmounts: [./{number}:/s]\n"
+        files = {f"s{number + 1}": spec, f"services/{number}/x.launch": f"<launch>\n{nodes}</launch>\n"}
+        build(tmp_path, files)
+    build(tmp_path, {"s0": "image: ros:1\n", "roscore": "image: ros:1\ncommand: roscore\nready: {tcp: 11311}\n"})
+    loaded = load(tmp_path)
+    whole = least(lambda: load(tmp_path))
+    assert least(lambda: validate(loaded.catalog, loaded.sources)) < 0.2 * whole
+
+
+def least(do) -> float:
+    """CPU seconds of this process; what others do at the time is not in the least of several."""
+    found = []
+    for _ in range(5):
+        began = time.process_time()
+        do()
+        found.append(time.process_time() - began)
+    return min(found)

@@ -64,7 +64,7 @@ LOADED: dict[str, set[str]] = {
     **DIRECT,
     "cli": DIRECT["cli"] | {"pydantic", "watchfiles"},  # by the demo, and by what commands compute themselves
     "importing": {"pydantic", "re2", "yaml"},
-    "sim": {"pydantic", "re2", "yaml", "psutil", "watchfiles"},
+    "sim": {"psutil", "pydantic", "re2", "watchfiles", "yaml"},  # by the loop of an emulated robot
     "api": DIRECT["api"] | {"httptools", "psutil", "watchfiles", "yaml"},
     "daemon": {"psutil", "pydantic", "watchfiles", "yaml"},
     "images": {*DIRECT["images"], "pydantic", "psutil", "yaml"},

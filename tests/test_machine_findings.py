@@ -31,6 +31,7 @@ NOFILE = "image: net:1\ncontainer:\n  ulimits: {nofile: 4000000}\n"
 REALTIME = "image: base:1\ncontainer:\n  cap_add: [SYS_NICE]\n  ulimits: {rtprio: 99}\n"
 CPUS = "image: net:1\ncontainer:\n  cpus: 8\n  mem_limit: 1Gi\n"
 ALWAYS = "image: net:1\nalways_on: true\nresources: {cpu: 8, memory: 1Gi}\n"
+ROS2 = "image: talker:1\ncommand: ros2 run demo talker\nprofile: ros2\n"
 THERE = Node("device", 0o660, 0, 20, "dialout")
 
 CASES = [
@@ -69,6 +70,7 @@ CASES = [
         "8:23",
         "kernel.sched_rt_runtime_us as the kernel has it: 950000",
     ),
+    ("shm-nearly-full", ROS2, {"shm": 1 << 20}, "7:12", CODES["shm-nearly-full"].remedy),
     ("more-than-machine", CPUS, {"cpus": 4}, "7:11", "less of it"),
     ("more-than-machine", ALWAYS, {"cpus": 4}, "7:14", "fewer services that are always on"),
 ]
@@ -84,6 +86,8 @@ GOOD = [
     (CGROUP, {"cgroup": 1}),
     (NOFILE, {"sysctls": {"fs.nr_open": 1 << 30}}),
     (REALTIME, {"sysctls": {"kernel.sched_rt_runtime_us": 950000}}),
+    (ROS2, {"shm": 1 << 30}),
+    (ROS2 + "container: {environment: {RMW_IMPLEMENTATION: rmw_zenoh_cpp}}\n", {"shm": 1 << 20}),
     (CPUS, {"cpus": 8}),
     (ALWAYS, {"cpus": 8}),
 ]
@@ -162,6 +166,9 @@ def test_facts_of_the_kernel_are_its_own(tmp_path):
     (tmp_path / "sys/fs/cgroup/cgroup.controllers").write_text("cpu memory\n")
     assert gather([], tmp_path).cgroup == 2
     assert sysctl("fs.no_such_number") is None
+    assert gather([], tmp_path).shm is None
+    (tmp_path / "dev/shm").mkdir(parents=True)
+    assert (gather([], tmp_path).shm or 0) > 0
 
 
 def test_a_port_that_somebody_listens_at_is_in_use():

@@ -27,6 +27,7 @@ from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
 from rorg.core.propagation import CountedOn
+from rorg.core.ros_graph import RosGraph
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
@@ -64,6 +65,7 @@ KEYS = {
     "volumes",
     "found",
     "purge",
+    "ros",
 }
 STARTED = "2026-01-01T00:00:00Z"
 
@@ -133,6 +135,17 @@ def plugged(said: str) -> Plugged:
     """ "c 188:0 /dev/ttyUSB0", or why it cannot be used."""
     kind, *rest = said.split(" ")
     return Plugged(" ".join(rest[1:]), f"{kind} {rest[0]}") if kind in ("b", "c") else Plugged(problem=said)
+
+
+def graphs_of(case: dict) -> dict[str, RosGraph]:
+    """By master: `nodes` with the services that run them, and who publishes and subscribes."""
+    return {
+        master: RosGraph(
+            nodes=said["nodes"],
+            **{part: {topic: tuple(nodes) for topic, nodes in said[part].items()} for part in set(said) - {"nodes"}},
+        )
+        for master, said in case.get("ros", {}).items()
+    }
 
 
 def objects_of(case: dict, desired) -> FoundObjects | None:
@@ -219,6 +232,7 @@ def test_plan(path, tmp_path):
             wall=wall,
             load=quiet,
             purge=case.get("purge", False),
+            ros=graphs_of(case),
             images={r: Missing(**m) for r, m in case.get("images", {}).items()},
             devices={d: plugged(known[d.identity]) for d in desired.devices if d.identity in known},
         )

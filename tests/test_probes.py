@@ -19,9 +19,9 @@ from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.model.catalog import Probe
-from rorg.probes import ros_master
-from rorg.probes.answer import YES, Answer
+from rorg.probes.answer import YES, Answer, no
 from rorg.probes.prober import Prober
+from rorg.probes.ros_state import read_state
 from rorg.probes.runner import ProbeRunner
 
 SERVER = [
@@ -268,6 +268,18 @@ def test_an_interlock_that_takes_its_time_still_allows(tmp_path):
     prober.stop()
 
 
+def test_time_between_failures_grows_where_a_target_says_so():
+    times = []
+    prober = Prober(time.monotonic, lambda: None, lambda key, target: (times.append(time.monotonic()), no("x"))[1])
+    prober.start()
+    prober.watch({("nav", "ros-parameters"): Target(Probe("tcp", "x"), "", 0.02, longest=0.16)})
+    wait_for(lambda: len(times) >= 6)
+    prober.stop()
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    assert all(gap >= least for gap, least in zip(gaps, (0.02, 0.04, 0.08, 0.16, 0.16), strict=False))
+    assert Target(Probe("tcp", "x"), "", 10.0).next_after(9) == 10.0, "others are asked as often as ever"
+
+
 def slowly(seconds: float) -> Answer:
     began = time.monotonic()
     wait_for(lambda: time.monotonic() > began + seconds)
@@ -384,7 +396,7 @@ def test_what_answers_no_xml_is_no_ros_master():
     with HTTPServer(("127.0.0.1", 0), Page) as page:
         threading.Thread(target=page.serve_forever, daemon=True).start()
         with pytest.raises(OSError, match="ExpatError"):
-            ros_master.purge(f"http://127.0.0.1:{page.server_port}", ["127.0.0.1"])
+            read_state(f"http://127.0.0.1:{page.server_port}")
         page.shutdown()
 
 

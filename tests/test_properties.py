@@ -32,6 +32,7 @@ from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Hold, Request, Service
 from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.joining import ends_with
+from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
 from rorg.sim.robot import SimRobot, iso
 
@@ -86,6 +87,7 @@ def services(draw):
             "driver": draw(
                 st.sampled_from([None, None, None, {"devices": [DEVICE]}, {"devices": [DEVICE], "unplugged": "keep"}])
             ),
+            "ros": draw(st.sampled_from([None, None, {"parameters": {"/speed": 0.5}}])),
             "priority": draw(st.sampled_from([20, 50, 80])),
             "protected": draw(st.integers(0, 4)) == 0,
             "exclusive": exclusive,
@@ -287,13 +289,34 @@ def planned(folder: Path, count: int) -> int:
     return sum(costs)
 
 
-def live_through(specs, policy, events, uses=None):
+FOLLOWING = st.lists(
+    st.builds(
+        Departure, st.sampled_from([0.5, 2.0, 4.0, 12.0, 60.0]), st.sampled_from(NAMES).map(lambda name: (name,))
+    ),
+    min_size=1,
+    max_size=2,
+).map(lambda departures: tuple(departures * 5))
+LEARNED = st.fixed_dictionaries({names: FOLLOWING for names in [(), *((name,) for name in NAMES)]})
+
+
+@WHOLE
+@given(services(), POLICIES, EVENTS, LEARNED, st.sets(st.sampled_from(NAMES), min_size=5))
+def test_what_is_prewarmed_is_in_nobodys_way(specs, policy, events, departures, warm):
+    for name in sorted(warm):
+        spec = {k: v for k, v in specs[name].items() if k not in ("interlock", "driver", "exclusive")}
+        specs[name] = {**spec, "exclusive": [], "idle": {**spec["idle"], "prewarm": 0.2}}
+    events = [("request", NAMES[5], 1.0), *events[:4], ("release", NAMES[5], 1.0), *events[4:]]
+    live_through(specs, policy, events, learned=Learned({"developer": departures}))
+
+
+def live_through(specs, policy, events, uses=None, learned=None):
     with tempfile.TemporaryDirectory() as folder:
         world = World(Path(folder), specs, policy, uses or {})
         try:
             robot = Reader(world.load())
         except Invalid:
             reject()  # by chance all of it could never be active together
+        robot.learned = learned
         time = 0.0
         for verb, name, pause in events:
             time += pause
@@ -323,6 +346,25 @@ def same_as_anew(read: Inputs, found: Decision) -> None:
     assert dict(found.to_probe) == dict(anew.to_probe)
     assert found.deadline == anew.deadline
     assert found.violations == anew.violations
+
+
+def requested_as_without(read: Inputs, found: Decision) -> None:
+    """What is prewarmed changes nothing of what is requested: who is wanted for it, who is preempted, and what is done
+    for it now."""
+    plain = decide(replace(read, cache=None, learned=None))
+    wanted, more = plain.situation.wanted, found.situation.prewarmed
+    assert {n: c for n, c in found.situation.wanted.items() if n not in more} == wanted
+    assert found.situation.preempted == plain.situation.preempted
+    assert found.settled == plain.settled
+    for of in (lambda d: d.plan.actions, lambda d: d.plan.waitings):
+        assert [a for a in of(found) if a.service in wanted] == [a for a in of(plain) if a.service in wanted]
+    assert {a for a in begun(plain) if a[1] in wanted} <= begun(found), "it begins later"
+    assert not more or not (found.memory.pressure.engaged or found.situation.suspended)
+    assert not more & {*found.holds}
+
+
+def begun(decision: Decision) -> set[tuple[str, str]]:
+    return {(a.verb, a.service) for a in decision.begin}
 
 
 class World:
@@ -452,6 +494,8 @@ class Watch:
 
     def invariants(self) -> bool:
         same_as_anew(self.robot.read, self.robot.decision)
+        if self.robot.learned:
+            requested_as_without(self.robot.read, self.robot.decision)
         self.published()
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation

@@ -6,9 +6,10 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import free_port, wait_for
+from conftest import free_port
 
 from rorg.probes import ros_master
+from rorg.probes.ros_state import read_state, refuses, unregister
 
 NODES = Path(__file__).parent / "ros_nodes"
 pytestmark = pytest.mark.docker
@@ -82,21 +83,45 @@ def test_all_dependants_of_a_killed_master_are_back_in_the_graph_by_themselves(d
 
 
 def test_a_killed_node_is_purged_and_a_paused_one_never(docker_robot, ros_image, master):
-    tree = services(ros_image, master, "sleeper", "victim")
-    tree["victim"]["restart"] = "never"  # or it would register again at once
+    """Also one that is killed while no rorg runs."""
+    tree = services(ros_image, master, "sleeper", "victim", "other")
+    for name in ("victim", "other"):
+        tree[name]["restart"] = "never"  # or it would register again at once
     docker_robot.declare(tree)
-    docker_robot.request("sleeper", id="sleeper")
-    docker_robot.request("victim", id="victim")
-    docker_robot.wait(lambda: healthy(docker_robot, "sleeper", "victim"), 60)
+    for name in ("sleeper", "victim", "other"):
+        docker_robot.request(name, id=name)
+    docker_robot.wait(lambda: healthy(docker_robot, "sleeper", "victim", "other"), 60)
     docker_robot.release("sleeper")
     docker_robot.wait(lambda: docker_robot.states()["sleeper"] == "paused")
     docker_robot.engine.api().kill(docker_robot.container("victim").id, "SIGKILL")
-    docker_robot.wait(lambda: any("stale registration of the ROS node /victim" in line for line in docker_robot.log()))
-    wait_for(lambda: "/victim" not in graph(master))
+    docker_robot.wait(lambda: purged(docker_robot, "victim"))
+    assert graph(master) >= {"/sleeper", "/other"}
+    assert "/victim" not in graph(master)
+    docker_robot.stop()
+    docker_robot.engine.api().kill(docker_robot.container("other").id, "SIGKILL")
+    docker_robot.wait(lambda: refuses(read_state(master).places["/other"]))
+    docker_robot.start()
+    docker_robot.wait(lambda: purged(docker_robot, "other"))
     assert "/sleeper" in graph(master)
-    assert ros_master.purge(master, {"localhost"}) == [], "and it is not purged later"
+    assert "/other" not in graph(master)
     docker_robot.request("sleeper", id="sleeper")
     docker_robot.wait(lambda: healthy(docker_robot, "sleeper"))
+
+
+def purged(robot, node: str) -> bool:
+    return any(f"stale registration of the ROS node /{node} was" in line for line in robot.log())
+
+
+def test_a_node_that_answers_elsewhere_by_now_is_not_purged(docker_robot, ros_image, master):
+    docker_robot.declare(services(ros_image, master, "talker"))
+    docker_robot.request("talker")
+    docker_robot.wait(lambda: healthy(docker_robot, "talker"), 60)
+    before = read_state(master)
+    docker_robot.kill("talker")
+    docker_robot.wait(lambda: read_state(master).places.get("/talker") not in (None, before.places["/talker"]))
+    with pytest.raises(LookupError, match="at another place"):
+        unregister(master, "/talker", before)
+    assert "/talker" in graph(master)
 
 
 def test_asking_the_graph_costs_milliseconds(docker_robot, ros_image, master):

@@ -58,6 +58,7 @@ class RetryBody(Body):
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
         description="Services and groups of which a change failed."
     )
+    force: Force = False
 
 
 class ConfirmBody(Body):

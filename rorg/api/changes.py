@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.api.current import Current
-from rorg.core.affected import Affected, by_hold, by_restart
+from rorg.core.affected import Affected, by_hold, by_release, by_restart
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Hold, Request
@@ -48,7 +48,8 @@ def put_request(current: Current, request: Request) -> Change:
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
-    return Change(edit, "request", told, request.services, {"service": request.requester, "request": request.id})
+    about = {"service": request.requester, "request": request.id, "requested": list(request.services)}
+    return Change(edit, "request", told, request.services, about)
 
 
 def _refuse(request: Request, found: Sequence[Problem]) -> None:
@@ -59,9 +60,12 @@ def _refuse(request: Request, found: Sequence[Problem]) -> None:
         raise kind(f"request {names}", "; ".join(p.cause for p in found), found[0].remedy)
 
 
-def release(key: tuple[str, str]) -> Change:
-    """Gives the request of a (requester, id) up; what is released already is fine."""
+def release(key: tuple[str, str], current: Current | None = None) -> Change:
+    """Gives the request of a (requester, id) up; what is released already is fine. With `current`, raises Unconfirmed
+    where it names a driver that is stopped then, or takes something from a service that asked for it itself."""
     requester, id = key
+    if current is not None:
+        _ask(f"release '{id}'", by_release(current.decision.situation, current.decision.memory, key))
     told = f"request '{id}' of {requester} released"
     return Change(
         lambda document: document.without({key}), "release", told, about={"service": requester, "request": id}
@@ -93,10 +97,10 @@ def _ask(what: str, affected: Affected) -> None:
         raise Unconfirmed(what, str(affected), "again with force", affected.names)
 
 
-def retry(current: Current, asked: Sequence[str], now: float) -> Change:
+def retry(current: Current, asked: Sequence[str], now: float, force: bool = False) -> Change:
     """A wish, made at `now` in seconds since the epoch, that changes of services and groups be tried again that failed;
-    with a service, those of its set that keep it from its own. Raises Missing, and Refused where no change of one of
-    these failed."""
+    with a service, those of its set that keep it from its own. Raises Missing; Refused where no change of one of these
+    failed; Unconfirmed, without `force`, where it replaces what moves hardware, or others go along."""
     desired, memory = current.decision.situation.desired, current.decision.memory
     found: list[str] = []
     for name in asked:
@@ -106,6 +110,8 @@ def retry(current: Current, asked: Sequence[str], now: float) -> Change:
         sets = (desired.sets.get(s.update.atomic, ()) if memory.of(s.name).update.drawn else () for s in own)
         found += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
     names = tuple(dict.fromkeys(found))
+    if not force:
+        _ask(f"retry {', '.join(asked)}", by_restart(current.decision.situation, memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now))})

@@ -56,7 +56,7 @@ def declared(current: Current, name: str) -> dict[str, Any]:
         "needs": list(found.needs),
         "conflicts": list(found.conflicts),
         "always_on": found.always_on,
-        "idle": {"action": found.idle.action, "linger": found.idle.linger},
+        "idle": {"action": found.idle.action, "linger": found.idle.linger, "connected": found.idle.connected},
         "restart": found.restart,
         "priority": found.priority,
         "driver": found.driver,

@@ -13,7 +13,15 @@ from fastapi.responses import Response
 
 from rorg.api.callers import needs
 from rorg.api.events import Lines, When, answering_lines
-from rorg.api.history_models import Comparison, RecordView, RevisionDetail, RevisionView, Timeline
+from rorg.api.history_models import (
+    Comparison,
+    MeasuredView,
+    RecordView,
+    Requested,
+    RevisionDetail,
+    RevisionView,
+    Timeline,
+)
 from rorg.api.inputs import moment
 from rorg.api.limits import MOST_EXPORTS, MOST_REVISIONS
 from rorg.api.operations import Operations
@@ -21,7 +29,9 @@ from rorg.api.reading import text
 from rorg.errors import TooMany
 from rorg.history import queries
 from rorg.history.export import ENCODERS
+from rorg.history.requested import requested as recorded
 from rorg.history.revisions import Revision, Revisions
+from rorg.history.usage import UsageTable
 from rorg.host.git import commit_of
 from rorg.model.units import stamp
 
@@ -39,6 +49,7 @@ class Protobuf(Lines):
 def add_history(app: FastAPI, operations: Operations) -> None:
     """The routes."""
     _add_export(app, operations)
+    _add_recorded(app, operations)
     history = [needs("history")]
 
     def named(rev: str) -> Revision:
@@ -70,6 +81,23 @@ def add_history(app: FastAPI, operations: Operations) -> None:
         now = time.time()
         begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
         return text(queries.timeline(operations.loop.recorder.journal, service, begin, end))
+
+
+def _add_recorded(app: FastAPI, operations: Operations) -> None:
+    @app.get("/v1/requested", dependencies=[needs("history")], response_model=Requested)
+    def requested(since: When = None, until: When = None) -> Response:
+        """What was requested in the last day, or `since`: what was in force then, and each request and release later.
+        What manifests request is not among them."""
+        now = time.time()
+        begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
+        return text(recorded(operations.loop.recorder.journal, begin, end))
+
+    @app.get("/v1/measured", dependencies=[needs("history")], response_model=list[MeasuredView])
+    def measured(since: When = None) -> Response:
+        """What services used while they ran, in the last day or `since` (its hour counts whole)."""
+        now = time.time()
+        begin = moment(since, "since", now) or stamp(now - DAY)
+        return text(UsageTable(operations.loop.recorder.history).since(begin))
 
 
 def _add_export(app: FastAPI, operations: Operations) -> None:

@@ -88,6 +88,35 @@ class Timeline(BaseModel):
     spans: list[SpanView]
 
 
+class MeasuredView(BaseModel):
+    """What a service used while it ran; paused time is left out."""
+
+    service: str
+    runs: int
+    seconds: float = Field(description="For which it ran and was measured.")
+    cpu: float = Field(description="Cores, in the mean.")
+    memory: int = Field(description="Bytes, in the mean.")
+    peak_memory: int = Field(description="The most bytes that were seen; once a minute, and before it ceased.")
+
+
+class Asking(BaseModel):
+    """A request that is made, or made anew; or released, where it names no services."""
+
+    at: str = Field(description="ISO 8601, UTC.")
+    requester: str
+    id: str
+    services: list[str] = Field(description="Services and groups.")
+
+
+class Requested(BaseModel):
+    """What a robot was asked for."""
+
+    begin: str = Field(description="ISO 8601, UTC: no earlier than what is on record.")
+    end: str
+    unknown: int = Field(description="Requests on record without what they name; an earlier rorg wrote them.")
+    requests: list[Asking] = Field(description="In order of time.")
+
+
 class RecordView(BaseModel):
     """A line of the export: a revision or an event. `schemas/journal.proto` says the same."""
 

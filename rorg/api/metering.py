@@ -15,7 +15,17 @@ from rorg.api.operations import Operations
 from rorg.api.problems import answer
 from rorg.errors import TooMany
 
-THREADS = ("/v1/manifests", "/v1/diff", "/v1/usage", "/v1/listeners", "/v1/connections", "/v1/history", "/v1/timeline")
+THREADS = (
+    "/v1/manifests",
+    "/v1/diff",
+    "/v1/usage",
+    "/v1/listeners",
+    "/v1/connections",
+    "/v1/history",
+    "/v1/timeline",
+    "/v1/requested",
+    "/v1/measured",
+)
 """Calls that work in threads of their own: one at a time of a service, each charged by its time."""
 
 

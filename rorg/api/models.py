@@ -26,7 +26,8 @@ class ConditionView(BaseModel):
     """One condition of a service, as Kubernetes has them."""
 
     type: str = Field(
-        description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried."
+        description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried; Pausable and "
+        "NodesUnique only where they are False: pausing it harms others, or another service has a node of its name."
     )
     status: str = Field(description="True, False or Unknown.")
     reason: str
@@ -64,6 +65,9 @@ class IdleView(BaseModel):
 
     action: str = Field(description="pause, stop or remove.")
     linger: float = Field(description="Seconds until then.")
+    connected: str = Field(
+        description="pause or stop: what is done instead of a pause while its ROS 1 nodes are connected."
+    )
 
 
 class Description(BaseModel):
@@ -182,6 +186,7 @@ class Why(BaseModel):
     requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
     needed_by: list[str] = Field(description="Services that declare that they need it.")
     waits: list[str] = Field(description="Why what would be done with it is not done now.")
+    cautions: list[str] = Field(description="What pausing it does to others, and which ROS nodes another one has.")
 
 
 class ProcessView(BaseModel):

@@ -36,8 +36,10 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
 
     @app.post("/v1/retries", dependencies=[needs("retry")], response_model=Held)
     async def retry(body: RetryBody, caller: Who) -> Response:
-        """Try changes of services again that failed, all of them or none, though nothing of them was changed."""
-        names, change = operations.retry(caller, body.services)
+        """Try changes of services again that failed, all of them or none, though nothing of them was changed. Where
+        that replaces what moves hardware, or others go along, only with `force`: the refusal names them in
+        `confirm`."""
+        names, change = operations.retry(caller, body.services, body.force)
         return accepted(await asyncio.wrap_future(change), {"services": list(names)})
 
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)

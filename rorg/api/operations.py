@@ -206,10 +206,10 @@ class Operations:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "requesting again")
         return request_json(found)
 
-    def release(self, caller: Caller, key: tuple[str, str]) -> Future[int]:
+    def release(self, caller: Caller, key: tuple[str, str], force: bool) -> Future[int]:
         """Gives a request up; what is released already is fine."""
         allow_request(caller, key[0], (), self.catalog)
-        return self._change(caller, changes.release(key))
+        return self._change(caller, changes.release(key, None if force else self.current))
 
     def restart(self, caller: Caller, name: str, force: bool) -> tuple[tuple[str, ...], Future[int]]:
         """(names of what is restarted, the change)."""
@@ -217,9 +217,9 @@ class Operations:
         change = changes.restart(self.current, name, force, time.time())
         return change.services, self._change(caller, change)
 
-    def retry(self, caller: Caller, names: Sequence[str]) -> tuple[tuple[str, ...], Future[int]]:
+    def retry(self, caller: Caller, names: Sequence[str], force: bool) -> tuple[tuple[str, ...], Future[int]]:
         """(Names of what is tried again, the change)."""
-        change = changes.retry(self.current, names, time.time())
+        change = changes.retry(self.current, names, time.time(), force)
         return change.services, self._change(caller, change)
 
     def hold(

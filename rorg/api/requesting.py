@@ -59,6 +59,8 @@ def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], a
         return JSONResponse(operations.renew(caller, (requester or caller.requester, id)))
 
     @app.delete("/v1/requests/{id}", dependencies=request, status_code=204, response_class=Response)
-    async def release(id: Id, caller: Who, requester: Requester = None) -> Response:
-        """End a request. Releasing what is already released is no error."""
-        return accepted(await asyncio.wrap_future(operations.release(caller, (requester or caller.requester, id))))
+    async def release(id: Id, caller: Who, force: bool = True, requester: Requester = None) -> Response:
+        """End a request. Releasing what is already released is no error. With `force=false` it is refused where it
+        stops what moves hardware, or takes something from a service that asked for it: `confirm` names these."""
+        key = requester or caller.requester, id
+        return accepted(await asyncio.wrap_future(operations.release(caller, key, force)))

@@ -193,7 +193,8 @@ class EventView(BaseModel):
     services: list[str] | None = None
     requests: list[str] | None = Field(default=None, description="Requests (REQUESTER/ID, or ids) that it concerns.")
     request: str | None = None
-    cause: str | None = Field(default=None, description="Of `lost`: a stable word.")
+    requested: list[str] | None = Field(default=None, description="Services and groups that a request names.")
+    cause: str | None = Field(default=None, description="Of `lost` and `pause-risk`: a stable word.")
     incarnation: str | None = Field(default=None, description="The run that it is about.")
     verb: str | None = None
     container: str | None = None

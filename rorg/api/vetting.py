@@ -85,8 +85,9 @@ def _beyond(spec: ServiceSpec, manager: Service, catalog: Catalog) -> Iterator[s
         yield f"type {spec.type}"
     if spec.container is not None:
         yield from (f"container.{option}" for option in sorted(spec.container.model_fields_set - OPTIONS))
-    if spec.profile and spec.profile not in built_in_profiles() and not manager.manages(spec.profile):
-        yield f"the profile {spec.profile}"
+    for profile in spec.profile or ():
+        if profile not in built_in_profiles() and not manager.manages(profile):
+            yield f"the profile {profile}"
     if spec.priority > manager.priority:
         yield f"a priority above its own, {manager.priority}"
     requests = permitted(manager, "request", catalog)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rorg.api.current import Current, missing
+from rorg.core.status import Status
 from rorg.core.uses import used_objects
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
@@ -49,8 +50,19 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         ],
         "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
         "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
-        "waits": [w.reason for w in current.decision.plan.waitings if w.service == name],
+        "waits": [
+            *(w.reason for w in current.decision.plan.waitings if w.service == name),
+            *_probing(status),
+        ],
+        "cautions": status.cautions,
     }
+
+
+def _probing(status: Status) -> Iterator[str]:
+    """What its probe does not find; of several parts, those that do not hold."""
+    ready = status.condition("Ready")
+    if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
+        yield f"not ready: {ready.message}"
 
 
 def groups(catalog: Catalog) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,7 @@ from rorg.cli.published import hopeless, unready
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json
-from rorg.errors import NotReady
+from rorg.errors import NotReady, RorgError
 from rorg.host.clock import wall_clock
 from rorg.model.graph import closure
 
@@ -50,14 +51,19 @@ class Local:
         found = next((r for r in self.context.document().requests if r.key == (requester, id)), None)
         return request_json(found) if found else None
 
-    def release(self, id: str, requester: str) -> None:
-        self._do(changes.release((requester, id)))
+    def release(self, id: str, requester: str, force: bool = True) -> None:
+        current = None
+        if not force:
+            with contextlib.suppress(RorgError):  # a request can be given up though nobody knows what runs
+                current = self.current
+        self._do(changes.release((requester, id), current))
 
     def restart(self, name: str, force: bool) -> list[str]:
         return self._do(changes.restart(self.current, name, force, time.time()))
 
-    def retry(self, names: list[str]) -> list[str]:
-        return self._do(changes.retry(self.current, read(RetryBody, {"services": names}).services, time.time()))
+    def retry(self, names: list[str], force: bool) -> list[str]:
+        asked = read(RetryBody, {"services": names})
+        return self._do(changes.retry(self.current, asked.services, time.time(), force))
 
     def hold(self, body: dict[str, Any]) -> list[str]:
         asked = read(HoldsBody, body)

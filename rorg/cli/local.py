@@ -126,7 +126,8 @@ def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
             continue
         if ready is not None and ready.completed:
             continue
-        if ready is None or ready.delay is not None or ask((name, "ready"), Target(ready, step.incarnation, 0.0)).ok:
+        parts = Target(ready, step.incarnation, 0.0).parts() if ready is not None and ready.delay is None else ()
+        if all(ask((name, "ready"), part).ok for part in parts):
             progress[name] = replace(step, running_since=0.0, ready=True)
     return Memory(progress, kept=first.memory.kept)
 

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rorg.cli.output import consent
 from rorg.errors import Unconfirmed
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from rorg_client.types import Why
 
     from rorg.cli.context import Context
+
+
+T = TypeVar("T")
 
 
 class Operating(Protocol):
@@ -30,14 +33,15 @@ class Operating(Protocol):
     def requesters(self, id: str) -> list[str]:
         """Who has a request of this id that can be released."""
 
-    def release(self, id: str, requester: str) -> None:
-        """Gives a request up."""
+    def release(self, id: str, requester: str, force: bool = True) -> None:
+        """Gives a request up. Raises Unconfirmed, without `force`, where that stops what moves hardware, or takes
+        something from a service that asked for it."""
 
     def restart(self, name: str, force: bool) -> list[str]:
         """Restarts a service, or each of a group; returns their names. Raises Unconfirmed."""
 
-    def retry(self, names: list[str]) -> list[str]:
-        """Tries changes of services again that failed; returns their names."""
+    def retry(self, names: list[str], force: bool) -> list[str]:
+        """Tries changes of services again that failed; returns their names. Raises Unconfirmed."""
 
     def hold(self, body: dict[str, Any]) -> list[str]:
         """Holds services, or ends that; returns their names. Raises Unconfirmed."""
@@ -75,17 +79,23 @@ class Served:
     def requesters(self, id: str) -> list[str]:
         return [r["requester"] for r in self.client.requests() if r["id"] == id and not r["standing"]]
 
-    def release(self, id: str, requester: str) -> None:
-        self.client.release(id, requester)
+    def release(self, id: str, requester: str, force: bool = True) -> None:
+        from rorg_client import calls
+
+        with asking():
+            self.client.do(calls.release(id, requester, force))
 
     def restart(self, name: str, force: bool) -> list[str]:
         self._addressable(name)
         with asking():
             return self.client.restart(name, force)
 
-    def retry(self, names: list[str]) -> list[str]:
-        found: list[str] = self.client.call("POST", "/v1/retries", {"services": names})["services"]
-        return found
+    def retry(self, names: list[str], force: bool) -> list[str]:
+        # An rorg of before knows of no `force`, and is not told of it.
+        body = {"services": names, **({"force": True} if force else {})}
+        with asking():
+            found: list[str] = self.client.call("POST", "/v1/retries", body)["services"]
+            return found
 
     def hold(self, body: dict[str, Any]) -> list[str]:
         with asking():
@@ -129,7 +139,7 @@ def asking() -> Iterator[None]:
         raise Unconfirmed(what, refused.cause, refused.remedy, refused.confirm) from refused
 
 
-def confirmed(act: Callable[[bool], list[str]], yes: bool, verb: str) -> list[str]:
+def confirmed(act: Callable[[bool], T], yes: bool, verb: str) -> T:
     """Does it; where others are affected only with consent: `--yes`, or that of the person at the terminal, who is
     told whom. Raises Refused."""
     try:

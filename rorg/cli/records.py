@@ -29,6 +29,12 @@ class Records(Protocol):
     def timeline(self, service: str, since: str, until: str) -> dict[str, Any]:
         """What a service went through; times are ISO 8601."""
 
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        """What the robot was asked for; times are ISO 8601."""
+
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        """What services used while they ran."""
+
     def everything(self) -> Iterator[dict[str, Any]]:
         """All that is on record."""
 
@@ -65,6 +71,12 @@ class Served:
         asked = urlencode({"since": since, "until": until})
         return dict(self.client.call("GET", f"/v1/timeline/{quote(service, safe='')}?{asked}"))
 
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        return dict(self.client.call("GET", f"/v1/requested?{urlencode({'since': since, 'until': until})}"))
+
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        return list(self.client.call("GET", f"/v1/measured?{urlencode({'since': since})}"))
+
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
 
@@ -84,7 +96,7 @@ class Kept:
         from rorg.history.journal import Journal
         from rorg.history.revisions import Revisions
 
-        self.context = context
+        self.context, self.database = context, database
         self.journal, self.revisions = Journal(database), Revisions(database)
 
     def listed(self, most: int) -> list[dict[str, Any]]:
@@ -106,6 +118,19 @@ class Kept:
         from rorg.history.queries import timeline
 
         return timeline(self.journal, service, since, until)
+
+    def requested(self, since: str, until: str) -> dict[str, Any]:
+        """Up to the last entry at the most: nobody knows what is since."""
+        from rorg.history.journal import Filter
+        from rorg.history.requested import requested
+
+        last = next((entry["at"] for entry in self.journal.select(Filter(), 1, newest=True)), until)
+        return requested(self.journal, since, min(until, last))
+
+    def measured(self, since: str) -> list[dict[str, Any]]:
+        from rorg.history.usage import UsageTable
+
+        return UsageTable(self.database).since(since)
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg.history.queries import records

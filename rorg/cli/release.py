@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory
+from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
 from rorg.cli.output import check_form, print_rows
 
 
@@ -13,15 +13,19 @@ def command(
     requester: Annotated[
         str, Option(names=("--as",), help="Its requester, where several use the same id.", completes=SERVICES)
     ] = "",
+    yes: Yes = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """End a request. Releasing what is already released is no error.
+    """End a request. Releasing what is already released is no error. Asks first where it names a driver that
+    is stopped then, or takes something from a service that asked for it itself.
 
     Example: rorg release tour
     """
+    from functools import partial
+
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operating import confirmed, operating
     from rorg.cli.output import note
     from rorg.errors import Invalid
 
@@ -31,7 +35,7 @@ def command(
     if len(found) > 1:
         raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request of that id", "--as REQUESTER")
     for name in found:
-        robot.release(id, name)
+        confirmed(partial(robot.release, id, name), yes, "Release")
     text = "\n".join(f"request '{id}' of {name} released" for name in found)
     print_rows([{"id": id, "requester": name} for name in found], output, ("id", "requester"), text=text)
     if not found:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from rorg.cli.options import EngineName, Output, ServiceNames, StateDirectory
+from rorg.cli.options import EngineName, Output, ServiceNames, StateDirectory, Yes
 from rorg.cli.output import check_form, print_rows
 
 
 def command(
     services: ServiceNames,
+    yes: Yes = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Try changes of services again that failed, though nothing of them was changed since. `rorg apply --wait` waits
-    for what comes of it.
+    """Try changes of services again that failed, though nothing of them was changed since. Asks first where that
+    replaces what moves hardware, or others go along. `rorg apply --wait` waits for what comes of it.
 
     Example: rorg retry navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operating import confirmed, operating
 
     check_form(output)
-    names = operating(Context(state_dir, engine)).retry(services)
+    robot = operating(Context(state_dir, engine))
+    names = confirmed(lambda force: robot.retry(services, force), yes, "Retry")
     rows = [{"service": name} for name in names]
     print_rows(rows, output, ("service",), text=f"{', '.join(names)}: the change is tried again")

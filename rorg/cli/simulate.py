@@ -10,6 +10,7 @@ from rorg.cli.options import FILES, Argument, Directory, Option, Output, duratio
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.sim.results import RunResult
 
@@ -29,6 +30,17 @@ def command(
     seed: Annotated[
         int, Option(names=("--seed",), help="Of everything that is drawn; the same one gives the same.")
     ] = 1,
+    learn: Annotated[
+        Path | None,
+        Option(
+            names=("--learn",),
+            metavar="TRACE",
+            help="File of another Trace, from which services with `idle: {prewarm: auto}` are known when the first one "
+            "begins. Default: they are learnt as it goes on.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = None,
     every: Annotated[
         float,
         Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Between two samples."),
@@ -46,6 +58,23 @@ def command(
             completes=FILES,
         ),
     ] = None,
+    compare: Annotated[
+        list[str],
+        Option(
+            names=("--compare",),
+            metavar="[NAME=]VARIANT",
+            help="Instead of the time series, also try this: a directory of manifests, a Policy's file, or settings of "
+            "all that is not always on, such as linger=20s,idle=pause,prewarm=auto. As often as you like.",
+        ),
+    ] = [],  # noqa: B006
+    sweep: Annotated[
+        list[str],
+        Option(
+            names=("--sweep",),
+            metavar="SETTING=VALUES",
+            help="Likewise all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+        ),
+    ] = [],  # noqa: B006
     output: Output = "table",
 ) -> None:
     """Run a trace on a simulated robot, in virtual time and by the very planner of `rorg run`, with everything always
@@ -63,11 +92,20 @@ def command(
     from rorg.sim.simulate import simulate
 
     check_form(output)
-    catalog = Context(None, None, directory, local=True).catalog()
+    context = Context(None, None, directory, local=True)
+    catalog = context.catalog()
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
+    learned = _learned(learn)
+    if compare or sweep:
+        from rorg.cli.trying import Trial, try_out
+        from rorg.sim.variants import Tree
+
+        tree = Tree(context.root, catalog, context.engine_name, context.robot)
+        try_out(Trial(tree, asked, programs, seed, learned), compare, sweep, output, csv, plot)
+        return
     results = [
-        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every)
+        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned)
         for name, all_on in (("all-on", True), ("rorg", False))
     ]
     if csv:
@@ -78,6 +116,14 @@ def command(
         draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
     print_rows(rows(results), output, COLUMNS, WIDE, full)
+
+
+def _learned(path: Path | None) -> Learned:
+    from rorg.core.learning import learn
+    from rorg.manifest.traces import read_trace
+    from rorg.model.learned import Learned
+
+    return learn(read_trace(path).events) if path else Learned()
 
 
 def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:

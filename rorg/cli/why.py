@@ -54,6 +54,7 @@ def _texts(entry: Why) -> list[str]:
         if entry["needed_by"]:
             lines.append(f"  none of those that need it is active: {', '.join(entry['needed_by'])}")
     lines += [f"  it waits: {reason}" for reason in entry["waits"]]
+    lines += [f"  caution: {text}" for text in entry["cautions"]]
     return lines
 
 

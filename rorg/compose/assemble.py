@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rorg.compose.forms import Context
+from rorg.compose.form import Context
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
 from rorg.compose.tags import kept, without

@@ -1,133 +1,16 @@
-"""What may stand at a place of a Compose file: a form checks a node, brings it into the one canonical form, and says
-how what a later file says is laid over it."""
+"""Forms of lists, mappings and sections of a Compose file."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from os.path import normpath
-from pathlib import Path
 from typing import Any
 
-from rorg.compose import units
 from rorg.compose.command_line import split
+from rorg.compose.form import ANY, Context, Form, wrong
 from rorg.compose.nodes import Node
-from rorg.model.diagnostics import Diagnostic, nearest
-
-
-@dataclass
-class Context:
-    """Of the file that is read."""
-
-    directory: Path
-    """Where relative paths begin."""
-    home: str
-    diagnostics: list[Diagnostic] = field(default_factory=list)
-
-    def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
-        self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
-
-    def warn(self, node: Node, message: str, remedy: str) -> None:
-        self.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
-
-    def path(self, text: str) -> str:
-        """Absolute, as Compose makes it; `~` is the home of whoever reads it."""
-        if text == "~" or text.startswith("~/"):
-            text = self.home + text[1:]
-        return normpath(self.directory / text)
-
-
-class Form:
-    """Anything, as it is written: `x-` keys and the like."""
-
-    def read(self, node: Node, name: str, context: Context) -> Node | None:  # noqa: ARG002
-        """The canonical form; None where it says nothing, or is wrong and told. `name`: what it is, for messages."""
-        return node
-
-    def merge(self, base: Node, over: Node) -> Node:  # noqa: ARG002
-        """What a later file says, over what one before does."""
-        return over
-
-
-def _wrong(node: Node, name: str, context: Context, wanted: str) -> Node | None:
-    context.error(node, f"{name or 'a Compose file'} is {node.kind()}, and must be {wanted}")
-    return None
-
-
-@dataclass(frozen=True)
-class Scalar(Form):
-    """A text or number that `convert` turns into its value (ValueError: why not)."""
-
-    wanted: str
-    types: tuple[type, ...]
-    """What YAML may say: of bool only where it is among them."""
-    convert: Callable[[Any], Any] = lambda value: value
-    one_of: tuple[str, ...] = ()
-
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        value = node.value
-        if value is None:
-            return None
-        if not isinstance(value, self.types) or (isinstance(value, bool) and bool not in self.types):
-            remedy = self.otherwise(value)
-            context.error(node, f"{name} is {node.kind()}, and must be {self.wanted}", remedy)
-            return None
-        try:
-            value = self.convert(value)
-        except ValueError as error:
-            context.error(node, f"{name}: {error}", self.wanted)
-            return None
-        if self.one_of and value not in self.one_of:
-            context.error(node, f"{name}: '{value}' is not known", nearest(str(value), self.one_of))
-            return None
-        return node.but(value)
-
-    def otherwise(self, value: object) -> str:
-        """A remedy for a value of another type."""
-        if str not in self.types or not isinstance(value, int | float | bool):
-            return ""
-        return self.wanted if self.convert is units.duration else f'"{units.shown(value)}"'
-
-
-def _size(value: Any) -> int:
-    return units.size(value) if isinstance(value, str) else int(value)
-
-
-def _whole(value: Any) -> int:
-    if isinstance(value, float) and value != int(value):
-        raise ValueError(f"{value} is not a whole number")
-    return units.integer(value) if isinstance(value, str) else int(value)
-
-
-TEXT = Scalar("text", (str,))
-LOOSE = Scalar("text, a number, true or false", (str, int, float, bool), units.shown)
-NUMBER_OR_TEXT = Scalar("text or a number", (str, int, float), units.shown)
-BOOL = Scalar("true or false", (bool, str), lambda v: units.boolean(v) if isinstance(v, str) else v)
-INT = Scalar("a whole number", (int, float, str), _whole)
-FLOAT = Scalar("a number", (int, float, str), lambda v: units.number(v) if isinstance(v, str) else float(v))
-SIZE = Scalar("an amount of memory, as 512m", (int, float, str), _size)
-DURATION = Scalar("a duration, as 1m30s", (str,), units.duration)
-ANY = Form()
-
-
-def one_of(*names: str) -> Scalar:
-    """A text that is one of these."""
-    return Scalar(f"one of {', '.join(names)}", (str,), one_of=names)
-
-
-@dataclass(frozen=True)
-class PathOf(Scalar):
-    """A path of this machine, made absolute, but for what `kept` takes for something else."""
-
-    wanted: str = "a path"
-    types: tuple[type, ...] = (str,)
-    kept: Callable[[str], bool] = lambda _: False
-
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        found = super().read(node, name, context)
-        if found is None or self.kept(found.value):
-            return found
-        return found.but(context.path(found.value))
+from rorg.compose.scalars import LOOSE, TEXT
+from rorg.model.diagnostics import nearest
 
 
 @dataclass(frozen=True)
@@ -147,7 +30,7 @@ class Words(Form):
                 context.warn(node, f"{name}: Compose leaves away '{rest}', since it runs no shell", "sh -c '...'")
             return node.but([Node(word, node.where, taken=node.taken) for word in words])
         if not isinstance(node.value, list):
-            return _wrong(node, name, context, "text or a list")
+            return wrong(node, name, context, "text or a list")
         return node.but(_read_all(node.value, TEXT, name, context))
 
 
@@ -172,7 +55,7 @@ class ListOf(Form):
         if self.single and not isinstance(listed, list | dict):
             listed = [node.but(node.value, key=None, tag="")]
         if not isinstance(listed, list):
-            return _wrong(node, name, context, "a list")
+            return wrong(node, name, context, "a list")
         if self.spread:
             listed = [n for i, one in enumerate(listed) for n in self.spread(one, f"{name}[{i}]", context)]
         return node.but(self.unique(_read_all(listed, self.item, name, context)))
@@ -213,7 +96,7 @@ class MapOf(Form):
             read = _read_all(entries, TEXT, name, context)
             entries = {one.value: Node(None, one.where, one.where, taken=one.taken) for one in read}
         if not isinstance(entries, dict):
-            return _wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
+            return wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
         found: dict[str, Node] = {}
         for key, value in entries.items():
             if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
@@ -244,7 +127,7 @@ class Pairs(Form):
         if isinstance(node.value, list):
             return node.but(self.listed(node.value, name, context))
         if not isinstance(node.value, dict):
-            return _wrong(node, name, context, "a mapping, or a list of NAME=value")
+            return wrong(node, name, context, "a mapping, or a list of NAME=value")
         found: dict[str, Node] = {}
         for key, value in node.value.items():
             one = value.but(None) if value.value is None else LOOSE.read(value, f"{name}.{key}", context)
@@ -291,7 +174,7 @@ class Section(Form):
         long: Node | None = node
         if not isinstance(node.value, dict):
             if self.short is None:
-                return _wrong(node, name, context, "a mapping")
+                return wrong(node, name, context, "a mapping")
             long = self.short(node, name, context)
         if long is None:
             return None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rorg.compose.forms import Context, Form, Pairs
+from rorg.compose.form import Context, Form
+from rorg.compose.forms import Pairs
 from rorg.compose.nodes import Node
 
 _NOT_HERE = ("git@", "github.com/", "docker-image://", "oci-layout://", "service:")

@@ -7,28 +7,11 @@ from posixpath import normpath
 from typing import Any
 
 from rorg.compose import shorts
-from rorg.compose.forms import (
-    ANY,
-    BOOL,
-    DURATION,
-    FLOAT,
-    INT,
-    LOOSE,
-    NUMBER_OR_TEXT,
-    SIZE,
-    TEXT,
-    Context,
-    ListOf,
-    MapOf,
-    Pairs,
-    PathOf,
-    Scalar,
-    Section,
-    Words,
-    one_of,
-)
+from rorg.compose.form import ANY, Context
+from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
 from rorg.compose.key_forms import Changed, Contexts, Either, is_remote
 from rorg.compose.nodes import Node
+from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, LOOSE, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
 
 TEXTS = ListOf(TEXT)
 UNIQUE = ListOf(TEXT, key=lambda text: text)

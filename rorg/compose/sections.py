@@ -3,26 +3,11 @@
 from __future__ import annotations
 
 from rorg.compose import keys, shorts
-from rorg.compose.forms import (
-    ANY,
-    BOOL,
-    DURATION,
-    FLOAT,
-    INT,
-    NUMBER_OR_TEXT,
-    SIZE,
-    TEXT,
-    ListOf,
-    MapOf,
-    Pairs,
-    PathOf,
-    Scalar,
-    Section,
-    Words,
-    one_of,
-)
+from rorg.compose.form import ANY
+from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
 from rorg.compose.key_forms import Changed, Either
 from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE
+from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
 
 SERVICE = Section(
     {

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from rorg.compose.forms import LOOSE, Context
+from rorg.compose.form import Context
 from rorg.compose.nodes import Node
+from rorg.compose.scalars import LOOSE
 
 _PORT = re.compile(
     r"(?:(?P<ip>\[[0-9a-fA-F:.]+\]|[0-9.]+|[0-9a-fA-F:]*::[0-9a-fA-F:]*?):(?=[0-9-]*:))?"

@@ -29,7 +29,7 @@ def _idle(service: Service) -> str:
 
 def condition(ready: Probe | None) -> str:
     """What Compose calls it that a service is waited for so."""
-    if ready is not None and ready.kind == "engine":
+    if ready is not None and any(probe.kind == "engine" for probe in ready.questions):
         return "service_healthy"
     if ready is not None and ready.completed:
         return "service_completed_successfully"
@@ -37,8 +37,11 @@ def condition(ready: Probe | None) -> str:
 
 
 def _ready(service: Service) -> str:
-    if service.ready is None or condition(service.ready) != "service_started":
+    if service.ready is None:
         return ""
+    if condition(service.ready) != "service_started":
+        others = [str(probe) for probe in service.ready.questions if probe.kind not in ("engine", "completed")]
+        return f"{' and '.join(others)}; Compose waits for the healthcheck alone" if others else ""
     return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
 
 
@@ -65,6 +68,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("interlock", lambda s: f"{s.interlock}; Compose asks nobody before it touches a container" if s.interlock else ""),
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
     ("devices", lambda s: "Compose waits for none of them, and stops nothing when one goes" if s.devices else ""),
+    ("ros", lambda s: f"{_names(tuple(s.ros.values))}; Compose sets no parameters" if s.ros else ""),
     ("on_change", lambda s: f"{s.on_change}; Compose does not look at files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
     ("resources", lambda s: _resources(s)),
@@ -107,7 +111,7 @@ def _policy(catalog: Catalog) -> Iterator[Note]:
 
 def _unhealthy(service: Service) -> Iterator[Note]:
     """Compose waits for ever for a service whose image has no check."""
-    if service.ready and service.ready.kind == "engine" and not (service.spec or {}).get("healthcheck"):
+    if condition(service.ready) == "service_healthy" and not (service.spec or {}).get("healthcheck"):
         yield Note(service.name, "spec.ready", "healthy by the check that its image must have", lost=False)
 
 

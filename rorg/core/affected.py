@@ -1,4 +1,4 @@
-"""Whom a restart or a hold touches beside those that it names: what a person is told before it is done."""
+"""Whom a restart, a hold or a release touches beside those that it names: what a person is told before it is done."""
 
 from __future__ import annotations
 
@@ -20,17 +20,20 @@ class Affected:
     along: Mapping[str, bool] = field(default_factory=dict)
     """Others, whether each moves hardware: what counts on the named ones, and drivers that nobody would ask for any
     more."""
+    without: tuple[str, ...] = ()
+    """Those that asked for what would be stopped, and go on without it."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """All that a person must agree to; empty where nobody need be asked."""
-        return (*self.drivers, *self.along)
+        return (*self.drivers, *self.along, *self.without)
 
     def __str__(self) -> str:
         others = [f"{name} (moves hardware)" if driver else name for name, driver in self.along.items()]
         own = f"{', '.join(self.drivers)} {_verb(self.drivers, 'moves', 'move')} hardware" if self.drivers else ""
         along = f"{', '.join(others)} {_verb(others, 'goes', 'go')} along" if others else ""
-        return "; ".join(filter(None, (own, along)))
+        without = f"{', '.join(self.without)} asked for it, and would go on without" if self.without else ""
+        return "; ".join(filter(None, (own, along, without)))
 
 
 def _verb(names: Collection[str], one: str, several: str) -> str:
@@ -58,6 +61,22 @@ def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Aff
     excluded = {} if memory.admitted is None else memory.admitted.excluded
     found = admit(catalog, requests, {**excluded, **dict.fromkeys(names, "held")})
     return _found(situation, names, ceased, _drivers(situation, found.wanted))
+
+
+def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
+    """Of the release of the request of a (requester, id): drivers that it names and nobody else asks for, and its
+    requester where that is a service that runs and loses something. A driver that only goes along, since what needed it
+    is released, ceases as its manifest says: nobody need be asked. Nobody, where there is no such request."""
+    catalog, admitted = situation.desired.catalog, memory.admitted
+    asked = next((r for r in admitted.requests if r.key == key and not r.standing), None) if admitted else None
+    if admitted is None or asked is None:
+        return Affected()
+    found = admit(catalog, tuple(r for r in admitted.requests if r is not asked), admitted.excluded).wanted
+    named = {m for name in asked.services for m in catalog.members(name)}
+    gone = {n for n in _drivers(situation, found) & named if _touched(situation, catalog.services[n])}
+    requester = catalog.services.get(asked.requester)
+    loses = requester is not None and _touched(situation, requester) and any(n not in found for n in situation.wanted)
+    return Affected(tuple(sorted(gone)), {}, (asked.requester,) if loses else ())
 
 
 def _follow(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:

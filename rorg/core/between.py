@@ -15,11 +15,13 @@ from rorg.core.objects import declared_options
 from rorg.model.catalog import DEVELOPER
 from rorg.model.objects import EngineObject
 
-UNTOLD = frozenset(("where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
+UNTOLD = frozenset(("ros", "where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
 """What makes nothing different for a robot, or is told otherwise."""
 
 CONTENT = "content"
 """Path of the tree that a service mounts -> digest of what is there."""
+PARAMETERS = "ros.parameters"
+"""Name of a ROS parameter -> its value, which may be secret."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +57,11 @@ def _compared(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[st
 
 
 def _changes(field: str, old: Any, new: Any) -> list[Change]:
-    if field != CONTENT:
+    if field not in (CONTENT, PARAMETERS):
         return field_changes(field, old, new)
-    was, now = old or {}, new or {}
-    paths = sorted(p for p in {*was, *now} if was.get(p) != now.get(p))
-    return [Change(path, MASK if path in was else None, MASK if path in now else None) for path in paths]
+    was, now, before = old or {}, new or {}, "" if field == CONTENT else f"{field}."
+    names = sorted(n for n in {*was, *now} if was.get(n) != now.get(n))
+    return [Change(f"{before}{n}", MASK if n in was else None, MASK if n in now else None) for n in names]
 
 
 def _things(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
@@ -80,8 +82,8 @@ def _things(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
 def _service(desired: Desired, name: str) -> dict[str, Any]:
     """With the options of its container, and the contents of what it mounts from the tree."""
     service = desired.catalog.services[name]
-    contents = dict(desired.contents.get(name, {}))
-    return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), CONTENT: contents}
+    found = {CONTENT: dict(desired.contents.get(name, {})), PARAMETERS: dict(service.ros.values) if service.ros else {}}
+    return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), **found}
 
 
 def _object(one: EngineObject) -> dict[str, Any]:

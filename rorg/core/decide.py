@@ -15,6 +15,7 @@ from rorg.core.devices import unplugged
 from rorg.core.dispatch import DispatchLimits, freed_at, select
 from rorg.core.eviction import Eviction, evict
 from rorg.core.follow import Followed, follow, renew_all
+from rorg.core.foresight import noted
 from rorg.core.memory import Memory, ProbeResults
 from rorg.core.missing import Missing
 from rorg.core.observed import Observed
@@ -22,15 +23,18 @@ from rorg.core.onward import busy, plan_on
 from rorg.core.outcomes import begin, forget
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import Load
+from rorg.core.prewarm import Prewarmed, prewarm
 from rorg.core.requests import Settled, settle
 from rorg.core.restarts import note_restarts
 from rorg.core.rollout import retried
+from rorg.core.ros_graph import Graphs
 from rorg.core.schedule import Schedule, Target, interlocks, schedule
 from rorg.core.situation import Situation
 from rorg.core.wanted import Wanted, urgent
 from rorg.core.withheld import Withheld, over, withhold
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Device, Plugged
+from rorg.model.learned import Learned
 from rorg.model.units import format_time, parse_time, stamp
 
 FRESH = 1.0
@@ -70,8 +74,12 @@ class Inputs:
     """By reference, those from which no container can be made now."""
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
     """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
+    ros: Graphs = field(default_factory=dict)
+    """Graphs of ROS 1, as far as their masters answer."""
     purge: bool = False
     """A person has said that volumes of ours go too."""
+    learned: Learned | None = None
+    """What was learnt of requests before this loop began, which then goes on learning; None: nothing is prewarmed."""
     cache: Cache | None = None
     """Of the last pass; whatever has changed since is found anew."""
 
@@ -123,6 +131,7 @@ def decide(inputs: Inputs) -> Decision:
     ready = () if violations or situation.suspended else map(itemgetter(-1), planned.turns)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
+    memory = replace(memory, foresight=noted(memory.foresight, chosen, inputs.now)) if chosen else memory
     due = schedule(cache.schedule if cache else None, planned, inputs.asked)
     return Decision(
         situation=situation,
@@ -131,7 +140,7 @@ def decide(inputs: Inputs) -> Decision:
         memory=memory,
         settled=assessed.settled,
         violations=violations,
-        deadline=_deadline(situation, due, inputs),
+        deadline=_deadline(situation, due, inputs, assessed.warm.look),
         to_probe=due.targets,
         holds=assessed.holds,
         served=assessed.served,
@@ -159,6 +168,7 @@ class _Assessed:
     settled: Settled
     holds: Mapping[str, str]
     served: Mapping[str, str]
+    warm: Prewarmed
 
 
 def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withheld: Withheld) -> _Assessed:
@@ -166,9 +176,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
-    holds = {n: _until("held", h) for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(desired, n)}
-    suspension, locks = inputs.suspended, _interlocks(inputs)
-    suspended = _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
+    (holds, suspended), locks = _held(inputs), _interlocks(inputs)
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
@@ -176,10 +184,11 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
     memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
+    memory, warm = _prewarmed(memory, inputs, admission, requests, _excluded(memory, holds), bool(suspended))
     memory, served = note_restarts(memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
     situation = Situation(
         desired=desired,
-        wanted=admission.wanted,
+        wanted=warm.wanted,
         urgent=_urgent(desired, admission.wanted, cache),
         observed=inputs.observed,
         memory=memory,
@@ -188,6 +197,7 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         restarts={n: due.run for n, due in (memory.restarts or {}).items()},
         removals=inputs.removals,
         preempted=admission.preempted,
+        prewarmed=warm.names,
         excluded=frozenset(holds),
         priorities=admission.priorities,
         interlocks=locks,
@@ -197,12 +207,18 @@ def _assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withh
         shed=eviction.shed,
         closed=eviction.closed,
         suspended=suspended,
-        images=inputs.images,
         purge=inputs.purge,
         withheld=withheld,
-        **_devices(inputs),
+        **_found(inputs),
     )
-    return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served)
+    return _Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served, warm=warm)
+
+
+def _held(inputs: Inputs) -> tuple[dict[str, str], str]:
+    """Services that a person holds now, and why nothing is done at all; each with the reason."""
+    held = {n: h for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(inputs.desired, n)}
+    holds, suspension = {n: _until("held", h) for n, h in held.items()}, inputs.suspended
+    return holds, _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
 
 
 def _excluded(memory: Memory, holds: Mapping[str, str]) -> dict[str, str]:
@@ -236,9 +252,25 @@ def _evicted(
     return memory, eviction, admission
 
 
-def _devices(inputs: Inputs) -> dict[str, Any]:
-    """Those of drivers, for a Situation."""
-    return {"devices": inputs.devices, "unplugged": unplugged(inputs.desired, inputs.devices)}
+def _prewarmed(
+    memory: Memory,
+    inputs: Inputs,
+    admission: Admission,
+    requests: tuple[Request, ...],
+    excluded: Collection[str],
+    suspended: bool,
+) -> tuple[Memory, Prewarmed]:
+    """Comes after all that is asked for and all that pressure changes, and changes nothing of that."""
+    desired, observed = inputs.desired, inputs.observed
+    barred = {*excluded, *unplugged(desired, inputs.devices)}
+    off = suspended or memory.pressure.engaged or not observed.complete
+    return prewarm(memory, inputs.learned, desired, admission, requests, observed, barred, inputs.now, off)
+
+
+def _found(inputs: Inputs) -> dict[str, Any]:
+    """What there is beside containers, for a Situation."""
+    missing = unplugged(inputs.desired, inputs.devices)
+    return {"images": inputs.images, "devices": inputs.devices, "unplugged": missing, "ros": inputs.ros}
 
 
 def _followed(
@@ -285,9 +317,10 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     return found
 
 
-def _deadline(situation: Situation, due: Schedule, inputs: Inputs) -> float | None:
+def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float | None) -> float | None:
     now, memory = situation.now, situation.memory
-    times = [lease.until for lease in memory.leases.values()]
+    times = [] if look is None else [look]
+    times += [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
     ends += [parse_time(asked) for asked in inputs.restarts.values()]
     times += [now + (end - inputs.wall) for end in ends]

@@ -54,6 +54,8 @@ class Desired:
     """By which these are looked for on the engine."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
+    ros: Mapping[str, str] = field(default_factory=dict)
+    """Service -> digest of the ROS parameters that it declares."""
 
 
 def desire(
@@ -77,7 +79,7 @@ def desire(
         keys=frozenset(one.key for one in objects.values()),
         digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
         editions={
-            name: digest({"spec": s.spec, "ready": s.ready and asdict(s.ready), "content": contents.get(name)})
+            name: digest({"spec": s.spec, "ready": s.ready and _said(s.ready), "content": contents.get(name)})
             for name, s in services.items()
             if s.spec is not None
         },
@@ -96,7 +98,13 @@ def desire(
         drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
         devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
+        ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
     )
+
+
+def _said(probe: Probe) -> dict[str, Any]:
+    """A probe of one question, as it was before there were parts: what ran well then is not to be proven again."""
+    return {name: value for name, value in asdict(probe).items() if name != "parts" or value}
 
 
 def _relations(

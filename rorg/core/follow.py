@@ -14,6 +14,7 @@ from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
 from rorg.core.rollout import judged, renewed
+from rorg.core.ros_parameters import ROLE, parameters_noted
 from rorg.core.seen import Seen
 from rorg.core.transitions import advanced
 from rorg.core.wanted import Wanted
@@ -73,7 +74,7 @@ def follow(
             booted_at=booted_at,
             unplugged=name in unplugged,
         )
-        step = _one(before, service, desired, seen)
+        step = _one(parameters_noted(before, results.get((name, ROLE))), service, desired, seen)
         if not (same := step is before and name in memory.progress):
             progress[name], changed = step, True
         (restless.discard if same and not _changes_by_itself(step, service, seen) else restless.add)(name)

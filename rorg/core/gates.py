@@ -10,10 +10,11 @@ from rorg.core.images import held_back
 from rorg.core.joining import awaited
 from rorg.core.memory import Progress
 from rorg.core.plan import Waiting
+from rorg.core.ros_parameters import due
 from rorg.core.steps import Step
 from rorg.core.view import View
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE
+from rorg.model.codes import DEVICE, PARAMETERS
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
@@ -84,7 +85,8 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
     if step.verb == "create" and service.joins:
         return _join(view, service, earlier)
     if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
-        return _start(view, service, earlier)  # what runs goes on until the new one can begin
+        passage = _start(view, service, earlier)  # what runs goes on until the new one can begin
+        return _parameters(view, service) if step.verb == "start" and passage == FREE else passage
     if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
@@ -124,6 +126,14 @@ def _start(view: View, service: Service, earlier: Earlier) -> Passage:
             return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
         after += holders
     return tuple(after), None
+
+
+def _parameters(view: View, service: Service) -> Passage:
+    """All that it needs is ready, the master among it."""
+    if not due(view.s, service):
+        return FREE
+    why = view.s.memory.of(service.name).not_set
+    return (), Waiting(service.name, "its ROS parameters are not set" + (f": {why}" if why else ""), code=PARAMETERS)
 
 
 def _alive(view: View, name: str) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 from rorg.model.catalog import SHORTEST_SECRET, Catalog, Spec
+from rorg.model.secret_names import NAME, is_secret_name, secret_texts
 
 MASK = "***"
 KEPT = 256
@@ -27,17 +28,15 @@ _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
 """A secret as it stands in the record of a container: two that are equal look equal, and none can be read."""
 READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
 """Options of a container's record that rorg itself goes by: they stay as they are."""
-_NAME = r"[\w.-]*(?:passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key)[\w.-]*"
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
-_SECRET_NAME = re.compile(_NAME, re.IGNORECASE)
 _SHORT = {r"(?:mysql|mariadb)[\w-]*|sshpass": "-p", r"redis-cli": "-a", r"curl": "-u"}
 """Programs, and their option of one letter that takes a secret, with or without a space. Of others `-p` is a port."""
 _RULES = (
     (re.compile(r"(\b(?:bearer|basic)\s+)\S+", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), rf"\1{MASK}@"),
     # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header); a colon alone also parts the paths of a mount.
-    (re.compile(rf"({_NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
-    (re.compile(rf"((?:^|\s)--?{_NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
+    (re.compile(rf"({NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
+    (re.compile(rf"((?:^|\s)--?{NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
     *(
         (re.compile(rf"((?:^|[\s/])(?:{programs})\s(?:[^;|&\n]*?\s)?{option}\s*){_VALUE}"), rf"\1{MASK}")
         for programs, option in _SHORT.items()
@@ -49,7 +48,7 @@ def masked(field: str, value: Any) -> Any:
     """The value of a declared field as it may be shown. Environments are shown by name alone."""
     if value is None:
         return None
-    if field.partition(".")[0] == "environment" or _SECRET_NAME.fullmatch(field):
+    if field.partition(".")[0] == "environment" or is_secret_name(field):
         return MASK
     if isinstance(value, str):
         return _text(value)
@@ -71,7 +70,7 @@ def _list(items: list[Any]) -> list[Any]:
     short = tuple(o for p, o in _SHORT.items() if any(re.fullmatch(p, w.rpartition("/")[2]) for w in words))
 
     def shown(name: Any, item: Any) -> Any:
-        if isinstance(name, str) and name.startswith("-") and (name in short or _SECRET_NAME.fullmatch(name)):
+        if isinstance(name, str) and name.startswith("-") and (name in short or is_secret_name(name)):
             return MASK
         if isinstance(item, str) and item.startswith(short) and item not in short:
             return item[:2] + MASK
@@ -136,6 +135,7 @@ def secrets(catalog: Catalog) -> set[str]:
     """All values that are secret, without those that are too short to be told from other text."""
     found = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
     found |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
+    found |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
     return {value for value in found if len(value) >= SHORTEST_SECRET}
 
 

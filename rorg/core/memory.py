@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
+from rorg.core.foresight import Foresight
 from rorg.core.former import Kept
 from rorg.core.observed import Container
 from rorg.core.plan import Action
@@ -14,7 +15,7 @@ from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
-from rorg.model.catalog import Service
+from rorg.model.catalog import Probe, Service
 
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
@@ -30,6 +31,26 @@ class ProbeResult:
     message: str = ""
     failures: int = 0
     """Failures in a row."""
+
+
+def together(probe: Probe, found: Sequence[ProbeResult | None]) -> ProbeResult | None:
+    """What the answers to all questions of a probe say of the whole, in their order; None for one that is not there
+    yet. It holds when all do, and is as old as the oldest. None while there is no answer at all."""
+    known = [one for one in found if one is not None]
+    if not known or len(found) == 1:
+        return found[0]
+    said = [
+        f"{part} has not answered yet" if one is None else one.message
+        for part, one in zip(probe.questions, found, strict=True)
+        if one is None or not one.ok
+    ]
+    return ProbeResult(
+        known[0].incarnation,
+        not said,
+        min(one.at for one in known),
+        "; ".join(dict.fromkeys(said)),
+        max(one.failures for one in known),
+    )
 
 
 ProbeResults = Mapping[tuple[str, str], ProbeResult]
@@ -90,6 +111,10 @@ class Progress:
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
     """By verb. What fails of one holds back no other."""
     error: str = ""
+    parameters: str = ""
+    """What its ROS parameters were last set for (see ros_parameters.py)."""
+    not_set: str = ""
+    """Why the last attempt to set them failed."""
     update: Update = Update()
 
     def spent(self, container: Container) -> bool:
@@ -166,6 +191,7 @@ class Memory:
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
     kept: Kept = Kept()
+    foresight: Foresight = Foresight()
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

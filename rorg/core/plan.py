@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rorg.model.codes import BAKING, IMAGE
+from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 
 SYMBOLS = {
     "create": "+",
@@ -85,13 +85,13 @@ class Waiting:
     code: str = ""
     """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), blocked (a network or
     volume is not there, or not rorg's), withheld (its removal waits for a person's word), deferred (it is left for
-    later), preempted or suspended. Of what only takes its time: image (that is being built or pulled), baking (all is
-    done, and it is seen how it does), or empty."""
+    later), preempted or suspended. Of what only takes its time: image (that is being built or pulled),
+    ros-parameters (they are being set), baking (all is done, and it is seen how it does), or empty."""
 
     @property
     def goes_on(self) -> bool:
         """It will be done if one waits."""
-        return self.code in ("", IMAGE, BAKING)
+        return self.code in ("", IMAGE, PARAMETERS, BAKING)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,9 @@ from rorg.model.catalog import Service
 from rorg.model.objects import is_object
 from rorg.model.units import format_seconds
 
+LAST = -1
+"""Priority of what nobody has requested yet: below every priority."""
+
 
 def in_order(situation: Situation) -> list[str]:
     """Subjects in the order in which they are planned: networks and volumes that are declared; what must be ceased,
@@ -145,7 +148,7 @@ class Planner:
             after=after,
             args=step.args,
             urgent=self._is_urgent(service.name, step, view),
-            priority=service.priority,
+            priority=LAST if service.name in self.s.prewarmed else service.priority,
             driver=service.driver,
             part_of=step.part_of,
             surplus=step.surplus,

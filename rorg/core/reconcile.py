@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.adjust import adjust, passing_name
+from rorg.core.ceasing import cease
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
@@ -19,7 +20,6 @@ from rorg.core.swap import Swap
 from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE
-from rorg.model.units import format_seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,29 +273,6 @@ class _Reconciled:
         return [stop(container, why, self.service)]
 
     def cease(self, container: Container) -> list[Step]:
-        """A service that nobody wants: as its idle policy says. (Removal is steps()'s: nothing is kept then.)"""
-        why = self.s.preempted.get(self.name, "not wanted")
-        idle, since = self.service.idle, self.step.ceased_since
-        frees = self.name in self.s.shed or (container.alive and self.view.exclusive.contested(self.service))
-        if container.active and idle.action == "pause" and not frees:
-            return [Step("pause", container, why)]
-        if container.alive and (idle.action == "stop" or frees):
-            return [stop(container, why, self.service)]
-        if container.state == "paused" and self.s.stop_paused:
-            return [stop(container, "the machine is short of memory", self.service)]
-        if idle.escalate and since is not None:
-            return self.escalate(container, since, *idle.escalate)
-        return []
-
-    def escalate(self, container: Container, since: float, after: float, action: str) -> list[Step]:
-        """The second, harder step for what stays unwanted."""
-        if action == "stop" and not container.alive:
-            return []
-        if since + after > self.view.now:
-            if container.state == "paused" or action == "remove":
-                self.alarm = since + after
-            return []
-        why = f"not wanted for {format_seconds(self.view.now - since)}"
-        if action == "remove":
-            return away(container, why, self.service, volumes=True)
-        return [stop(container, why, self.service)]
+        steps, alarm = cease(self.view, self.service, container)
+        self.alarm = self.alarm if alarm is None else alarm
+        return steps

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
+from typing import Any
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.memory import Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.onward import Planned, busy
+from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
 from rorg.core.transitions import doubt_ends
 from rorg.model.catalog import Probe
+from rorg.model.codes import PARAMETERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,29 @@ class Target:
     container: Container | None = field(default=None, compare=False)
     asked: float | None = field(default=None, compare=False)
     """Somebody waits for an answer that was asked for since then."""
+    values: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Of ROS parameters; which ones these are, the probe tells too."""
+    anew: bool = False
+    """They are to be set whatever the master has."""
+    longest: float = 0.0
+    """Seconds up to which the time between attempts doubles while they fail; 0 where it does not."""
+
+    def next_after(self, failures: int) -> float:
+        """Seconds from one attempt to the next, after so many failures in a row."""
+        doubled = self.every * 2.0 ** min(max(failures - 1, 0), 10)
+        return min(doubled, max(self.every, self.longest))
+
+    part: int = 0
+    """Which of the probe's questions it is."""
+
+    def parts(self) -> tuple[Target, ...]:
+        """Its questions, one by one, each as often as itself says and this one allows."""
+        if not self.probe.parts:
+            return (self,)
+        return tuple(
+            replace(self, probe=probe, every=max(probe.interval, self.every), part=index)
+            for index, probe in enumerate(self.probe.parts)
+        )
 
 
 Targets = Mapping[tuple[str, str], Target]
@@ -66,7 +92,7 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
             times[name] = found
         else:
             times.pop(name, None)
-        for role in ("ready", "live", "interlock"):
+        for role in ("ready", "live", "interlock", ROLE):
             targets.pop((name, role), None)
         targets |= {(name, role): target for role, target in targets_of(planned, name, asked.get(name)).items()}
     return Schedule(times=times, targets=targets, asked=asked, engaged=engaged)
@@ -109,10 +135,28 @@ def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Ta
                 found["ready"] = Target(service.ready, run, every, current, since)
         if service.live and step.was_ready:
             found["live"] = Target(service.live, run, service.live.interval, current)
+    if wanted and (target := _parameters(planned, name)):
+        found[ROLE] = target
     lock = situation.desired.interlocks.get(name) or _left(situation, name)
     if lock and (busy(planned, name) or (wanted and situation.memory.pressure.engaged)):
         found["interlock"] = Target(lock, "", lock.interval)
     return found
+
+
+def _parameters(planned: Planned, name: str) -> Target | None:
+    """ROS parameters of a service that waits for them, or that runs without."""
+    service, waits = planned.situation.desired.catalog.services[name], _waits_for_parameters(planned, name)
+    found = due(planned.situation, service)
+    runs = planned.situation.memory.of(name).running_since is not None
+    if service.ros is None or not found or not (waits or runs):
+        return None
+    return Target(
+        probe_of(planned.situation, service), found, AGAIN, values=service.ros.values, anew=waits, longest=LONGEST
+    )
+
+
+def _waits_for_parameters(planned: Planned, name: str) -> bool:
+    return any(waiting.code == PARAMETERS for waiting in planned.plans[name].waitings)
 
 
 def _left(situation: Situation, name: str) -> Probe | None:

@@ -9,6 +9,7 @@ from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.missing import Missing
 from rorg.core.observed import Observed
+from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
 from rorg.model.devices import Device, Plugged
 
@@ -54,7 +55,11 @@ class Situation:
     """What there is of the devices of drivers, as far as it is known."""
     unplugged: Mapping[str, str] = field(default_factory=dict)
     """Services of which a device cannot be used now, each with why."""
+    ros: Graphs = field(default_factory=dict)
+    """Graphs of ROS 1."""
     purge: bool = False
     """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
+    prewarmed: frozenset[str] = frozenset()
+    """Services that are wanted only since it is likely that they will be requested soon, and what these need."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""

@@ -48,7 +48,7 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
     waits = _waits(situation, plan)
     if waits:
         return Standing(APPLYING, waits)
-    unbaked = [n for n in _services(situation) if n in situation.wanted and not _baked(situation, n)]
+    unbaked = [n for n in _services(situation) if _asked(situation, n) and not _baked(situation, n)]
     return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else Standing(GOOD)
 
 
@@ -58,6 +58,10 @@ def _of_tree(action: Action) -> bool:
 
 def _services(situation: Situation) -> list[str]:
     return list(situation.desired.editions)
+
+
+def _asked(situation: Situation, name: str) -> bool:
+    return name in situation.wanted and name not in situation.prewarmed
 
 
 def _baked(situation: Situation, name: str) -> bool:
@@ -74,6 +78,7 @@ def _failed(situation: Situation, plan: Plan, good: bool) -> dict[str, str]:
             name: step.error
             for name in situation.wanted
             if name in situation.desired.editions
+            and name not in situation.prewarmed
             and (step := memory.of(name)).stalled
             and name not in found
             and not _baked(situation, name)
@@ -91,6 +96,6 @@ def _waits(situation: Situation, plan: Plan) -> str:
         there = containers.get(name, ())
         if there and not any(fits(c, name, situation.desired) for c in there):
             return f"{name}: {reasons.get(name) or 'its container is not as declared'}"
-        if name in situation.wanted and not _baked(situation, name) and not (there and there[0].alive):
+        if _asked(situation, name) and not _baked(situation, name) and not (there and there[0].alive):
             return f"{name}: {reasons.get(name) or 'it does not run'}"
     return ""

@@ -6,26 +6,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rorg.core.backoff import STALLED_AFTER
-from rorg.core.memory import Progress
+from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, stalled
 from rorg.core.observed import Container
 from rorg.core.plan import Action, Plan
-from rorg.core.rollout import came_up_at, candidate
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; Updated beside, where a change failed
-    (False: it is quarantined) or is on trial (Unknown:
-    OnTrial until it has come up, then Baking). status is True, False or Unknown."""
-
-    type: str
-    status: str
-    reason: str
-    message: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +60,12 @@ class Status:
     def update_failed(self) -> str:
         """Why its last change did not come up; empty where none failed."""
         return next((c.message for c in self.conditions if c.type == "Updated" and c.status == "False"), "")
+
+    @property
+    def cautions(self) -> list[str]:
+        """What to know of it though it is as it is wanted: what pausing it does, and which nodes of it another service
+        has."""
+        return [c.message for c in self.conditions if c.type in CAUTIONS and c.status == "False"]
 
     @property
     def trouble(self) -> str:
@@ -176,10 +168,10 @@ def _status(
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
         Condition("Ready", "Unknown" if not known else str(ready), reason, message),
-        _requested(links),
+        requested(links),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
-        Condition("Stalled", str(step.stalled), _stalled(step), step.error),
-        *_updated(situation, name),
+        Condition("Stalled", str(step.stalled), stalled(step), step.error),
+        *occasional(situation, service),
     )
     health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(
@@ -206,34 +198,11 @@ def _status(
     )
 
 
-def _requested(links: Sequence[Link]) -> Condition:
-    text = " <- ".join(map(str, links))
-    return Condition("Requested", str(bool(links)), "Wanted" if links else "NotWanted", text)
-
-
 def ros_nodes(service: Service) -> tuple[str, ...]:
     """Names of the ROS nodes that it runs, as far as they are declared."""
-    ready = [str(service.ready.target)] if service.ready and service.ready.kind == "ros_node" else []
+    asked = service.ready.questions if service.ready else ()
+    ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
-
-
-def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
-    step = situation.memory.of(name)
-    containers = situation.observed.by_service().get(name, [])
-    if step.update.failed:
-        remedy = f"change it again, or `rorg retry {name}`"
-        return (Condition("Updated", "False", "Quarantined", f"{step.update.failed}; {remedy}"),)
-    if containers and containers[0].active and candidate(containers, step.update):
-        up = came_up_at(step, situation.desired.catalog.services[name])
-        reason = "OnTrial" if up is None or up > situation.now else "Baking"
-        return (Condition("Updated", "Unknown", reason),)
-    return ()
-
-
-def _stalled(step: Progress) -> str:
-    if not step.stalled:
-        return "Fine"
-    return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
 def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:

@@ -7,19 +7,27 @@ from dataclasses import dataclass
 
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import closure
+from rorg.model.learned import Likelihood
+
+ROOTS = ("always_on", "meta", "prewarmed")
+"""Kinds of causes for which nothing else has to be wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id) or `needed`."""
+    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id), `needed`, or
+    `prewarmed`, which is no request: it is likely that a service will soon ask for it."""
 
     kind: str
     by: str = ""
     request: str = ""
+    likely: Likelihood | None = None
 
     def __str__(self) -> str:
         if self.kind == "requested":
             return f"requested by {self.by} ({self.request})"
+        if self.kind == "prewarmed":
+            return f"prewarmed: {self.likely}"
         return {"always_on": "always on", "meta": "meta-service"}.get(self.kind, f"needed by {self.by}")
 
 
@@ -84,6 +92,22 @@ def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:
     return frozenset(closure(catalog.services, asked))
 
 
+def wanted_without(found: Wanted, name: str) -> frozenset[str]:
+    """What would be wanted still if this service were not."""
+    causes: dict[str, list[str]] = {}
+    for service, reasons in found.items():
+        for cause in reasons:
+            causes.setdefault(cause.by, []).append(service)
+    # Roots are by nobody.
+    reached, pending = set[str](), [""] if name in found else []
+    while pending:
+        for service in causes.get(pending.pop(), ()):
+            if service != name and service not in reached:
+                reached.add(service)
+                pending.append(service)
+    return frozenset(reached if name in found else found)
+
+
 def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
     """From a root to the service: [(service, why it is wanted), ...], shortest first; empty when it is not wanted."""
     if name not in found:
@@ -93,7 +117,7 @@ def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
     while trails:
         trail = trails.pop(0)
         cause = trail[0][1]
-        if cause.kind in ("always_on", "meta"):
+        if cause.kind in ROOTS:
             return trail
         if cause.by not in seen:
             seen.add(cause.by)

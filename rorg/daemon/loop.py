@@ -15,6 +15,7 @@ from rorg.core.former import Kept
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
+from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.host.devices import elsewhere
@@ -47,8 +48,9 @@ class Loop:
         self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
         self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
         self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
-        self.images, self.devices = parts.images, parts.devices
+        self.images, self.devices, self.shm = parts.images, parts.devices, parts.shm
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
+        self.learner = Learner(parts.state.path, self.recorder.journal, clock, wall())
         self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
         """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
@@ -137,6 +139,7 @@ class Loop:
         self.prober.join(until - self.clock())
         self.observer.stop()
         self.publisher.flush()
+        self.learner.write()
         self.recorder.history.close()
 
     @property
@@ -168,6 +171,8 @@ class Loop:
         self.prober.watch(decision.to_probe)
         if self.engine.local:  # who refuses connections on this machine is no node of another one
             self.ros.look(decision.situation)
+            self.shm.look(decision.situation)
+        self.learner.note(decision.memory.foresight.learned)
         self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
@@ -197,7 +202,9 @@ class Loop:
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             devices=self._devices(),
+            ros=self.ros.graphs,
             purge=document.down and document.purge,
+            learned=self.learner.learned,
             cache=self.decision.cache if self.decision else None,
         )
 
@@ -275,6 +282,15 @@ class Loop:
                 used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
                 found[container.service] = cpu + used.cpu, memory + used.memory
         return found
+
+    def running(self) -> list[tuple[Container, float]]:
+        """Containers that run, each since when by `clock`."""
+        found = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"]
+        return [
+            (c, step.running_since)
+            for c, step in found
+            if step.running_since is not None and step.incarnation == c.incarnation
+        ]
 
     def paused(self, service: str) -> None:
         """A service was just paused."""

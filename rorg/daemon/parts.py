@@ -10,7 +10,8 @@ from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
-from rorg.daemon.ros import RosPurger
+from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
@@ -39,7 +40,8 @@ class Collaborators:
     observer: Observer
     prober: Prober
     sampler: Sampler
-    ros: RosPurger
+    ros: RosWatch
+    shm: ShmPurger
     workers: Workers
     leases: Leases
     recorder: Recorder

@@ -18,13 +18,15 @@ from rorg.core.plan import Action
 from rorg.core.requests import MOST_TOLD
 from rorg.daemon.history import Historian
 from rorg.daemon.passages import Passages
+from rorg.daemon.ros_events import RosEvents
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.history.database import Database
 from rorg.history.journal import Journal
+from rorg.host.shared_memory import Removed
 from rorg.model.diagnostics import nearest
-from rorg.model.units import counted, format_seconds
+from rorg.model.units import counted, format_memory, format_seconds
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -51,6 +53,7 @@ class Recorder:
         self.journal = Journal(self.history)
         self.historian = Historian(self.history, wall, masker)
         self._passages = Passages(lambda kind, message, **more: self.journal.append(wall(), kind, message, **more))
+        self._ros = RosEvents(self.event)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
         """Service -> the run that was ready at the last pass."""
@@ -83,6 +86,21 @@ class Recorder:
         """A ROS node's registration was taken out of the master."""
         text = f"the stale registration of the ROS node {node} was taken out of the master"
         self.event("ros-purged", text, node=node)
+
+    def parameters_set(self, service: str, master: str, names: list[str]) -> None:
+        """ROS parameters of a service were set at its master; values are not told."""
+        text = f"{counted(len(names), 'ROS parameter')} of {service} set at {master}: {', '.join(names)}"
+        self.event("parameters-set", text, service=service, master=master, parameters=names)
+
+    def shm_purged(self, removed: Removed) -> None:
+        """What dead ROS 2 participants left was removed."""
+        files = f"{counted(removed.files, 'file')} ({format_memory(removed.size)})"
+        self.event(
+            "shm-purged",
+            f"{files} of dead ROS 2 participants removed from shared memory",
+            files=removed.files,
+            bytes=removed.size,
+        )
 
     def outcome(self, action: Action, error: str, seconds: float) -> None:
         text = f"{action}: " + (f"failed: {error}" if error else f"done in {seconds * 1000:.0f} ms")
@@ -126,6 +144,7 @@ class Recorder:
         )
         self._when_new("holds", tuple(decision.holds), self._holds, decision)
         self._devices(decision)
+        self._ros.tell(decision)
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         if observed.complete:
             self._passages.note(decision)

@@ -18,14 +18,17 @@ from rorg.daemon.loop import Loop
 from rorg.daemon.parts import Collaborators, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
-from rorg.daemon.ros import RosPurger
+from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
+from rorg.daemon.usage_recorder import UsageRecorder
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
+from rorg.history.usage import UsageTable
 from rorg.host.clock import booted_at, wall_clock
 from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
@@ -77,19 +80,18 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync)
-    prober = Prober(
-        clock, wakes.wake, ProbeRunner(engine, lambda service: loop.container_of(service), stopping), stopping
-    )
+    asker = ProbeRunner(engine, lambda service: loop.container_of(service), stopping, recorder.parameters_set)
+    prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = _sampler(engine, lambda: loop, wakes)
-    ros, devices = RosPurger(recorder.purged), DeviceWatch(wakes.wake)
-    workers = Workers(
-        engine, observer, recorder, clock, wakes.wake_soon, lambda service: loop.paused(service), DispatchLimits().most
-    )
+    ros, shm = RosWatch(recorder.purged, wakes.wake), ShmPurger(recorder.shm_purged)
+    devices = DeviceWatch(wakes.wake)
+    usage = UsageRecorder(UsageTable(recorder.history), lambda: loop.running(), engine.usage, clock, wall_clock)
+    workers = _workers(engine, observer, recorder, wakes, lambda: loop, usage)
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
-    notified = Wakeup(state.path, wakes.requests_changed)
     bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
-    threads: tuple[Thread, ...] = (*bringers, prober, sampler, ros, devices, watcher, notified, observer)
+    notified = Wakeup(state.path, wakes.requests_changed)
+    beside = (prober, sampler, usage, ros, shm, devices, watcher, notified, observer)
     # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
@@ -99,6 +101,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         prober=prober,
         sampler=sampler,
         ros=ros,
+        shm=shm,
         workers=workers,
         leases=Leases(state.requests, recorder),
         recorder=recorder,
@@ -107,10 +110,25 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         devices=devices,
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=threads,
+        threads=(*bringers, *beside),
     )
     loop = Loop(parts, owner, clock, time.time, booted_at())
     return loop
+
+
+def _workers(
+    engine: Engine,
+    observer: Observer,
+    recorder: Recorder,
+    wakes: Wakes,
+    loop: Callable[[], Loop],
+    usage: UsageRecorder,
+) -> Workers:
+    def paused(service: str) -> None:
+        loop().paused(service)
+
+    most = DispatchLimits().most
+    return Workers(engine, observer, recorder, time.monotonic, wakes.wake_soon, paused, usage.look, most)
 
 
 def _maintenance(recorder: Recorder, tree: Tree) -> Maintenance:

@@ -23,7 +23,8 @@ WORDS = 4096
 
 
 class Workers:
-    """`wake` is called when there is an outcome; `paused` after every pause that went well. `clock` gives seconds."""
+    """`wake` is called when there is an outcome; `paused` after every pause that went well,
+    `ceasing` before a pause or a stop. `clock` gives seconds."""
 
     def __init__(
         self,
@@ -33,10 +34,11 @@ class Workers:
         clock: Callable[[], float],
         wake: Callable[[], None],
         paused: Callable[[str], None],
+        ceasing: Callable[[str], None],
         most: int,
     ) -> None:
         self.engine, self.observer, self.recorder = engine, observer, recorder
-        self.clock, self.wake, self.paused = clock, wake, paused
+        self.clock, self.wake, self.paused, self.ceasing = clock, wake, paused, ceasing
         self._pool = ThreadPoolExecutor(most, thread_name_prefix="worker")
         self._lock = threading.Lock()
         self._outcomes: list[Outcome] = []
@@ -74,6 +76,8 @@ class Workers:
         began, error, made, refused, missing, spent = self.clock(), "", "", False, False, False
         self._last_words(action)
         try:
+            if action.verb in ("pause", "stop"):
+                self.ceasing(action.service)
             with self.observer.acting(action.container) if action.container else nullcontext():
                 made = perform(self.engine, action)
         except RorgError as failed:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rorg.history.database import Database
 from rorg.model.catalog import Request
 
 NEWEST = "SELECT content, text FROM asked JOIN asked_text USING (content) WHERE at <= ? ORDER BY number DESC LIMIT 1"
+CHANGES = "SELECT at, text FROM asked JOIN asked_text USING (content) WHERE at > ? AND at <= ? ORDER BY number"
 ANY = "~"
 """Later than any time, as text."""
 
@@ -42,10 +43,21 @@ class Asked:
     def at(self, time: str) -> tuple[Request, ...]:
         """What they asked for at a time."""
         for _, text in self.database.rows(NEWEST, (time,)):
-            try:
-                return tuple(_request(said) for said in json.loads(text))
-            except (ValueError, TypeError, LookupError, RecursionError):
-                break
+            return _read(text)
+        return ()
+
+    def between(self, begin: str, end: str) -> Iterator[tuple[str, tuple[Request, ...]]]:
+        """What they asked for at `begin`, and then each change up to `end`: (since when, all that they ask for)."""
+        yield begin, self.at(begin)
+        for at, text in self.database.rows(CHANGES, (begin, end)):
+            yield at, _read(text)
+
+
+def _read(text: str) -> tuple[Request, ...]:
+    """None of what nobody could have written."""
+    try:
+        return tuple(_request(said) for said in json.loads(text))
+    except (ValueError, TypeError, LookupError, RecursionError):
         return ()
 
 

@@ -95,6 +95,7 @@ EVENT = Message(
         Field(24, "shed", "map<string, string>", "Services that had to make room, each with the reason."),
         Field(25, "states", "map<string, string>", "Services, and the states that they were found in."),
         Field(26, "state", "string", "That a service has come into; `none` without a container."),
+        Field(27, "requested", "repeated string", "Services and groups that a request names."),
         Field(100, MORE, "string", "What has no field of its own here, as JSON."),
     ),
 )

@@ -9,6 +9,7 @@ from typing import Any
 
 from rorg.history.database import Database
 from rorg.history.journal import named_in
+from rorg.history.usage import HOUR
 
 BATCH = 50
 """Entries that are taken out at once: whoever writes waits for no more."""
@@ -28,6 +29,8 @@ class Retention:
     revisions: int = 1000
     requests: int = 10_000
     """States of the requests file."""
+    usage: int = 50_000
+    """Hours of runs of which it is known what they used."""
 
 
 def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[], object]) -> None:
@@ -48,6 +51,7 @@ def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[
         rest()
     database.write(lambda connection: _trim_revisions(connection, retention.revisions, oldest), keep=False)
     database.write(lambda connection: _trim_requests(connection, retention.requests, oldest), keep=False)
+    database.write(lambda connection: _trim_usage(connection, retention.usage, oldest), keep=False)
 
 
 def _number(database: Database, person: int) -> int:
@@ -99,3 +103,11 @@ def _trim_requests(connection: sqlite3.Connection, most: int, oldest: str) -> No
         (oldest, most),
     )
     connection.execute("DELETE FROM asked_text WHERE content NOT IN (SELECT content FROM asked)")
+
+
+def _trim_usage(connection: sqlite3.Connection, most: int, oldest: str) -> None:
+    """By whole hours."""
+    connection.execute(
+        "DELETE FROM usage WHERE hour < ? OR hour <= (SELECT hour FROM usage ORDER BY hour DESC LIMIT 1 OFFSET ?)",
+        (oldest[:HOUR], most),
+    )

@@ -25,7 +25,13 @@ CREATE TABLE asked (number INTEGER PRIMARY KEY, at TEXT NOT NULL, content TEXT N
 CREATE INDEX asked_at ON asked (at);
 CREATE TABLE asked_text (content TEXT PRIMARY KEY, text TEXT NOT NULL) WITHOUT ROWID;
 """,
+    """
+CREATE TABLE usage (
+  hour TEXT, service TEXT, run TEXT, seconds REAL NOT NULL, cpu REAL NOT NULL, byte_seconds REAL NOT NULL,
+  peak INTEGER NOT NULL, PRIMARY KEY (hour, service, run)
+) WITHOUT ROWID;
+""",
 )
 """entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
 first..last (NULL: up to the last one). run: what of the loop's memory outlives it. asked: the requests file as it was
-from a time on."""
+from a time on. usage: what each run of a service used in an hour."""

@@ -36,7 +36,17 @@ def gather(paths: Iterable[str], root: Path = Path("/")) -> Machine:
         cgroup=2 if (root / "sys/fs/cgroup/cgroup.controllers").exists() else 1,
         cpus=os.cpu_count() or 1,
         memory=psutil.virtual_memory().total,
+        shm=_free(root / "dev/shm"),
     )
+
+
+def _free(folder: Path) -> int | None:
+    """Bytes that may still be written there."""
+    try:
+        found = os.statvfs(folder)
+    except OSError:
+        return None
+    return found.f_bavail * found.f_frsize
 
 
 def node(place: Path, path: str) -> Node:

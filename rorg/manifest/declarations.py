@@ -21,6 +21,7 @@ def policy_of(spec: Any) -> Policy:
         Thresholds(**pressure.model_dump()) if pressure else None,
         dict(spec.resources),
         spec.purge_ros,
+        spec.purge_shm,
         spec.removals,
         ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
         HistoryPolicy(**spec.history.model_dump()) if spec.history else HistoryPolicy(),

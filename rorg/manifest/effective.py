@@ -3,7 +3,7 @@ of variables, or a default."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,16 @@ from rorg.manifest.effective_values import NOT_SHOWN, Level, Value
 from rorg.manifest.field_texts import FieldText, fields_of, inline, written
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.long_forms import EnvFile, read_env_files
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles, merged_of
 from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
+from rorg.manifest.ros import Ros
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
+from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
+UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
+"""Values of a Service that stand for nothing."""
 
 
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
@@ -33,16 +37,18 @@ def effective(root: Path, name: str, robot: str = "") -> list[Value]:
         return []
     profiles = built_in_profiles() | {s.name: s for s in sources if s.kind == "Profile"}
     merged = merge_profiles(profiles)[0]
-    used = [] if service.meta else [Level("profile", profiles[n]) for n in _chain(own.spec.profile or COMMON, profiles)]
+    named = tuple(own.spec.profile or (COMMON,))
+    used = [] if service.meta else [Level("profile", profiles[n]) for n in _chain(named, profiles)]
     policy = [Level("policy", s) for s in sources if s.kind == "Policy"]
     found = list(_spec([Level("manifest", own), *used], policy, service))
     if not service.meta:
-        found += _container(service, own, merged[own.spec.profile or COMMON], used)
+        found += _container(service, own, merged_of(named, merged), used)
     return found
 
 
-def _chain(name: str, profiles: Mapping[str, Source]) -> list[str]:
-    """A profile and all that it stands on, by whose word counts first. One that two others stand on may come twice."""
+def _chain(names: Sequence[str], profiles: Mapping[str, Source]) -> list[str]:
+    """The profiles of a service and all that they stand on, by whose word counts first. One that two others stand on
+    may come twice."""
     below = _under(COMMON, profiles)
 
     def chain(name: str) -> list[str]:
@@ -50,7 +56,7 @@ def _chain(name: str, profiles: Mapping[str, Source]) -> list[str]:
         alone = any(not profiles[n].spec.common for n in _under(name, profiles))
         return [name, *parents, *([] if name in below or alone else chain(COMMON))]
 
-    return chain(name)
+    return [name for named in reversed(names) for name in chain(named)]
 
 
 def _under(name: str, profiles: Mapping[str, Source]) -> set[str]:
@@ -73,11 +79,31 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
         elif name in ("idle", "resources"):
             for key, part in fields_of(told.model or BaseModel).items():
-                yield from _first([*levels, *policy] if name == "idle" else [own], (name, key), part, service)
+                yield from _first(_said_by(name, key, levels, policy, service), (name, key), part, service)
+        elif name == "profile" and own.source.spec.profile and len(own.source.spec.profile) == 1:
+            yield own.value(name, told, own.source.spec.profile[0], "spec", name)
         elif name == "needs":
             yield from _needs(levels, told, service)
+        elif name == "ros":
+            yield from _ros(own, told)
         elif name != "container":
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
+
+
+def _said_by(name: str, key: str, levels: list[Level], policy: list[Level], service: Service) -> list[Level]:
+    """Who may say a part of `idle` or of `resources`. A driver is prewarmed only by its own word."""
+    if name == "resources":
+        return levels[:1]
+    return levels if key == "prewarm" and service.driver else [*levels, *policy]
+
+
+def _ros(own: Level, told: FieldText) -> Iterator[Value]:
+    """Each parameter as it is written; of those whose names say that they are secret the names alone."""
+    ros: Ros | None = own.source.spec.ros
+    for name, value in ros.parameters.items() if ros else ():
+        said = own.value(f"ros.parameters.{name}", told, value, "spec", "ros", "parameters", name)
+        secret = any(secret_texts(name.rpartition("/")[2], value))
+        yield replace(said, value=None, text=NOT_SHOWN) if secret else said
 
 
 def _first(
@@ -94,7 +120,7 @@ def _first(
             yield level.value(".".join(field), told, value, *at)
             return
     value = _rendered(service, field)
-    if value not in (None, (), {}) and (field[-1], value) not in (("failures", 0), ("atomic", "")):
+    if value not in (None, (), {}) and (field[-1], value) not in UNSAID:
         yield Value(".".join(field), value, written(value, told.form), "default")
 
 
@@ -115,16 +141,19 @@ def _rendered(service: Service, path: tuple[str, ...]) -> Any:
 def _probe(levels: list[Level], name: str, service: Service) -> Iterator[Value]:
     """A probe is one thing: it comes whole from whoever says it first."""
     for level in levels:
-        probe: BaseModel | None = getattr(level.source.spec, name, None)
-        if probe is not None:
+        probe: Any = getattr(level.source.spec, name, None)
+        if isinstance(probe, BaseModel):
             for key, part in fields_of(type(probe)).items():
+                if key == "interval" and getattr(probe, "all", None) and getattr(probe, key) is None:
+                    continue  # each part has its own
                 yield from _first([level], (name, key), part, service)
             return
 
 
 def _needs(levels: list[Level], told: FieldText, service: Service) -> Iterator[Value]:
     count, implied = 0, dict(service.joins)
-    for level in (levels[0], *reversed(levels[1:])):
+    once = {id(level.source): level for level in (levels[0], *reversed(levels[1:]))}
+    for level in once.values():
         for index, need in enumerate(getattr(level.source.spec, "needs", ())):
             plain = need.service if not need.restart else {"service": need.service, "restart": True}
             if need.service != levels[0].source.name or level is levels[0]:

@@ -61,12 +61,16 @@ class Level:
 
     def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
         """A value that stands at `path` in this manifest."""
-        plain = value.model_dump(mode="json", exclude_unset=True) if isinstance(value, BaseModel) else value
+        plain = [_plain(item) for item in value] if isinstance(value, list) else _plain(value)
         text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
         document = self.source.document
         path = written_at(document.value, path)
         used = tuple(dict.fromkeys(u for at, us in document.filled.items() if at[: len(path)] == path for u in us))
         return Value(field, plain, text, self.kind, self.name, self.source.where(*path), used)
+
+
+def _plain(value: Any) -> Any:
+    return value.model_dump(mode="json", exclude_unset=True) if isinstance(value, BaseModel) else value
 
 
 def written_at(value: Any, path: tuple[str | int, ...]) -> tuple[str | int, ...]:

@@ -13,6 +13,7 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.programs import missing
+from rorg.manifest.ros_parameters import parameter_files
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,8 @@ class Inputs:
     """Paths, whether anything is there or not: what is missing may come."""
 
     files: frozenset[Path] = frozenset()
-    """Read with the manifests: env_file, profiles of seccomp, Dockerfiles; and programs and their directories, and what
-    is to be mounted, that are missing."""
+    """Read with the manifests: env_file, profiles of seccomp, values of ROS parameters, Dockerfiles; and programs and
+    their directories, and what is to be mounted, that are missing."""
     mounted: frozenset[Path] = frozenset()
     """Files and directories of the tree that services mount to read. What they may write is their own."""
     contexts: frozenset[Path] = frozenset()
@@ -36,7 +37,7 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     profiles = [s.spec.container for s in by_kind.get("Profile", {}).values()]
     for source in by_kind.get("Service", {}).values():
         spec: Any = source.spec
-        files |= missing(source)
+        files |= {*missing(source), *parameter_files(source)}
         for options in (spec.container, *profiles):
             files |= {source.directory / f.path for f in read_env_files(getattr(options, "env_file", None))}
             words = getattr(options, "security_opt", None) or ()

@@ -17,7 +17,7 @@ from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles, merged_of
 from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
@@ -142,7 +142,10 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
-LATER = ("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged")
+LATER = (
+    *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
+    *("purge_shm", "prewarm", "connected"),
+)
 """What earlier versions did not know: a tree without it has the fingerprint that it had."""
 
 
@@ -198,12 +201,9 @@ def _catalog(
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
     for name, source in by_kind.get("Service", {}).items():
-        wanted = source.spec.profile or COMMON
-        if wanted not in profiles and wanted not in broken:
-            diagnostics.append(
-                Diagnostic(source.where("spec", "profile"), f"unknown profile '{wanted}'", nearest(wanted, profiles))
-            )
-        services[name], found = _rendered(source, merged.get(wanted, merged[COMMON]), policy, engine)
+        wanted = source.spec.profile or ()
+        diagnostics += _unknown_profiles(source, wanted, {*profiles, *broken})
+        services[name], found = _rendered(source, merged_of(wanted, merged), policy, engine)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
@@ -225,6 +225,14 @@ def _catalog(
     diagnostics += of_images
     diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
     return catalog, diagnostics
+
+
+def _unknown_profiles(source: Source, names: Iterable[str], known: set[str]) -> Iterator[Diagnostic]:
+    for index, name in enumerate(names):
+        if name not in known:
+            at = ("spec", "profile", index)
+            where = source.where(*at) if at in source.document.values else source.where("spec", "profile")
+            yield Diagnostic(where, f"unknown profile '{name}'", nearest(name, known))
 
 
 def _unknown_permitted(
@@ -300,7 +308,7 @@ def _resolve(
                 what = "itself" if name == service.name else f"'{name}', which it needs"
                 diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
             elif name not in known:
-                by = "" if name in written else f" (by profile '{source.spec.profile or COMMON}')"
+                by = "" if name in written else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
                 diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))

@@ -74,7 +74,7 @@ class Probe(Strict):
 
 
 class ServiceProbe(Probe):
-    """Forms that look into a service's container or at its place in the ROS graph."""
+    """Exactly one of the forms: those that look into a service's container, or at its place in the ROS graph, too."""
 
     exec: Words | None = unchanging(
         "This command, run inside the container, exits 0. Costs about 50 ms each time; the others cost 1 or 2.",
@@ -89,7 +89,15 @@ class ServiceProbe(Probe):
     )
 
 
-class Ready(ServiceProbe):
+class Probes(ServiceProbe):
+    """One form, or several that must hold together."""
+
+    all: Annotated[list[ServiceProbe], Field(min_length=1, max_length=32)] | None = unchanging(
+        "All of these hold. Each may have an `interval` of its own.", [{"ros_node": "/move_base"}, {"tcp": 9090}]
+    )
+
+
+class Ready(Probes):
     """When a running service counts as ready. Without it, running is ready."""
 
     delay: Duration | None = unchanging("Ready so long after its start.", "3s")
@@ -106,7 +114,7 @@ class Ready(ServiceProbe):
     )
 
 
-class Live(ServiceProbe):
+class Live(Probes):
     """Restarts a service that runs, was ready, and does not answer any more. `file`: it must be touched at least
     every `interval`."""
 
@@ -117,4 +125,17 @@ class Interlock(Probe):
     """What must allow it before a container of this service is touched. `file`: it is there, on this machine."""
 
 
-FORMS = ("delay", "completed", "tcp", "http", "file", "exec", "log", "engine", "ros_node", "ros_topic", "ros_service")
+FORMS = (
+    "delay",
+    "completed",
+    "tcp",
+    "http",
+    "file",
+    "exec",
+    "log",
+    "engine",
+    "ros_node",
+    "ros_topic",
+    "ros_service",
+    "all",
+)

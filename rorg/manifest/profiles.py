@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, reduce
 from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
@@ -62,6 +62,8 @@ class Merged:
     live: Any = None
     restart: str | None = None
     without_hardware: bool = False
+    alone: bool = False
+    """It wants nothing of `common`."""
     container: Mapping[str, Any] = field(default_factory=dict)
     origins: Origins = field(default_factory=dict)
     """Option of the container -> what declares it."""
@@ -155,17 +157,22 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         below |= more
         pending += more
     merged: dict[str, Merged] = {}
-    alone: set[str] = set()
-    """Those that want nothing of `common`."""
     first = {name: [*found, *([] if name in below else [COMMON])] for name, found in parents.items()}
     for name in TopologicalSorter(first).static_order():
-        if not sources[name].spec.common or not alone.isdisjoint(parents[name]):
-            alone.add(name)
-        result = Merged() if name in below or name in alone else merged[COMMON]
-        for parent in parents[name]:
-            result = _over(result, merged[parent])
-        merged[name] = _over(result, _own(name, sources[name]))
+        own = _own(name, sources[name])
+        extended = [merged[parent] for parent in parents[name]]
+        alone = own.alone or any(parent.alone for parent in extended)
+        merged[name] = reduce(_over, [*extended, own], Merged() if name in below or alone else merged[COMMON])
     return merged, diagnostics
+
+
+def merged_of(names: Sequence[str], merged: Mapping[str, Merged]) -> Merged:
+    """The profiles that a service names, those that there are: one, or as one that extends them in this order; else
+    `common`."""
+    found = [merged[name] for name in names if name in merged] or [merged[COMMON]]
+    if len(found) == 1:
+        return found[0]
+    return reduce(_over, found, Merged() if any(one.alone for one in found) else merged[COMMON])
 
 
 def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[Diagnostic]]:
@@ -198,6 +205,7 @@ def _own(name: str, source: Source) -> Merged:
         live=spec.live,
         restart=spec.restart,
         without_hardware=spec.without_hardware,
+        alone=not spec.common,
         container=container,
         origins=trace({}, container, container, Origin(name, built_in_profiles().get(name) is source)),
     )
@@ -215,6 +223,7 @@ def _over(base: Merged, top: Merged) -> Merged:
         live=top.live or base.live,
         restart=top.restart or base.restart,
         without_hardware=base.without_hardware or top.without_hardware,
+        alone=base.alone or top.alone,
         container=container,
         origins=_put(base.origins, container, top.origins),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rorg.manifest.documents import Source
@@ -9,6 +11,7 @@ from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
+from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 
@@ -53,6 +56,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
+        ros=parameters_of(source, master, diagnostics),
         **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,
@@ -73,12 +77,27 @@ def _endless(source: Source, service: Service) -> list[Diagnostic]:
     return [Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")]
 
 
+PREWARM = {"auto": 0.2, "off": 0.0}
+"""Probabilities by name; why 0.2 is in docs/explanation/planning.md."""
+
+
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
-    """The Policy's, with what the profile and then the manifest say otherwise."""
+    """The Policy's, with what the profile and then the manifest say otherwise. What moves hardware does not begin
+    before anybody asks for it unless that is said of itself."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
-    declared = {**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})}
-    escalate = declared.get("escalate")
-    return Idle(**{**declared, "escalate": (escalate["after"], escalate["action"]) if escalate else None})
+    if spec.driver is not None:
+        first.pop("prewarm", None)
+    return idle_of({**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})})
+
+
+def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
+    """What fields of `idle` come to, with those that are not declared as they are otherwise."""
+    found = dict(declared)
+    if "escalate" in found:
+        found["escalate"] = found["escalate"]["after"], found["escalate"]["action"]
+    if isinstance(found.get("prewarm"), str):
+        found["prewarm"] = PREWARM[found["prewarm"]]
+    return replace(otherwise, **found)
 
 
 ALL = "*"
@@ -104,6 +123,15 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
     """A probe as the loop asks it; `role` is ready, live or interlock."""
     if model is None:
         return None
+    parts = tuple(_question(part, role, master, model) for part in getattr(model, "all", None) or ())
+    if not parts:
+        return _question(model, role, master, model)
+    shortest = min(part.interval for part in parts)
+    return replace(parts[0], kind="all", target="", interval=shortest, master="", parts=parts)
+
+
+def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
+    """One question of a probe; `whole` says what holds for all of them."""
     kind = next(name for name in FORMS if getattr(model, name, None) is not None)
     target = getattr(model, kind)
     if kind == "tcp":
@@ -111,14 +139,14 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
         target = f"{host or '127.0.0.1'}:{port}"
     if kind == "completed":
         target = ""
-    interval = model.interval
+    interval = model.interval or whole.interval
     if interval is None:
         interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]
     return Probe(
         kind,
         tuple(target) if isinstance(target, list) else target,
-        getattr(model, "timeout", 30.0),
+        getattr(whole, "timeout", 30.0),
         interval,
-        getattr(model, "failures", None) or 0,
+        getattr(whole, "failures", None) or 0,
         master if kind.startswith("ros_") else "",
     )

@@ -14,7 +14,9 @@ from rorg.manifest.fields import Written, recreate, unchanging
 from rorg.manifest.option_forms import Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
+from rorg.manifest.ros import Ros
 from rorg.manifest.scalars import Memory, Name
+from rorg.model.units import NAME
 
 Priority = Annotated[int, Field(ge=0, le=100)]
 
@@ -51,6 +53,7 @@ def _on_change(value: object) -> object:
     return name
 
 
+NAMED = {"type": "string", "pattern": NAME}
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
@@ -73,6 +76,13 @@ OnChange = Annotated[
     WithJsonSchema({"type": "string", "pattern": "^(restart|none|signal [A-Za-z0-9+]+)$"}),
     Written("restart | none | signal NAME"),
 ]
+ProfileNames = Annotated[
+    list[Name],
+    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    Field(min_length=1),
+    WithJsonSchema({"anyOf": [NAMED, {"type": "array", "items": NAMED, "minItems": 1}]}),
+    Written("name | list of name"),
+]
 Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
 Restart = Literal["always", "on-failure", "never"]
 
@@ -87,6 +97,7 @@ def _container_only(spec: ServiceSpec) -> list[str]:
         "ready",
         "live",
         "interlock",
+        "ros",
         "driver",
         "mounts",
         "container",
@@ -109,10 +120,10 @@ class ServiceSpec(Strict):
         "roslaunch /root/navigation/fetch_nav.launch --wait",
         unset="the image's",
     )
-    profile: Name | None = unchanging(
-        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree. plain: nothing but what is "
-        "declared here.",
-        "ros1",
+    profile: ProfileNames | None = unchanging(
+        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree; or several, as one that extends "
+        "them in this order. plain: nothing but what is declared here.",
+        ["ros1", "realtime"],
         unset="common",
     )
     needs: Needs = unchanging(
@@ -181,6 +192,9 @@ class ServiceSpec(Strict):
         "Expected use, for budgets and simulation. Limits are container options (cpus, mem_limit).",
         {"cpu": 0.6, "memory": "180Mi"},
         Resources,
+    )
+    ros: Ros | None = unchanging(
+        "What the ROS 1 master is given for it.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
     )
     driver: Driver | None = recreate(
         "Hardware that it talks to: it gets these devices and no others.", {"devices": ["/dev/ttyUSB0:/dev/base"]}

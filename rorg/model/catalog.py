@@ -11,6 +11,7 @@ from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
+from rorg.model.ros import RosParameters
 from rorg.model.units import LONGEST
 
 DEVELOPER = "developer"
@@ -43,6 +44,10 @@ class Idle:
     escalate: tuple[float, str] | None = None
     """(seconds after it was ceased, stop or remove)."""
     reclaim: bool = False
+    prewarm: float = 0.0
+    """Probability from which it is made active before it is requested; 0 for never."""
+    connected: str = "pause"
+    """pause or stop: what is done instead of pausing it while its ROS 1 nodes are connected to those of others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +67,8 @@ class Probe:
     """A question to a service: `ready`, `live` or `interlock`."""
 
     kind: str
-    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic or ros_service."""
+    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic, ros_service or ros_parameters; all for
+    several."""
     target: float | str | tuple[str, ...]
     timeout: float = 30.0
     """Seconds after which a service counts as late."""
@@ -72,6 +78,13 @@ class Probe:
     """So many failures in a row count; 0 for a readiness that is not probed again."""
     master: str = ""
     """URI of the ROS 1 master, for ros_*."""
+    parts: tuple[Probe, ...] = ()
+    """Those that must all hold, where there are several; its interval is the shortest of theirs."""
+
+    @property
+    def questions(self) -> tuple[Probe, ...]:
+        """What is asked, one by one: its parts, or itself."""
+        return self.parts or (self,)
 
     @property
     def delay(self) -> float | None:
@@ -87,6 +100,8 @@ class Probe:
         return self.kind == "completed"
 
     def __str__(self) -> str:
+        if self.parts:
+            return " and ".join(map(str, self.parts))
         if self.completed:
             return self.kind
         target = " ".join(self.target) if isinstance(self.target, tuple) else self.target
@@ -138,6 +153,7 @@ class Service:
     """Those without which it does not run."""
     unplugged: str = "stop"
     """What becomes of it when one of them goes: stop or keep."""
+    ros: RosParameters | None = None
     spec: Spec | None = None
     """None for a meta-service."""
     secrets: tuple[str, ...] = ()

@@ -43,5 +43,7 @@ class Machine:
     cpus: int = 1
     memory: int = 0
     """Bytes."""
+    shm: int | None = None
+    """Bytes that are free in /dev/shm; None where that is not known."""
     runtimes: frozenset[str] | None = None
     """Of the engine; None where it was not asked, or does not answer."""

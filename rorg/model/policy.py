@@ -67,6 +67,7 @@ class Policy:
     resources: Mapping[str, int] = field(default_factory=dict)
     """Exclusive resource -> how many units there are; 1 where it is not named."""
     purge_ros: bool = True
+    purge_shm: bool = True
     removals: str = "ask"
     """ask or auto."""
     images: ImagePolicy = ImagePolicy()

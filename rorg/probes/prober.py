@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 from rorg.core.decide import FRESH
-from rorg.core.memory import ProbeResult
+from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
 from rorg.probes.answer import Answer, cannot_ask
 
@@ -24,13 +24,17 @@ SHARE = 0.05
 """Of a core, that one probe takes at the most: who makes it read much is asked the less often."""
 
 Key = tuple[str, str]
+"""(service, role)"""
+Question = tuple[str, str, int]
+"""(service, role, which of its questions)"""
 Ask = Callable[[Key, Target], Answer]
 """Asks once."""
 
 
 class Prober:
     """Probes what it was last told to, each target every `every` seconds, and wakes the loop when it learns something.
-    `ask` does one attempt. Times are of `clock`, seconds."""
+    `ask` does one attempt. Times are of `clock`, seconds. The questions of a probe that has several are asked each by
+    itself: one that takes long holds up no other."""
 
     def __init__(
         self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, stopping: threading.Event | None = None
@@ -39,10 +43,12 @@ class Prober:
         self.clock, self.wake, self.ask = clock, wake, ask
         self._pool = ThreadPoolExecutor(MOST, thread_name_prefix="probe")
         self._condition = threading.Condition()
-        self._targets: dict[Key, Target] = {}
-        self._due: dict[Key, float] = {}
-        self._busy: dict[Key, float] = {}
+        self._whole: Mapping[Key, Target] = {}
+        self._targets: dict[Question, Target] = {}
+        self._due: dict[Question, float] = {}
+        self._busy: dict[Question, float] = {}
         """Attempts under way, and when each began."""
+        self._answers: dict[Question, ProbeResult] = {}
         self._results: dict[Key, ProbeResult] = {}
         self._stopping = stopping or threading.Event()
         self.hung = 0
@@ -70,22 +76,25 @@ class Prober:
     def watch(self, targets: Mapping[Key, Target]) -> None:
         """What to probe from now on. What is not in it any more is forgotten: a later look begins anew."""
         with self._condition:
-            again = [k for k, t in targets.items() if self._asked_anew(k, t)]
-            if targets == self._targets and not again:
+            asked = {(*key, part.part): part for key, target in targets.items() for part in target.parts()}
+            again = [k for k, t in asked.items() if self._asked_anew(k, t)]
+            if asked == self._targets and not again:
                 return
-            now, fresh = self.clock(), [k for k, t in targets.items() if self._targets.get(k) != t]
+            now, fresh = self.clock(), [k for k, t in asked.items() if self._targets.get(k) != t]
             for index, key in enumerate(fresh):
                 # Readiness is asked at once; life, which was fine just now, later, and not of all at the same time.
-                wait = targets[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
+                wait = asked[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
                 self._due[key] = now + wait
-                self._results.pop(key, None)
+                self._answers.pop(key, None)
+                self._results.pop(key[:2], None)
             self._due.update(dict.fromkeys(again, now))
-            self._targets = dict(targets)
-            self._due = {k: t for k, t in self._due.items() if k in targets}
+            self._targets, self._whole = asked, dict(targets)
+            self._due = {k: t for k, t in self._due.items() if k in asked}
+            self._answers = {k: f for k, f in self._answers.items() if k in asked}
             self._results = {k: f for k, f in self._results.items() if k in targets}
             self._condition.notify()
 
-    def _asked_anew(self, key: Key, target: Target) -> bool:
+    def _asked_anew(self, key: Question, target: Target) -> bool:
         """Somebody has begun to wait since it was last asked."""
         before = self._targets.get(key)
         return before == target and target.asked is not None and (before.asked or 0.0) < target.asked
@@ -107,10 +116,10 @@ class Prober:
         """How many attempts may begin."""
         return max(0, min(WORKERS - sum(now < at + SLOW for at in self._busy.values()), MOST - len(self._busy)))
 
-    def _probe(self, key: Key, target: Target) -> None:
+    def _probe(self, key: Question, target: Target) -> None:
         began, used = self.clock(), time.thread_time()
         try:
-            answer = self.ask(key, target)
+            answer = self.ask(key[:2], target)
         except Exception as bug:  # a probe that breaks must neither end the probing nor the service
             answer = cannot_ask(f"{type(bug).__name__}: {bug}")
         with self._condition:
@@ -122,17 +131,25 @@ class Prober:
         if told:
             self.wake()
 
-    def _learn(self, key: Key, target: Target, answer: Answer, began: float, rested: float) -> bool:
+    def _learn(self, key: Question, target: Target, answer: Answer, began: float, rested: float) -> bool:
         """Notes a finding; whether it is news. What could not be asked is no failure of the service. The next attempt
         begins when the probe has `rested`."""
-        old = self._results.get(key)
+        old = self._answers.get(key)
         failures = 0 if answer.ok else (old.failures if old else 0) + answer.asked
-        self._results[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
+        self._answers[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
+        self._tell(key[:2])
         since = target.asked or 0.0
-        self._due[key] = max(rested, began + target.every if began >= since else self.clock())
+        self._due[key] = max(rested, began + target.next_after(failures) if began >= since else self.clock())
         if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":
             # The loop takes an answer that is too old for none, so the same answer is news then.
             return bool(self.clock() - old.at > target.probe.interval + FRESH)
         return failures != old.failures and failures == target.probe.failures
+
+    def _tell(self, key: Key) -> None:
+        """What is known of a probe now, from all its answers."""
+        probe = self._whole[key].probe
+        found = together(probe, [self._answers.get((*key, part)) for part in range(len(probe.questions))])
+        if found is not None:
+            self._results[key] = found

@@ -7,7 +7,6 @@ it names, may answer anything, or for ever.
 from __future__ import annotations
 
 import xmlrpc.client
-from collections.abc import Iterable
 from http.client import HTTPResponse
 from typing import Any, NoReturn
 from xml.parsers import expat
@@ -19,8 +18,6 @@ from rorg.probes.answer import YES, Answer, no
 CALLER = "/rorg"
 TIMEOUT = 1.0
 """Seconds for one attempt, all calls of it. A paused program accepts the connection and never answers."""
-PURGING = 10.0
-"""Seconds for looking after all nodes of a master."""
 MOST = 2 << 20
 """Bytes of one answer. The graph of 300 nodes with 1,000 topics has some 0.7 MiB."""
 CHUNK = 1 << 16
@@ -31,11 +28,21 @@ Graph = list[dict[str, list[str]]]
 def call(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> Any:
     """The value of a call that succeeded. Raises OSError when nobody answers, or with what is no answer of ROS;
     LookupError when the answer is no."""
+    return value_of(ask(uri, method, *args, deadline=deadline))
+
+
+def ask(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> Any:
+    """What a call of XML-RPC returns, which need not be an answer of ROS. Raises OSError."""
     deadline, asked = deadline or Deadline.within(TIMEOUT), xmlrpc.client.dumps(args, method).encode()
     with answer(uri, deadline, MOST, asked, {"Content-Type": "text/xml"}) as response:
         if response.status != 200:
             raise OSError(f"it answers {response.status}")
-        found = _parsed(response, deadline)
+        return _parsed(response, deadline)
+
+
+def value_of(found: Any) -> Any:
+    """The value of an answer of ROS that says yes. Raises OSError for what is no answer of ROS; LookupError where it
+    says no."""
     if not (isinstance(found, list) and len(found) == 3):
         raise OSError("its answer is not that of ROS")
     code, message, value = found
@@ -67,8 +74,8 @@ def _refuse(*_: Any) -> NoReturn:
     raise OSError("its answer declares a document type")
 
 
-def _graph(master: str, deadline: Deadline) -> Graph:
-    """Raises OSError."""
+def graph(master: str, deadline: Deadline) -> Graph:
+    """Publishers, subscribers and services. Raises OSError."""
     try:
         state = call(master, "getSystemState", CALLER, deadline=deadline)
         found = [{str(name): [str(node) for node in nodes] for name, nodes in part} for part in state]
@@ -84,7 +91,7 @@ def probe(kind: str, name: str, master: str) -> Answer:
     deadline = Deadline.within(TIMEOUT)
     try:
         if kind == "ros_topic":
-            return YES if name in _graph(master, deadline)[0] else no(f"nobody publishes {name}")
+            return YES if name in graph(master, deadline)[0] else no(f"nobody publishes {name}")
         if kind == "ros_service":
             where = str(call(master, "lookupService", CALLER, name, deadline=deadline))
             connect(*place_of(where, "rosrpc"), deadline).close()
@@ -95,45 +102,3 @@ def probe(kind: str, name: str, master: str) -> Answer:
         return no(f"{name} is not registered")
     except OSError as error:
         return no(f"{name} does not answer: {error.strerror or error}")
-
-
-def purge(master: str, local: Iterable[str]) -> list[str]:
-    """Takes the registrations of dead nodes out of the master and returns their names. Dead is whose XML-RPC port, on
-    this machine (`local` host names and addresses), refuses the connection; a paused node still accepts it, and
-    purging that would cut it off for ever (`rosnode cleanup` does). Raises OSError when there is no master."""
-    whole = Deadline.within(PURGING)
-    graph = _graph(master, whole.sooner(TIMEOUT))
-    purged = []
-    for node in sorted({n for part in graph for names in part.values() for n in names}):
-        try:
-            uri = str(call(master, "lookupNode", CALLER, node, deadline=whole.sooner(TIMEOUT)))
-            if place_of(uri)[0] in local and not listens(uri, whole.sooner(TIMEOUT)):
-                _unregister(master, node, uri, graph, whole)
-                purged.append(node)
-        except (LookupError, OSError):
-            continue
-    return purged
-
-
-def listens(uri: str, deadline: Deadline) -> bool:
-    """Whether anybody is there: only a refused connection says no. A paused program still accepts it."""
-    try:
-        connect(*place_of(uri), deadline).close()
-    except ConnectionRefusedError:
-        return False
-    except OSError:
-        pass
-    return True
-
-
-def _unregister(master: str, node: str, uri: str, graph: Graph, whole: Deadline) -> None:
-    def tell(method: str, name: str, where: str) -> None:
-        call(master, method, node, name, where, deadline=whole.sooner(TIMEOUT))
-
-    publishers, subscribers, services = graph
-    for topic in (t for t, names in publishers.items() if node in names):
-        tell("unregisterPublisher", topic, uri)
-    for topic in (t for t, names in subscribers.items() if node in names):
-        tell("unregisterSubscriber", topic, uri)
-    for service in (s for s, names in services.items() if node in names):
-        tell("unregisterService", service, str(call(master, "lookupService", CALLER, service, deadline=whole)))

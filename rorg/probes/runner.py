@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from rorg.core.observed import Container
+from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.protocol import Capabilities, Inspection
 from rorg.errors import RorgError
@@ -15,6 +16,7 @@ from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
 from rorg.probes.answer import YES, Answer, cannot_ask, no
 from rorg.probes.ask import ask_file, ask_host, asks_this_machine
+from rorg.probes.ros_parameters import ensure
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
@@ -36,28 +38,35 @@ class ProbeRunner:
     """Asks probes of one engine's containers. Remembers how far each log was read."""
 
     def __init__(
-        self, engine: Asked, container_of: Callable[[str], Container | None], stopping: threading.Event | None = None
+        self,
+        engine: Asked,
+        container_of: Callable[[str], Container | None],
+        stopping: threading.Event | None = None,
+        told: Callable[[str, str, list[str]], None] = lambda *_: None,
     ) -> None:
-        """`stopping` ends the attempts under way."""
-        self.engine, self.container_of = engine, container_of
+        """`stopping` ends the attempts under way. `told` hears of ROS parameters that were set: for which service, at
+        which master, their names."""
+        self.engine, self.container_of, self.told = engine, container_of, told
         self.stopping = stopping or threading.Event()
-        self._read: dict[tuple[str, str], tuple[tuple[str, str], str | None]] = {}
-        """(service, role) -> (incarnation, pattern), and the place in its log; None once a line was found."""
+        self._read: dict[tuple[str, str, int], tuple[tuple[str, str], str | None]] = {}
+        """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line was found."""
 
     def __call__(self, key: tuple[str, str], target: Target) -> Answer:
         service, role = key
         probe = target.probe
         if role == "interlock":
             return ask_host(probe)  # it is about this machine, whichever the engine is on
+        if role == ROLE:
+            return self._parameters(service, target)
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
             return cannot_ask("it is another run by now")
         try:
-            return self._ask(key, probe, container)
+            return self._ask((*key, target.part), probe, container)
         except RorgError as error:
             return cannot_ask(error.why)
 
-    def _ask(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
+    def _ask(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         match probe.kind:
             case "exec":
                 return self._exec(probe, container)
@@ -70,6 +79,19 @@ class ProbeRunner:
         if not self.engine.local and asks_this_machine(probe):
             return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
         return ask_host(probe)
+
+    def _parameters(self, service: str, target: Target) -> Answer:
+        master, digest = target.probe.master, str(target.probe.target)
+        if not self.engine.local and asks_this_machine(target.probe):
+            return cannot_ask(f"{ELSEWHERE}, and {master} names no host")
+        try:
+            if ensure(master, service, digest, target.values, target.anew):
+                self.told(service, master, sorted(target.values))
+        except LookupError as error:
+            return no(f"{master} refuses them: {error}")
+        except OSError as error:
+            return no(f"{master} does not answer: {error.strerror or error}")
+        return YES
 
     def _exec(self, probe: Probe, container: Container) -> Answer:
         assert isinstance(probe.target, tuple)
@@ -91,7 +113,7 @@ class ProbeRunner:
             return cannot_ask("the engine does not say which process it is")
         return ask_file(probe, role, container.pid, isolated)
 
-    def _log(self, key: tuple[str, str], probe: Probe, container: Container) -> Answer:
+    def _log(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         """A line that was there once stays said, for this run."""
         about = container.incarnation, str(probe.target)
         known, place = self._read.get(key, (about, ""))

@@ -3,7 +3,7 @@ when one is drawn: it is big, and an extra of the installation (`rorg[plots]`)."
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from rorg.sim.results import RunResult, Sample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg")
 MOST_POINTS = 480
@@ -35,13 +36,18 @@ def check_drawing(path: Path) -> None:
 
 
 def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
-    """Writes a picture, PNG or SVG by its name. The same runs give the same SVG. Raises Invalid where that cannot be
+    """CPU and memory over time. Raises Invalid as save() does."""
+    save(lambda: _figure(results, trace, footnote), path)
+
+
+def save(make: Callable[[], Figure], path: Path) -> None:
+    """Writes a picture, PNG or SVG by its name. The same figure gives the same SVG. Raises Invalid where that cannot be
     done."""
     check_drawing(path)
     import matplotlib as mpl
 
     with mpl.rc_context({"svg.hashsalt": "rorg", "svg.fonttype": "none", "font.size": 9}):
-        figure = _figure(results, trace, footnote)
+        figure = make()
         try:
             figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
         except OSError as error:

@@ -18,10 +18,13 @@ from rorg.core.observed import Container, Observed
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
+from rorg.core.ros_graph import Graphs
+from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.execute import is_spent, perform, said_no
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
+from rorg.model.learned import Learned
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_document import RequestsDocument
 
@@ -56,6 +59,10 @@ class SimRobot:
         """Services whose interlock says no."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
+        self.learned: Learned | None = None
+        """What was learnt before of requests; None: nothing is prewarmed."""
+        self.ros: Graphs = {}
+        """What ROS 1 masters say."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
@@ -167,7 +174,9 @@ class SimRobot:
             renewals=self.renewals,
             confirmed=self.document.removals,
             retries=self.document.retries,
+            learned=self.learned,
             cache=self.cache,
+            ros=self.ros,
             devices={
                 d: self.engine.devices[d.identity] for d in self.desired.devices if d.identity in self.engine.devices
             },
@@ -181,6 +190,8 @@ class SimRobot:
             if role == "interlock":
                 ok = name not in self.locked
                 found[name, role] = ProbeResult("", ok, self.now, "" if ok else "not allowed")
+            elif role == ROLE:
+                found[name, role] = ProbeResult(target.incarnation, True, self.now)
             elif step.running_since is not None and step.incarnation == target.incarnation:
                 late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
                 ok = step.incarnation not in self.hung and not (role == "ready" and late)

@@ -17,6 +17,7 @@ from rorg.core.pressure import Load, pressed
 from rorg.core.requests import problems
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Request
+from rorg.model.learned import Learned
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
 from rorg.sim.baseline import everything
@@ -40,11 +41,13 @@ def simulate(
     name: str = "rorg",
     all_on: bool = False,
     every: float = 1.0,
+    learned: Learned | None = None,
 ) -> RunResult:
     """Runs the trace on a robot whose programs behave as the workload says, from a machine on which nothing runs.
 
     The same arguments give the same result, bit for bit. `all_on`: everything runs all the time, for comparison.
-    `every`: seconds between two samples; sums do not depend on it.
+    `every`: seconds between two samples; sums do not depend on it. `learned`: what is known of requests when it begins,
+    for services that are prewarmed; it goes on learning. None: none are.
 
     A requester that is a service requests by its run of then, as in reality: while it is not ready its requests wait,
     and a run that takes the place of one that crashed makes anew what the trace last asked in its name. The time until
@@ -53,6 +56,7 @@ def simulate(
     it has.
     """
     run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every)
+    run.learned = learned
     if all_on:
         run.document = run.document.put(everything(catalog, trace))
     run.play()

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from rorg.core.former import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Where
+from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 
@@ -83,6 +84,7 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
     flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
     flat["update"] = Updating(**data.get("update", {}))
     flat["joins"] = {name: tuple(options) for name, options in data.get("joins", {}).items()}
+    flat["ros"] = RosParameters(**data["ros"]) if data.get("ros") else None
     for role in ("ready", "live", "interlock"):
         flat[role] = _probe(data[role])
     return Service(**flat)
@@ -91,5 +93,5 @@ def _load(entry: Mapping[str, Any]) -> Service | Group:
 def _probe(data: Mapping[str, Any] | None) -> Probe | None:
     if data is None:
         return None
-    target = data["target"]
-    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target})
+    target, parts = data["target"], tuple(filter(None, map(_probe, data.get("parts", ()))))
+    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target, "parts": parts})

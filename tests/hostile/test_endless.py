@@ -26,9 +26,9 @@ from rorg.errors import EngineError
 from rorg.host.git import _git as ask_git
 from rorg.images.importing import import_stream
 from rorg.model.catalog import Image, Probe
-from rorg.probes import ros_master
 from rorg.probes.answer import YES
 from rorg.probes.ask import ask_host
+from rorg.probes.ros_state import read_state
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
 
@@ -102,11 +102,11 @@ def test_the_node_that_a_master_names_may_be_anything():
 @pytest.mark.parametrize(
     "value", [5, "", [], [1], [[], [], []], [1, "", 7], [1, "", [5, 6, 7]], [1, "", [[["a"]]] * 3], None]
 )
-def test_what_is_no_graph_ends_neither_probe_nor_purge(value):
+def test_what_is_no_graph_ends_neither_probe_nor_watch(value):
     with host(answer(value)) as master:
         assert not ask_host(Probe("ros_topic", "/x", master=master.url)).ok
-        with pytest.raises((OSError, LookupError)):
-            ros_master.purge(master.url, ["127.0.0.1"])
+        with pytest.raises(OSError, match="its answer"):
+            read_state(master.url)
 
 
 def test_a_redirect_is_an_answer_and_leads_nowhere():

@@ -164,8 +164,8 @@ def renew(id: str, requester: str | None) -> Call[RequestView]:
     return Call("POST", _query(f"/v1/requests/{_of(id)}/renew", requester=requester))
 
 
-def release(id: str, requester: str | None) -> Call[None]:
-    return Call("DELETE", _query(f"/v1/requests/{_of(id)}", requester=requester))
+def release(id: str, requester: str | None, force: bool = True) -> Call[None]:
+    return Call("DELETE", _query(f"/v1/requests/{_of(id)}", requester=requester, force=None if force else False))
 
 
 def wait(services: Any, timeout: float) -> Call[dict[str, Any]]:

@@ -16,7 +16,7 @@ class Readiness(TypedDict):
 
 
 class Condition(TypedDict):
-    """`type` is Ready, Requested, Reconciling or Stalled; `status` True, False or Unknown."""
+    """`type` is Ready, Requested, Reconciling, Stalled, or one of the API's others; `status` True, False or Unknown."""
 
     type: str
     status: str
@@ -85,6 +85,7 @@ class Why(TypedDict):
     requests: list[RequestView]
     needed_by: list[str]
     waits: list[str]
+    cautions: list[str]
 
 
 class ServiceUsage(TypedDict):

@@ -79,6 +79,11 @@ _STOPPING = {
     "shell-without-exec": Code(
         WARNING, "The shell gets the signal and the exit code, not its program.", "exec before the last program"
     ),
+    "shell-form-command": Code(
+        WARNING,
+        "The shell is the first process, and its program never hears of the signal: it is killed after its grace.",
+        'CMD ["program", "argument"] in the Dockerfile',
+    ),
     "grace-too-short": Code(WARNING, "It is killed before it has signed off at the master.", "stop_grace_period: 5s"),
 }
 _IDLE = {
@@ -86,7 +91,7 @@ _IDLE = {
     "pause-of-actuator-consumer": Code(
         WARNING,
         "A paused subscriber gets its whole backlog when it is resumed: commands up to half a minute old, at once.",
-        "idle: {action: stop}",
+        "idle: {action: stop}, or {action: pause, connected: stop}",
     ),
     "duplicate-node-name": Code(
         WARNING,
@@ -97,10 +102,20 @@ _IDLE = {
     "pause-of-ros-service": Code(
         WARNING, "A call to a paused node does not fail: it hangs until it is resumed.", "idle: {action: stop}"
     ),
+    "pause-of-server": Code(
+        WARNING,
+        "The kernel goes on taking connections of a paused program: callers do not fail, they wait.",
+        "idle: {action: stop}",
+    ),
     "pause-of-latched-publisher": Code(
         WARNING,
         "Who comes later never gets the map, or the transform, from a paused publisher.",
-        "idle: {action: stop}, or needs of those that use it",
+        "idle: {action: stop}, or {action: pause, connected: stop}, or needs of those that use it",
+    ),
+    "connected-without-pause": Code(
+        WARNING,
+        "What is done instead of a pause is said of a service that is never paused.",
+        "idle: {action: pause, connected: stop}",
     ),
     "pause-with-healthcheck": Code(
         WARNING,
@@ -116,6 +131,11 @@ _ROS1 = {
     "second-master": Code(WARNING, "The second ROS master at one address ends at once.", "dropping one"),
     "ros1-without-roscore": Code(
         WARNING, "It may start before its master, and is not started again with it.", "profile: ros1"
+    ),
+    "ros-parameter-twice": Code(
+        WARNING,
+        "A ROS master has one value for each name: that of the service that started last.",
+        "declaring it in a service that both need",
     ),
     "need-without-restart": Code(
         WARNING, "A node that outlives its master is gone from the graph for ever.", "profile: ros1"
@@ -146,17 +166,42 @@ _ROS2 = {
     ),
     "ros2-domain-mismatch": Code(
         WARNING,
-        "Participants of different domains, or of different implementations, do not find each other.",
+        "Participants of different domains do not find each other: 0 of 50 messages arrive.",
         "profile: ros2 for all of them",
     ),
+    "ros2-domain-range": Code(
+        WARNING,
+        "Above 232 there are no ports; from 102 to 214 they are among those that Linux takes for connections.",
+        "0 to 101",
+    ),
+    "ros2-rmw-mismatch": Code(
+        WARNING,
+        "Nothing guarantees that two implementations understand each other; Zenoh and DDS never do.",
+        "profile: ros2 for all of them",
+    ),
+    "ros2-release-mismatch": Code(
+        WARNING,
+        "Humble and later releases stay within this machine in different ways: 0 of 50 messages arrive.",
+        "one release for all of them",
+    ),
     "ros2-discovery-mismatch": Code(
-        WARNING, "One looks for others where they do not look for it.", "the same for all of them"
+        WARNING,
+        "Some are found from other machines and others are not, or they do not find each other.",
+        "the same for all of them",
     ),
     "ros2-daemon": Code(
         WARNING, "The daemon remembers nodes that are gone, and is killed with the container.", "--no-daemon"
     ),
     "misspelt-rmw": Code(WARNING, "Every program of ROS 2 ends at once.", "rmw_fastrtps_cpp"),
-    "shm-too-small": Code(WARNING, "A participant that gets no shared memory sends nothing.", "shm_size: 256Mi"),
+    "shm-too-small": Code(
+        WARNING, "A participant that gets no shared memory dies of SIGBUS, or sends nothing.", "shm_size: 256Mi"
+    ),
+    "shm-nearly-full": Code(
+        WARNING,
+        "A participant that gets no shared memory dies of SIGBUS, or sends nothing.",
+        "`mount -o remount,size=50% /dev/shm`, or removing what fills it",
+        machine=True,
+    ),
 }
 
 TABLE: Mapping[str, Mapping[str, Code]] = {

@@ -39,6 +39,11 @@ DEVICES = {
     "display-without-x11": Code(
         WARNING, "The first window that it opens ends it.", 'volumes: ["/tmp/.X11-unix:/tmp/.X11-unix:ro"]'
     ),
+    "x11-private-ipc": Code(
+        WARNING,
+        "Programs of X11 show black windows, or end with BadAccess: the screen cannot read memory of another ipc.",
+        'environment: {QT_X11_NO_MITSHM: "1"}, as the profile x11 has it, or ipc: host',
+    ),
     "gpu-variables-without-gpu": Code(WARNING, "The variable alone gives nothing.", "gpus: all"),
     "gpu-without-runtime": Code(
         WARNING, "The container cannot be made on this machine.", "the NVIDIA container toolkit", machine=True
@@ -90,6 +95,11 @@ LIMITS = {
     ),
     "read-only-ros": Code(
         WARNING, "It ends at once: cannot create a log directory.", "tmpfs: [/tmp], with ROS_LOG_DIR: /tmp/ros"
+    ),
+    "user-without-home": Code(
+        WARNING,
+        "It ends at once: it cannot make the directory /.ros.",
+        "environment: {ROS_HOME: /tmp/ros}, or HOME",
     ),
     "log-without-limits": Code(
         WARNING,

@@ -121,6 +121,9 @@ def _screens(robot: Robot) -> Iterator[Finding]:
         ):
             message = f"DISPLAY is {display}, and its socket is not in the container"
             yield Finding("display-without-x11", subject.variable("DISPLAY"), message)
+        elif display.startswith(":") and subject.ipc != "host" and subject.env.get("QT_X11_NO_MITSHM") != "1":
+            message = f"'{subject.name}' offers the screen shared memory, and ipc: {subject.ipc} keeps it from it"
+            yield Finding("x11-private-ipc", subject.variable("DISPLAY"), message)
         name = next((n for n in NVIDIA if subject.env.get(n) not in (None, "", "none", "void")), "")
         if name and not subject.options.get("gpus") and subject.options.get("runtime") != "nvidia":
             message = f"{name} is set, and '{subject.name}' is given no GPU"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, texts_of
 
 ACTUATORS = re.compile(
     r"cmd_vel|\w+_cmd\b|twist_mux|controller_manager|ros2?_control|trajectory_controller|follow_joint_trajectory|"
@@ -16,6 +17,11 @@ ACTUATORS = re.compile(
     re.IGNORECASE,
 )
 """Words by which programs are known that move something."""
+HINTS = (
+    *("cmd", "twist_mux", "control", "trajectory", "ackermann", "diff_drive", "dynamixel"),
+    *("motor", "wheel", "servo", "gripper", "thruster", "actuator"),
+)
+"""Parts of these words: to look for one of them takes a hundredth of the time of the expression."""
 LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manipulator|ptu)(?![a-z])")
 """Names of drivers that move something. Words of other services as well, so only names of drivers count."""
 NEVER = 86_400.0
@@ -24,14 +30,23 @@ LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_pu
 
 
 def _actuators(robot: Robot) -> Iterator[Finding]:
-    for subject in (s for s in robot.subjects if s.pauses):
+    for subject in (s for s in robot.subjects if s.pauses and not s.mindful):
         said = f"{subject.name} {subject.source.description}" if subject.service.driver else ""
-        found = ACTUATORS.search(f"{text_of(subject)} {said}")
-        found = found or (LIMBS.search(subject.name) if subject.service.driver else None)
+        found = next(filter(None, map(_actuator, (*texts_of(subject), said))), "")
+        limb = LIMBS.search(subject.name) if subject.service.driver and not found else None
+        found = limb[0] if limb else found
         if found:
-            message = f"'{subject.name}' is paused when idle, and it moves something ('{found[0]}'): resumed, it gets "
+            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): resumed, it gets "
             message += "all commands that came meanwhile"
             yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
+
+
+@lru_cache(maxsize=8192)
+def _actuator(text: str) -> str:
+    """The first word by which it moves something; empty for none."""
+    low = text.lower()
+    found = ACTUATORS.search(text) if any(hint in low for hint in HINTS) else None
+    return found[0] if found else ""
 
 
 def _nodes(robot: Robot) -> Iterator[Finding]:
@@ -41,7 +56,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
         for name in sorted(names_of_nodes(subject)):
             owners.setdefault(name, []).append(subject)
     told: set[tuple[str, str, str]] = set()
-    for name, subjects in sorted(owners.items()):
+    for name, subjects in sorted((n, s) for n, s in owners.items() if len(s) > 1):
         for index, other in enumerate(subjects):
             for first in subjects[:index]:
                 paused = next((s for s in (other, first) if s.pauses), None)
@@ -62,11 +77,11 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
 def _callees(robot: Robot) -> Iterator[Finding]:
     """Those that others call, or that newcomers must hear from."""
     for subject in (s for s in robot.subjects if s.pauses):
-        where, ready = subject.at("idle", "action"), subject.service.ready
-        if ready is not None and ready.kind == "ros_service":
-            message = f"calls of the ROS service {ready.target} hang while '{subject.name}' is paused"
+        where = subject.at("idle", "action")
+        for asked in (a for a in subject.asked_ready if a.probe.kind == "ros_service"):
+            message = f"calls of the ROS service {asked.probe.target} hang while '{subject.name}' is paused"
             yield Finding("pause-of-ros-service", where, message)
-        latched = sorted(LATCHED & subject.programs)
+        latched = [] if subject.mindful else sorted(LATCHED & subject.programs)
         if latched:
             message = f"'{latched[0]}' says once what newcomers need, and says nothing while '{subject.name}' is paused"
             yield Finding("pause-of-latched-publisher", where, message)
@@ -74,6 +89,28 @@ def _callees(robot: Robot) -> Iterator[Finding]:
         if check and not check.get("disable") and check.get("test") != ["NONE"]:
             message = f"the engine's health check of '{subject.name}' fails while it is paused"
             yield Finding("pause-with-healthcheck", where, message)
+
+
+def _servers(robot: Robot) -> Iterator[Finding]:
+    """Those that others connect to, which do not keep them active."""
+    for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
+        others = (s for s in robot.subjects if s is not subject and not robot.apart(s, subject))
+        found = [(s, port) for s in others if (port := _called(s, subject))]
+        callers = {s.name: port for s, port in found if subject.name not in robot.asks_for(s)}
+        if callers:
+            (first, port), *more = callers.items()
+            so = f"; so do {', '.join(name for name, _ in more)}" if more else ""
+            message = f"'{first}' calls '{subject.name}' at port {port}, and hangs while that is paused{so}"
+            remedy = f"idle: {{action: stop}}, or needs: [{subject.name}] in {first}"
+            yield Finding("pause-of-server", subject.at("idle", "action"), message, remedy)
+
+
+def _called(caller: Subject, server: Subject) -> str:
+    """The port of a server that a caller names; empty where it names none, or one of another place."""
+    ports, names = ports_of(server), (server.name, server.service.container_name)
+    shared = caller.network == "host" and (server.network == "host" or server.options.get("ports"))
+    hosts = (*names, *(LOCAL if shared else ()))
+    return next((port for host, port in sorted(calls_of(caller)) if port in ports and host in hosts), "")
 
 
 def _lingering(robot: Robot) -> Iterator[Finding]:
@@ -89,4 +126,13 @@ def _lingering(robot: Robot) -> Iterator[Finding]:
             yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
 
 
-CHECKS = (_actuators, _nodes, _callees, _lingering)
+def _never_paused(robot: Robot) -> Iterator[Finding]:
+    """Who says itself what is done instead of a pause, and would not be paused."""
+    for subject in robot.subjects:
+        said = ("spec", "idle", "connected") in subject.source.document.values
+        if said and subject.mindful and subject.service.idle.action != "pause":
+            message = f"'{subject.name}' is not paused when idle, so `connected` changes nothing"
+            yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
+
+
+CHECKS = (_actuators, _nodes, _callees, _servers, _never_paused, _lingering)

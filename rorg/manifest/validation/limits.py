@@ -73,6 +73,15 @@ def _read_only(robot: Robot) -> Iterator[Finding]:
             yield Finding("read-only-ros", subject.option("read_only"), message)
 
 
+def _homes(robot: Robot) -> Iterator[Finding]:
+    """A user that the image may not know has / for its home, and ROS writes there."""
+    for subject in (s for s in robot.subjects if s.ros and s.uid.isdigit() and s.uid != "0"):
+        told = any(name in subject.env for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"))
+        if not told and not any(mount.target == "/.ros" for mount in subject.mounts):
+            message = f"user {subject.uid} has no home unless the image knows it, and ROS writes to ~/.ros"
+            yield Finding("user-without-home", subject.option("user"), message)
+
+
 def _logs(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         logging = subject.options.get("logging") or {}
@@ -132,4 +141,4 @@ def _bags(robot: Robot) -> Iterator[Finding]:
                 yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_expected, _budgets, _uncounted, _read_only, _logs, _terminals, _kernel, _zones, _bags)
+CHECKS = (_expected, _budgets, _uncounted, _read_only, _homes, _logs, _terminals, _kernel, _zones, _bags)

@@ -10,6 +10,7 @@ from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.limits import memory_of
 from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.ros2 import shares_memory
 from rorg.manifest.validation.run import allows_of, diagnostics
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.model.catalog import RUN, Catalog
@@ -20,6 +21,8 @@ from rorg.model.ports import parse_ports
 from rorg.model.units import format_memory
 
 OF_CGROUP_1 = ("mem_swappiness", "oom_kill_disable", "cpu_rt_runtime", "cpu_rt_period")
+ENOUGH_SHM = 64 << 20
+"""Bytes: a participant of Fast DDS takes 0.6 MB, images and point clouds several times their size."""
 WRITES, OTHERS_WRITE = 0o222, 0o002
 
 
@@ -35,7 +38,7 @@ def check_machine(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]],
     robot = Robot(catalog, sources)
     allows = [a for a in allows_of(sources) if a.code in CODES and CODES[a.code].machine and a.reason]
     found = (f for s in robot.subjects for check in _CHECKS for f in check(s, machine))
-    return allowed(diagnostics([*found, *_sum(robot, machine)]), allows, machine=True)
+    return allowed(diagnostics([*found, *_sum(robot, machine), *_shared_memory(robot, machine)]), allows, machine=True)
 
 
 def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
@@ -148,6 +151,14 @@ def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
             worst = max((by_name[n] for n in always if n in by_name), key=lambda s: (s.service.memory, s.name))
             message = f"what is always on uses {shown}, more than this machine has"
             yield Finding("more-than-machine", worst.at("resources"), message, "fewer services that are always on")
+
+
+def _shared_memory(robot: Robot, machine: Machine) -> Iterator[Finding]:
+    """What ROS 2 needs of /dev/shm: once for all, since they share it."""
+    users = [s for s in robot.ros2 if shares_memory(s) and s.ipc == "host"]
+    if users and machine.shm is not None and machine.shm < ENOUGH_SHM:
+        message = f"{format_memory(machine.shm)} of /dev/shm are free here, and {users[0].name} sends through it"
+        yield Finding("shm-nearly-full", users[0].option("ipc"), message)
 
 
 _CHECKS = (_devices, _mounts, _ports, _runtimes, _kernel, _size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -97,7 +98,8 @@ def _differing(robot: Robot) -> Iterator[Finding]:
     alike = {n: re.sub(r"//(127\.0\.0\.1|localhost)\b", "//localhost", u.rstrip("/")) for n, u in uris.items()}
     known = [s for s in robot.ros1 if s.name in alike]
     own = [alike[s.name] for s in robot.masters if s.name in alike]
-    usual = own[0] if own else max(alike.values(), key=lambda v: (list(alike.values()).count(v), v), default="")
+    counts = Counter(alike.values())
+    usual = own[0] if own else max(counts, key=lambda v: (counts[v], v), default="")
     for subject in (s for s in known if alike[s.name] != usual):
         message = f"'{subject.name}' has its ROS master at {uris[subject.name]}, the others at {usual}"
         yield Finding("ros-masters-differ", subject.variable("ROS_MASTER_URI"), message)
@@ -137,15 +139,14 @@ def _same(one: Published, other: Published) -> bool:
 def _probed(robot: Robot) -> Iterator[Finding]:
     """One that answers for another: both are probed by the same port of the host network."""
     first: dict[str, Subject] = {}
-    for subject in robot.subjects:
-        probe = subject.service.ready
-        if probe is None or probe.kind != "tcp" or subject.network != "host":
+    for subject, asked in ((s, a) for s in robot.subjects if s.network == "host" for a in s.asked_ready):
+        if asked.probe.kind != "tcp":
             continue
-        target = str(probe.target).replace("localhost", "127.0.0.1")
+        target = str(asked.probe.target).replace("localhost", "127.0.0.1")
         other = first.setdefault(target, subject)
         if other is not subject and not robot.apart(other, subject):
             message = f"'{other.name}' is probed by port {target.rpartition(':')[2]} too: it answers for this one"
-            yield Finding("port-probed-twice", subject.at("ready", "tcp"), message)
+            yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
 CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)

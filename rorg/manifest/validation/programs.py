@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
@@ -15,6 +16,7 @@ ROS1_NAMES, ROS2_NAMES = (
 )
 CLI = ("rosnode", "rostopic", "rosservice", "rosparam", "ros2")
 SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_TOKEN)$", re.IGNORECASE)
+PYTHON = re.compile(r"python[0-9.]*")
 WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
 LOOP = re.compile(r"\b(until|while)\b.*\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b.*\bsleep\b", re.S)
 
@@ -55,23 +57,22 @@ def _distributions(robot: Robot) -> Iterator[Finding]:
 def _probes(robot: Robot) -> Iterator[Finding]:
     """Programs of ROS as probes: each takes a second and a share of a CPU."""
     for subject in robot.subjects:
-        for role, probe in (("ready", subject.service.ready), ("live", subject.service.live)):
-            if probe is None or probe.kind != "exec" or not isinstance(probe.target, tuple):
-                continue
-            found = _cli(" ".join(probe.target))
+        for asked in subject.asked:
+            command = asked.probe.target
+            found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
             if found:
-                message = f"{found} takes a second each time, and is asked every {probe.interval:g} s"
-                yield Finding("costly-probe", subject.at(role, "exec"), message)
+                message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
+                yield Finding("costly-probe", subject.at(*asked.path), message)
         check = subject.options.get("healthcheck") or {}
         test = check.get("test") or ""
         found = _cli(test if isinstance(test, str) else " ".join(map(str, test)))
         if found and not check.get("disable"):
             message = f"{found} takes a second each time, and the engine asks it all the time"
             yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
-        ready = subject.service.ready
-        if ready is not None and ready.kind == "engine" and (check.get("disable") or test in ("NONE", ["NONE"])):
+        off = check.get("disable") or test in ("NONE", ["NONE"])
+        for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
             message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
-            yield Finding("ready-without-healthcheck", subject.at("ready", "engine"), message)
+            yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
 
 
 def _cli(text: str) -> str:
@@ -104,15 +105,21 @@ def _daemons(robot: Robot) -> Iterator[Finding]:
                 yield Finding("ros2-daemon", subject.command(), message)
 
 
+@lru_cache(maxsize=4096)
+def _secret(name: str) -> bool:
+    """The value of a variable that is called so is for few eyes."""
+    return SECRET.search(name) is not None
+
+
 def _variables(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         for name, value in sorted(subject.env.items()):
-            if SECRET.search(name) and value and name not in subject.service.secrets and "/" not in value:
+            if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
                 message = f"the value of {name} stands in the manifest, and is shown wherever it is"
                 yield Finding("secret-in-manifest", subject.variable(name), message)
         words = subject.words
         first = words[0].rpartition("/")[2] if words else ""
-        if re.fullmatch(r"python[0-9.]*", first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
+        if PYTHON.fullmatch(first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
             message = f"'{subject.name}' keeps its output back until there is much of it"
             yield Finding("python-output-held-back", subject.command(), message)
         for value in subject.options.get("security_opt") or ():

@@ -11,6 +11,7 @@ from rorg.manifest.files import real
 from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import Catalog
 from rorg.model.graph import closure
+from rorg.model.joining import SERVICE
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Robot:
         return tuple(
             Subject(services[n], s, tops[s.root]) for n, s in sorted(written.items()) if services[n].spec is not None
         )
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Subject]:
+        return {s.name: s for s in self.subjects}
 
     @cached_property
     def ros1(self) -> tuple[Subject, ...]:
@@ -55,9 +60,43 @@ class Robot:
             self._needed[name] = known
         return known
 
+    @cached_property
+    def _dependants(self) -> dict[str, set[str]]:
+        return {}
+
+    def dependants(self, name: str) -> set[str]:
+        """All that need a service, directly or not, with itself."""
+        if name not in self._dependants:
+            found, pending = set[str](), [name]
+            while pending:
+                one = pending.pop()
+                if one not in found:
+                    found.add(one)
+                    pending += self._direct.get(one, ())
+            self._dependants[name] = found
+        return self._dependants[name]
+
+    @cached_property
+    def _direct(self) -> dict[str, list[str]]:
+        """By name, those whose manifests or profiles say that they need it."""
+        found: dict[str, list[str]] = {}
+        for name, service in self.catalog.services.items():
+            for need in service.needs:
+                found.setdefault(need, []).append(name)
+        return found
+
     def _closure(self, name: str) -> set[str]:
         found = self._needed[name] = closure(self.catalog.services, [name])
         return found
+
+    def whose(self, subject: Subject, option: str) -> str:
+        """Whose network (`network_mode`) or shared memory (`ipc`) its container has: `host`, a service's by its name,
+        or `container:NAME`."""
+        passed: set[str] = set()
+        while (value := str(subject.options.get(option) or "")).startswith(SERVICE) and subject.name not in passed:
+            passed.add(subject.name)
+            subject = self.by_name.get(value.removeprefix(SERVICE), subject)
+        return value if value == "host" or ":" in value else subject.name
 
     def apart(self, one: Subject, other: Subject) -> bool:
         """Whether they are never active at once: they conflict, or want the same of what there is too little."""

@@ -9,14 +9,12 @@ from rorg.manifest.idling import INFRASTRUCTURE
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import names_of_nodes, text_of
+from rorg.manifest.validation.texts import names_in, names_of_nodes, ports_named, ports_of, text_of, texts_of
 from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
 """Words by which programs are known that give simulated time."""
 SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
-NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
-PORT = re.compile(r"(?:localhost|127\.0\.0\.1):([0-9]{2,5})(?![0-9])")
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
@@ -37,8 +35,8 @@ def _needing(robot: Robot) -> Iterator[Finding]:
     """Nodes and the master that they register with."""
     masters = {s.name: s for s in robot.masters}
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
-        mine = [masters[n] for n in sorted(robot.needs(subject.name) & set(masters))]
-        waits = "roslaunch" not in subject.programs or "--wait" in " ".join(subject.words)
+        mine = [masters[n] for n in sorted(masters) if subject.name in robot.dependants(n)]
+        waits = "roslaunch" not in subject.programs or any("--wait" in word for word in subject.words)
         if not mine:
             name = next(iter(masters))
             message = f"'{subject.name}' is a program of ROS 1, and does not need '{name}'"
@@ -92,37 +90,26 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     givers: dict[str, Subject] = {}
     for subject in robot.subjects:
         own = names_of_nodes(subject) if subject.ros1 else set()
-        ready = subject.service.ready
-        if ready is not None and ready.kind in ("ros_service", "ros_topic"):
-            own = own | {str(ready.target).strip("/").partition("/")[0]}
+        said = {a.probe.target for a in subject.asked_ready if a.probe.kind in ("ros_service", "ros_topic")}
+        own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
             givers.setdefault(name, subject)
-        for port in _ports(subject):
+        for port in ports_of(subject):
             givers.setdefault(f":{port}", subject)
     for subject in robot.subjects:
-        text = text_of(subject)
-        named = {n for pair in NAME.findall(text) for n in pair if n in givers}
-        named |= {f":{port}" for port in PORT.findall(text) if f":{port}" in givers}
-        found = {givers[n].name: n for n in sorted(named) if givers[n] is not subject}
+        named = {name for text in texts_of(subject) for name in names_in(text) & givers.keys()}
+        named |= {f":{port}" for port in ports_named(subject)} & givers.keys()
+        found = {g.name: n for n in sorted(named) if (g := givers[n]) is not subject and not g.is_master}
         asked = robot.asks_for(subject) if found else set()
         own = names_of_nodes(subject) if found and subject.ros1 else set()
         for name, what in sorted(found.items()):
             other = givers[what]
             back = subject.name in robot.needs(name)
-            if name in asked or back or what in own or robot.apart(subject, other) or other.is_master:
+            if name in asked or back or what in own or robot.apart(subject, other):
                 continue
             shown = f"port {what[1:]}" if what[0] == ":" else f"/{what}"
             message = f"'{subject.name}' uses {shown} of '{name}', which it does not need"
             yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
-
-
-def _ports(subject: Subject) -> Iterator[str]:
-    ready = subject.service.ready
-    if ready is not None and ready.kind == "tcp":
-        yield str(ready.target).rpartition(":")[2]
-    for text in subject.options.get("ports") or ():
-        if isinstance(text, str) and text.count(":") >= 1:
-            yield text.rpartition(":")[0].rpartition(":")[2]
 
 
 CHECKS = (_masters, _needing, _unprobed, _times, _hidden)

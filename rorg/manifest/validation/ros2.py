@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from rorg.manifest.validation.finding import Finding
@@ -9,34 +10,76 @@ from rorg.manifest.validation.robot import Robot, minority
 from rorg.manifest.validation.subject import Subject
 from rorg.model.units import parse_memory
 
-MOST_DOMAIN = 101
-"""Above it, ports of a domain are those from which Linux takes ports for connections."""
-SHARED = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
-"""Implementations that use shared memory by themselves."""
-ALIKE = ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
+MOST_DOMAIN = 232
+"""Above it, ports are beyond those that there are: the domain's first one is 7400 + 250 * domain."""
+TAKEN = range(102, 215)
+"""Domains whose ports are among those that Linux takes for connections (net.ipv4.ip_local_port_range)."""
+FAST = "rmw_fastrtps_cpp"
+SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
+"""Implementations that use shared memory by themselves, and are one on the wire."""
+RELEASES = re.compile(r"(?<![a-z])(foxy|galactic|humble|iron|jazzy|kilted|rolling)(?![a-z])")
+ALIKE = {
+    "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF by nobody",
+    "ROS_DISCOVERY_SERVER": "they do not find each other",
+    "ROS_STATIC_PEERS": "they look for others at different places",
+}
+"""Variables that should have one value, each with what comes of several."""
 SMALLEST = 16 << 20
 
 
-def _domains(robot: Robot) -> Iterator[Finding]:
+def _range(robot: Robot) -> Iterator[Finding]:
     for subject in robot.ros2:
-        text = subject.env.get("ROS_DOMAIN_ID", "0")
-        if not (text.isdigit() and int(text) <= MOST_DOMAIN):
-            message = f"ROS_DOMAIN_ID {text} is not from 0 to {MOST_DOMAIN}"
-            yield Finding("ros2-domain-mismatch", subject.variable("ROS_DOMAIN_ID"), message, "0 to 101")
-    for name, default in (("ROS_DOMAIN_ID", "0"), ("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")):
-        values = {s.name: s.env.get(name, default) for s in robot.ros2}
-        for subject, usual in minority(robot.ros2, values):
-            said = values[subject.name] if name in subject.env else f"not set, which is {default},"
-            message = f"{name} is {said} in '{subject.name}', and {usual} in others: they do not see each other"
-            yield Finding("ros2-domain-mismatch", subject.variable(name), message, f"{usual} for all of them")
+        text = subject.env.get("ROS_DOMAIN_ID") or "0"
+        if not re.fullmatch("[0-9]{1,9}", text) or int(text) > MOST_DOMAIN:
+            message = f"ROS_DOMAIN_ID {text} is no number from 0 to {MOST_DOMAIN}: no node starts"
+        elif int(text) in TAKEN:
+            message = f"ROS_DOMAIN_ID {text} has ports that any connection may take first: then a node does not start"
+        else:
+            continue
+        yield Finding("ros2-domain-range", subject.variable("ROS_DOMAIN_ID"), message)
+
+
+def _domains(robot: Robot) -> Iterator[Finding]:
+    values = {s.name: s.env.get("ROS_DOMAIN_ID") or "0" for s in robot.ros2}
+    for subject, usual in minority(robot.ros2, values):
+        said = _said(subject, "ROS_DOMAIN_ID", values)
+        message = f"ROS_DOMAIN_ID is {said} in '{subject.name}', and {usual} in others: they do not see each other"
+        yield Finding("ros2-domain-mismatch", subject.variable("ROS_DOMAIN_ID"), message, f"{usual} for all of them")
+
+
+def _implementations(robot: Robot) -> Iterator[Finding]:
+    named = {s.name: s.env.get("RMW_IMPLEMENTATION", "") for s in robot.ros2}
+    values = {name: FAST if value in SHARED else value for name, value in named.items()}
+    for subject, usual in minority(robot.ros2, values):
+        said = _said(subject, "RMW_IMPLEMENTATION", values)
+        dds = not any("zenoh" in value for value in (values[subject.name], usual))
+        result = "they may not understand each other" if dds else "they do not see each other"
+        message = f"RMW_IMPLEMENTATION is {said} in '{subject.name}', and {usual} in others: {result}"
+        where = subject.variable("RMW_IMPLEMENTATION")
+        yield Finding("ros2-rmw-mismatch", where, message, f"{usual} for all of them")
+
+
+def _said(subject: Subject, name: str, values: dict[str, str]) -> str:
+    value = values[subject.name]
+    return value if subject.env.get(name) else f"not set, which is {value},"
+
+
+def _releases(robot: Robot) -> Iterator[Finding]:
+    found = {s.name: RELEASES.search(s.env.get("ROS_DISTRO") or str(s.options.get("image", ""))) for s in robot.ros2}
+    values = {name: match[1] for name, match in found.items() if match}
+    for subject, usual in minority([s for s in robot.ros2 if s.name in values], values):
+        message = f"'{subject.name}' is of {values[subject.name]}, others of {usual}: they may not find each other"
+        where = subject.variable("ROS_DISTRO") if "ROS_DISTRO" in subject.env else subject.at("image")
+        yield Finding("ros2-release-mismatch", where, message, f"{usual} for all of them")
 
 
 def _discovery(robot: Robot) -> Iterator[Finding]:
-    for name in ALIKE:
+    for name, result in ALIKE.items():
         values = {s.name: s.env.get(name, "") for s in robot.ros2}
         for subject, usual in minority(robot.ros2, values):
             said = values[subject.name] or "not set"
-            message = f"{name} is {said} in '{subject.name}', and {usual or 'not set'} in others"
+            message = f"{name} is {said} in '{subject.name}', and {usual or 'not set'} in others: {result}"
             yield Finding("ros2-discovery-mismatch", subject.variable(name), message)
 
 
@@ -48,14 +91,33 @@ def shares_memory(subject: Subject) -> bool:
     return env.get("RMW_IMPLEMENTATION", "") in SHARED and not own and "UDP" not in transports.upper()
 
 
+def _sharers(robot: Robot) -> dict[str, list[Subject]]:
+    """Those that send to each other by shared memory alone, by whose memory they have: at one address, each takes the
+    other to be on its own machine."""
+    found: dict[str, list[Subject]] = {}
+    for subject in robot.ros2:
+        if shares_memory(subject) and robot.whose(subject, "network_mode") == "host":
+            found.setdefault(robot.whose(subject, "ipc"), []).append(subject)
+    return found
+
+
 def _memory(robot: Robot) -> Iterator[Finding]:
+    sharers = _sharers(robot)
+    alone = {name for name, members in sharers.items() if [s.name for s in members] == [name]}
+    for name in sorted(alone):
+        (subject,) = sharers[name]
+        message = f"'{name}' is on the host's network with shared memory of its own: no data passes to or from others"
+        yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message)
+    together = {s: whose for whose, members in sharers.items() if whose not in alone for s in members}
+    values = {s.name: whose for s, whose in together.items()}
+    for subject, usual in minority(together, values):
+        message = f"'{subject.name}' has the shared memory of {values[subject.name]}, others that of {usual}: "
+        message += "no data passes between them"
+        yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message, "one ipc for all of them")
+
+
+def _size(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.ros2 if shares_memory(s)):
-        if subject.network == "host" and subject.ipc in ("private", "none", "shareable"):
-            message = (
-                f"'{subject.name}' is on the host's network with shared memory of its own: topics are listed, and "
-            )
-            message += "no data arrives"
-            yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message)
         size = subject.options.get("shm_size")
         if size is not None and subject.ipc != "host" and _bytes(size) < SMALLEST:
             message = f"shm_size {size} is too little for the shared memory of one participant"
@@ -70,11 +132,11 @@ def _bytes(value: object) -> int:
 
 
 def _users(robot: Robot) -> Iterator[Finding]:
-    together = [s for s in robot.ros2 if shares_memory(s) and s.ipc == "host"]
-    for subject, usual in minority(together, {s.name: s.uid for s in together}):
-        message = f"'{subject.name}' runs as user {subject.uid}, others as {usual}: they exchange no data"
-        where = subject.option("user") if "user" in subject.options else subject.source.where("metadata", "name")
-        yield Finding("ros2-mixed-uid", where, message, f'user: "{usual}" for all of them')
+    for together in _sharers(robot).values():
+        for subject, usual in minority(together, {s.name: s.uid for s in together}):
+            message = f"'{subject.name}' runs as user {subject.uid}, others as {usual}: they exchange no data"
+            where = subject.option("user") if "user" in subject.options else subject.source.where("metadata", "name")
+            yield Finding("ros2-mixed-uid", where, message, f'user: "{usual}" for all of them')
 
 
-CHECKS = (_domains, _discovery, _memory, _users)
+CHECKS = (_range, _domains, _implementations, _releases, _discovery, _memory, _size, _users)

@@ -16,6 +16,7 @@ from rorg.manifest.validation import (
     programs,
     ros1,
     ros2,
+    ros_parameters,
     stopping,
     variables,
 )
@@ -27,7 +28,20 @@ from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic, Where
 
-FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, commands, limits, programs, variables)
+FAMILIES = (
+    networks,
+    stopping,
+    idle,
+    ros1,
+    ros_parameters,
+    ros2,
+    devices,
+    mounts,
+    commands,
+    limits,
+    programs,
+    variables,
+)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
+from rorg.manifest.dockerfile_programs import Programs, programs_of
+from rorg.manifest.images import read_dockerfile
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
 from rorg.manifest.validation.subject import MASTERS, SHELLS, Subject
+from rorg.manifest.validation.texts import read
+from rorg.model.image_names import declared
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")
 HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
 """Programs that end by SIGTERM, and cleanly."""
+EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
 NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
 SHORT = 1.0
 """Seconds in which no ROS node tells its master that it goes."""
@@ -29,13 +35,13 @@ def _restarts(robot: Robot) -> Iterator[Finding]:
 def _signals(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
-        where = subject.option("stop_signal")
         if signal in ("KILL", "9"):
+            where = subject.option("stop_signal")
             yield Finding("stop-by-kill", where, f"'{subject.name}' is killed at once when it is to stop")
         elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
             end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
             message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
-            yield Finding("sigterm-with-cpp-node", where, message)
+            yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
 
 
 def _python(subject: Subject) -> bool:
@@ -57,16 +63,20 @@ def _shells(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
         commands = [c for c in subject.commands if c]
         last = commands[-1] if commands else ()
-        group = subject.options.get("init") and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
         if len(commands) < 2 or last[0] == "exec":
             continue
         if NOTHING.match(" ".join(last)) and commands[-2][0] != "exec":
             message = f"the shell goes on after its program, with '{' '.join(last)}': nobody sees how that ended"
-        elif not group and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
+        elif not _group(subject) and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
             message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace"
         else:
             continue
         yield Finding("shell-without-exec", subject.command(), message)
+
+
+def _group(subject: Subject) -> bool:
+    """An init hands the signal to the whole group of processes."""
+    return bool(subject.options.get("init")) and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
 
 
 def _graces(robot: Robot) -> Iterator[Finding]:
@@ -77,4 +87,35 @@ def _graces(robot: Robot) -> Iterator[Finding]:
             yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
 
 
-CHECKS = (_restarts, _signals, _shells, _graces)
+def _images(robot: Robot) -> Iterator[Finding]:
+    """Images of the tree whose own program is begun by a shell, where a service does not say what runs."""
+    for subject in robot.subjects:
+        options = subject.options
+        if _group(subject) or options.get("entrypoint") or subject.service.restart == "never":
+            continue
+        name = declared(str(options.get("image") or ""), robot.catalog.images)
+        programs = _programs(robot, name) if name else Programs()
+        found = programs.entrypoint if programs.entrypoint and programs.entrypoint.by_shell else programs.command
+        if found is None or not found.by_shell or EXEC.search(found.text):
+            continue
+        if found.instruction == "ENTRYPOINT" or not options.get("command"):
+            message = f"'{name}' is started by a shell ({found.instruction} {found.text[:40]}), which keeps the signal "
+            yield Finding("shell-form-command", subject.at("image"), f"{message}from its program")
+
+
+def _programs(robot: Robot, name: str) -> Programs:
+    """What an Image of the tree begins with, by its Dockerfile and those of the Images that it stands on."""
+    found, seen = Programs(), set[str]()
+    while name and name not in seen:
+        seen.add(name)
+        image = robot.catalog.images[name]
+        text = image.inline or read(f"{image.context}/{image.dockerfile}", Path(image.context)) if image.context else ""
+        own = programs_of(text, image.target)
+        found = found.on(own) if len(seen) > 1 else own
+        bases = read_dockerfile(text, image).uses if found.base_line and text else ()
+        base = next((use.reference for use in bases if use.by == "FROM" and use.line == found.base_line), "")
+        name = declared(base, robot.catalog.images)
+    return found
+
+
+CHECKS = (_restarts, _signals, _shells, _images, _graces)

@@ -10,21 +10,15 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Service
+from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
+from rorg.model.ros2 import declares_ros2
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 MASTERS = ("roscore", "rosmaster")
 ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
 ROS2_PROGRAMS = frozenset(("ros2",))
-ROS2_VARIABLES = (
-    "ROS_DOMAIN_ID",
-    "RMW_IMPLEMENTATION",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_DISCOVERY_SERVER",
-)
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 
 
@@ -43,6 +37,20 @@ class Mount(NamedTuple):
         return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
 
 
+class Asked(NamedTuple):
+    """One question of a probe."""
+
+    role: str
+    probe: Probe
+    part: int | None
+    """In the list of those that must all hold; None where it is the only one."""
+
+    @property
+    def path(self) -> tuple[str | int, ...]:
+        """Where it stands in the spec."""
+        return (self.role, self.probe.kind) if self.part is None else (self.role, "all", self.part, self.probe.kind)
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
     """One service that has a container."""
@@ -58,7 +66,7 @@ class Subject:
     def name(self) -> str:
         return self.service.name
 
-    @property
+    @cached_property
     def options(self) -> Mapping[str, Any]:
         return self.service.spec or {}
 
@@ -89,7 +97,7 @@ class Subject:
         """Names of programs, and of all words that may be one behind another (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
 
-    @property
+    @cached_property
     def network(self) -> str:
         """host, none, bridge, the name of a network, container:NAME, or `networks`."""
         if self.options.get("network_disabled"):
@@ -109,24 +117,34 @@ class Subject:
 
     @cached_property
     def ros2(self) -> bool:
-        return any(name in self.env for name in ROS2_VARIABLES) or not ROS2_PROGRAMS.isdisjoint(self.programs)
+        return declares_ros2(self.env) or not ROS2_PROGRAMS.isdisjoint(self.programs)
 
     @cached_property
     def ros1(self) -> bool:
-        probes = (self.service.ready, self.service.live)
         return (
             "ROS_MASTER_URI" in self.env
+            or self.service.ros is not None
             or not ROS1_PROGRAMS.isdisjoint(self.programs)
-            or any(p is not None and p.kind.startswith("ros_") for p in probes)
+            or any(asked.probe.kind.startswith("ros_") for asked in self.asked)
         )
+
+    @cached_property
+    def asked(self) -> tuple[Asked, ...]:
+        """What its probes ask it, one by one: first those of `ready`, then those of `live`."""
+        return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
+
+    @cached_property
+    def asked_ready(self) -> tuple[Asked, ...]:
+        """Those of `ready`."""
+        return tuple(asked for asked in self.asked if asked.role == "ready")
 
     @property
     def ros(self) -> bool:
         return self.ros1 or self.ros2
 
-    @property
+    @cached_property
     def is_master(self) -> bool:
-        return not set(MASTERS).isdisjoint(self.programs)
+        return not self.programs.isdisjoint(MASTERS)
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:
@@ -153,6 +171,11 @@ class Subject:
     def pauses(self) -> bool:
         """It is paused when nobody wants it, which may happen."""
         return self.service.idle.action == "pause" and not self.service.always_on
+
+    @property
+    def mindful(self) -> bool:
+        """It is not paused while its ROS nodes are connected to those of others."""
+        return self.service.idle.connected != "pause"
 
     # -- places ------------------------------------------------------------------------------------------------
 
@@ -218,6 +241,11 @@ class Subject:
     def _list(self, *path: str) -> list[Any]:
         found = self._written(*path)
         return found if isinstance(found, list) else []
+
+
+def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:
+    for index, one in enumerate(probe.questions if probe else ()):
+        yield Asked(role, one, index if probe and probe.parts else None)
 
 
 def _words(value: object) -> tuple[str, ...]:

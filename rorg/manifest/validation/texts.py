@@ -18,6 +18,11 @@ MOST_FILES = 12
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _NODE = re.compile(r"""<node\b[^>]*?\bname\s*=\s*["']([A-Za-z][\w/]*)["']""", re.DOTALL)
 _NAMED = re.compile(r"^__name:=(\S+)$")
+_ANSWERS = re.compile(r"(?:http://)?(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})(?![0-9])")
+_CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9]{2,5})(?![0-9])")
+_WORD = re.compile(r"[\w/.:~-]{3,}")
+_NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
+LOCAL = ("localhost", "127.0.0.1")
 READ = (".launch", ".xml", ".sh", ".bash", ".py", ".yaml", ".yml")
 
 
@@ -74,17 +79,27 @@ def files_of(subject: Subject) -> dict[str, str]:
 
 def _files_of(subject: Subject) -> dict[str, str]:
     found = {path: read(path, subject.source.root) for _, path in named_files(subject) if path.endswith(READ)}
-    return {
-        path: _COMMENT.sub(" ", text) if path.endswith((".launch", ".xml")) else text for path, text in found.items()
-    }
+    return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in found.items()}
+
+
+@lru_cache(maxsize=4096)
+def _said(text: str) -> str:
+    """Without comments."""
+    return _COMMENT.sub(" ", text) if "<!--" in text else text
+
+
+def texts_of(subject: Subject) -> tuple[str, ...]:
+    """All words that a service is started with: its own, then those of each file."""
+    if "texts" not in subject.memo:
+        values = (f"{name}={value}" for name, value in subject.env.items())
+        subject.memo["texts"] = ("\n".join((" ".join(subject.words), *values)), *files_of(subject).values())
+    found: tuple[str, ...] = subject.memo["texts"]
+    return found
 
 
 def text_of(subject: Subject) -> str:
-    """All words that a service is started with."""
-    if "text" not in subject.memo:
-        values = (f"{name}={value}" for name, value in subject.env.items())
-        subject.memo["text"] = "\n".join((" ".join(subject.words), *values, *files_of(subject).values()))
-    return str(subject.memo["text"])
+    """The same in one."""
+    return "\n".join(texts_of(subject))
 
 
 def names_of_nodes(subject: Subject) -> set[str]:
@@ -95,10 +110,62 @@ def names_of_nodes(subject: Subject) -> set[str]:
 
 
 def _names_of_nodes(subject: Subject) -> set[str]:
-    found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if _NAMED.match(word)}
-    for text in files_of(subject).values():
-        found |= set(_NODE.findall(text))
-    for probe in (subject.service.ready, subject.service.live):
-        if probe is not None and probe.kind == "ros_node":
-            found.add(str(probe.target))
-    return {name.strip("/") for name in found} - {"rosout", ""}
+    found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if word.startswith("__name")}
+    found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
+    own = {name.strip("/") for name in found}
+    return own.union(*map(_nodes_in, files_of(subject).values())) - {"rosout", ""}
+
+
+@lru_cache(maxsize=4096)
+def _nodes_in(text: str) -> frozenset[str]:
+    return frozenset(name.strip("/") for name in _NODE.findall(text))
+
+
+@lru_cache(maxsize=8192)
+def _paths_in(text: str) -> tuple[str, ...]:
+    """Words that may be paths, names in the ROS graph or places in the network: in these alone the others below are
+    looked for, which takes much longer."""
+    return tuple(word for word in set(_WORD.findall(text)) if "/" in word or ":" in word)
+
+
+@lru_cache(maxsize=8192)
+def names_in(text: str) -> frozenset[str]:
+    """Names of the ROS graph: `/scan`, or `scan` in `scan/points`."""
+    return frozenset(name for word in _paths_in(text) for pair in _NAME.findall(word) for name in pair if name)
+
+
+@lru_cache(maxsize=8192)
+def _calls_in(text: str) -> frozenset[tuple[str, str]]:
+    return frozenset(call for word in _paths_in(text) if ":" in word for call in _CALLED.findall(word))
+
+
+def ports_of(subject: Subject) -> frozenset[str]:
+    """Ports of this machine at which it answers, as far as its probes and what it publishes name them."""
+    if "ports" not in subject.memo:
+        subject.memo["ports"] = frozenset(_ports_of(subject))
+    found: frozenset[str] = subject.memo["ports"]
+    return found
+
+
+def _ports_of(subject: Subject) -> Iterator[str]:
+    for asked in subject.asked_ready:
+        if asked.probe.kind in ("tcp", "http"):
+            found = _ANSWERS.match(str(asked.probe.target))
+            yield from found.groups() if found else ()
+    for text in subject.options.get("ports") or ():
+        if isinstance(text, str) and text.count(":") >= 1:
+            yield text.rpartition(":")[0].rpartition(":")[2]
+
+
+def calls_of(subject: Subject) -> frozenset[tuple[str, str]]:
+    """(host, port) of each place that its words, its environment, its files and its probes name."""
+    if "calls" not in subject.memo:
+        probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
+        subject.memo["calls"] = frozenset().union(*map(_calls_in, (*texts_of(subject), *probed)))
+    found: frozenset[tuple[str, str]] = subject.memo["calls"]
+    return found
+
+
+def ports_named(subject: Subject) -> set[str]:
+    """Ports of this machine in what it is started with, its own probes aside."""
+    return {port for text in texts_of(subject) for host, port in _calls_in(text) if host in LOCAL}

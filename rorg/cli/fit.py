@@ -1,0 +1,122 @@
+"""rorg fit"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rorg.cli.options import SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
+from rorg.cli.output import check_form, echo, note, print_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from rorg.manifest.fitting import Fit
+
+FORMS = ("diff", "table", "name", "yaml", "json")
+
+
+def percent(text: str) -> float:
+    """A part of "10%" or "0.1". Raises ValueError."""
+    value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    if not 0 <= value <= 1:
+        raise ValueError(f"{text} is not between 0% and 100%")
+    return value
+
+
+def command(
+    services: Annotated[
+        list[str] | None, Argument(help="Services; without, all.", show_default=False, completes=SERVICES)
+    ] = None,
+    since: Annotated[
+        str,
+        Option(
+            names=("--since",), parser=moment, metavar="TIME", help="From when on: 2h (ago), or 2026-01-31T12:00:00Z."
+        ),
+    ] = "7d",
+    margin: Annotated[
+        float,
+        Option(
+            names=("--margin",),
+            parser=percent,
+            metavar="PERCENT",
+            show_default=False,
+            help="On top of what was measured, by default 10%.",
+        ),
+    ] = 0.1,
+    write: Annotated[
+        bool, Option(names=("--write",), help="Write it into the manifests, as `rorg edit` does.")
+    ] = False,
+    output: Annotated[
+        str, Option(names=("-o", "--output"), help="diff, table, name, yaml or json.", completes=FORMS)
+    ] = "diff",
+    directory: ManifestsDirectory = None,
+    state_dir: StateDirectory = None,
+    engine: EngineName = None,
+) -> None:
+    """Propose `resources:` of manifests by what services used while they ran: the mean CPU and the most memory.
+
+    Example: rorg fit navigation --since 24h
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.editing import manifests
+    from rorg.cli.output import missing
+    from rorg.cli.records import records_of
+    from rorg.manifest.fitting import fit
+
+    check_form(output, FORMS)
+    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
+    tree = manifests(context)
+    known = tree.names("Service")
+    for name in services or ():
+        if name not in known:
+            raise missing("service", name, known)
+    with records_of(context) as records:
+        measured = {entry["service"]: entry for entry in records.measured(moment(since))}
+    chosen = [n for n in sorted(known) if not services or n in services]
+    before = {name: tree.text("Service", name) for name in chosen}
+    found = [fit(name, before[name], measured.get(name), margin) for name in chosen]
+    _show(found, before, output, services or ())
+    for one in found if write else ():
+        if one.after:
+            tree.text("Service", one.service)  # the write is of this one
+            tree.write("Service", one.service, one.text)
+            note(f"service {one.service} edited")
+
+
+def _show(found: Sequence[Fit], before: dict[str, str], output: str, named: Collection[str]) -> None:
+    changed = [one for one in found if one.after]
+    if output == "diff":
+        for one in changed:
+            echo(_diff(one, before[one.service]), end="")
+        for one in found:
+            if not one.after and (one.service in named or one.seconds):
+                note(f"{one.service}: {one.why_not}")
+        if not changed:
+            note("nothing to change")
+        return
+    rows = [
+        {
+            "service": one.service,
+            "measured": f"{one.seconds:.0f} s" if one.seconds else "-",
+            "cpu": _step(one, "cpu"),
+            "memory": _step(one, "memory"),
+            "note": one.why_not or "-",
+        }
+        for one in found
+    ]
+    columns = ("service", "measured", "cpu", "memory", "note")
+    print_rows(rows, output, columns, full=[one.as_json() for one in found], below=("note",))
+
+
+def _step(one: Fit, key: str) -> str:
+    before = one.before.get(key, "-")
+    return f"{before} -> {one.after[key]}" if key in one.after else before
+
+
+def _diff(one: Fit, before: str) -> str:
+    from difflib import unified_diff
+
+    label = f"services/{one.service}.yaml"
+    lines = unified_diff(before.splitlines(), one.text.splitlines(), f"a/{label}", f"b/{label}", lineterm="")
+    return "".join(f"{line}\n" for line in lines)

@@ -1,0 +1,172 @@
+"""rorg trace"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory, duration, moment
+from rorg.cli.output import check_form, echo, note, print_rows
+
+if TYPE_CHECKING:
+    from rorg.model.trace import Trace
+
+ACTIONS = ("generate", "record", "show")
+GREETINGS, TOURS = 188 / 4, 10 / 4
+"""An hour: as many as the paper counted on a day of four."""
+PARTS = 1000.0
+"""Of a second: so exact are times that are recorded."""
+
+
+def command(
+    action: Annotated[str, Argument(help="generate, record, or show FILE.", completes=ACTIONS)],
+    trace: Annotated[Path | None, Argument(help="Of show: the file of a trace.", completes=FILES)] = None,
+    length: Annotated[
+        float,
+        Option(
+            names=("--duration",),
+            parser=duration,
+            metavar="DURATION",
+            show_default=False,
+            help="Of generate: how long the day is, by default 4h.",
+        ),
+    ] = 4 * 3600.0,
+    greetings: Annotated[
+        int | None,
+        Option(names=("--greetings",), least=0, help="Of generate: visitors that are greeted, by default 47 an hour."),
+    ] = None,
+    tours: Annotated[
+        int | None,
+        Option(names=("--tours",), least=0, help="Of generate: how many of them get a tour, by default 5 in 2 hours."),
+    ] = None,
+    seed: Annotated[int, Option(names=("--seed",), least=0, help="Of generate: another number, another day.")] = 1,
+    since: Annotated[
+        str,
+        Option(
+            names=("--since",),
+            parser=moment,
+            metavar="TIME",
+            help="Of record: from when on: 10m (ago), or 2026-01-31T12:00:00Z.",
+        ),
+    ] = "24h",
+    until: Annotated[
+        str, Option(names=("--until",), parser=moment, metavar="TIME", help="Of record: until when, as --since.")
+    ] = "0s",
+    file: Annotated[
+        Path | None,
+        Option(
+            names=("--file",),
+            help="Of generate and record: where to, by default standard output.",
+            completes=FILES,
+            metavar="FILE",
+        ),
+    ] = None,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+) -> None:
+    """Traces of what a robot is asked for over some hours, for `rorg simulate` and `rorg emulate`: generate a day of
+    the tour guide, record what this robot was asked for, or show what is in one.
+
+    Example: rorg trace record --since 24h --file yesterday.yaml
+    """
+    from rorg.errors import Invalid
+
+    check_form(output)
+    if action not in ACTIONS:
+        raise Invalid(f"do '{action}' with traces", "there is no such action", f"one of {', '.join(ACTIONS)}")
+    if (trace is not None) != (action == "show"):
+        why = f"'{trace}' is one word too many" if trace else "no file is named"
+        raise Invalid(f"{action} a trace", why, f"`rorg trace {action}{' FILE' * (action == 'show')}`")
+    if trace is not None:
+        _show(trace, output)
+    elif action == "record":
+        _write(_recorded(moment(since), moment(until), _name(file, "recorded"), state_dir), file)
+    else:
+        _write(_generated(length, greetings, tours, seed, _name(file, "tour-guide")), file)
+
+
+def _name(file: Path | None, otherwise: str) -> str:
+    """That of the file, where a manifest may have it."""
+    import re
+
+    from rorg.model.units import NAME
+
+    return file.stem if file and re.fullmatch(NAME, file.stem) else otherwise
+
+
+def _generated(length: float, greetings: int | None, tours: int | None, seed: int, name: str) -> Trace:
+    from rorg.sim.generate import generate_day
+
+    hours = length / 3600
+    met = round(GREETINGS * hours) if greetings is None else greetings
+    return generate_day(length, met, min(met, round(TOURS * hours)) if tours is None else tours, seed, name=name)
+
+
+def _recorded(since: str, until: str, name: str, state_dir: Path | None) -> Trace:
+    from rorg.cli.context import Context
+    from rorg.cli.records import records_of
+    from rorg.model.trace import Trace, TraceEvent
+    from rorg.model.units import counted, parse_time
+
+    with records_of(Context(state_dir, None)) as records:
+        found = records.requested(since, until)
+    if found["unknown"]:
+        note(f"{counted(found['unknown'], 'request')} left out: an earlier rorg did not record what they name")
+    begin = parse_time(found["begin"])
+
+    def after(at: str) -> float:
+        return round((parse_time(at) - begin) * PARTS) / PARTS
+
+    events = [TraceEvent(after(r["at"]), r["requester"], r["id"], tuple(r["services"])) for r in found["requests"]]
+    text = f"Recorded from {found['begin']} to {found['end']}."
+    return Trace(name, after(found["end"]), tuple(events), text)
+
+
+def _write(trace: Trace, file: Path | None) -> None:
+    from rorg.errors import Invalid
+    from rorg.manifest.trace_text import trace_text
+
+    text = trace_text(trace)
+    if file is None:
+        echo(text, end="")
+        return
+    try:
+        file.write_text(text)
+    except OSError as error:
+        raise Invalid(f"write {file}", error.strerror or str(error), "another file") from error
+
+
+def _show(file: Path, output: str) -> None:
+    from rorg.manifest.traces import read_trace
+    from rorg.model.units import counted, format_seconds
+    from rorg.sim.activities import activities
+
+    trace = read_trace(file)
+    found = activities(trace)
+    requesters = sorted({event.requester for event in trace.events})
+    if output in ("table", "wide"):
+        echo(f"{trace.name}: {trace.description}" if trace.description else trace.name)
+        events = counted(len(trace.events), "event")
+        echo(f"{format_seconds(trace.duration)}, {events} of {', '.join(requesters) or 'nobody'}\n")
+    rows: list[dict[str, Any]] = [
+        {
+            "name": one.name,
+            "kind": one.kind,
+            "by": one.by,
+            "times": len(one.lengths),
+            "share": f"{100 * one.total / trace.duration:.0f}%" if trace.duration else "-",
+            "mean": format_seconds(one.mean),
+            "min": format_seconds(min(one.lengths)),
+            "max": format_seconds(max(one.lengths)),
+        }
+        for one in found
+    ]
+    full = {
+        "name": trace.name,
+        "description": trace.description,
+        "duration": trace.duration,
+        "events": len(trace.events),
+        "requesters": requesters,
+        "activities": [one.as_json() for one in found],
+    }
+    print_rows(rows, output, ("name", "kind", "by", "times", "share", "mean", "min", "max"), full=full)

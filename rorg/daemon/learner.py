@@ -1,0 +1,62 @@
+"""Keeps what the loop learns of requests over its restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rorg.core.learning import learn
+from rorg.errors import Missing
+from rorg.history.journal import Journal
+from rorg.history.requested import requested
+from rorg.model.learned import Learned
+from rorg.model.trace import TraceEvent
+from rorg.model.units import parse_time, stamp
+from rorg.store.learned_file import read_learned, write_learned
+
+EVERY = 60.0
+"""Seconds between two writes, at the least."""
+BACK = 30 * 86_400.0
+"""Seconds of the journal that are looked at where nothing was kept."""
+
+
+class Learner:
+    """Over the file of a state directory; where there is none, over what the journal says of requests. `clock` gives
+    monotonic seconds, `now` is the time of day."""
+
+    def __init__(self, folder: Path, journal: Journal, clock: Callable[[], float], now: float) -> None:
+        self.folder, self.clock = folder, clock
+        self.learned = read_learned(folder) or learnt_from(journal, now)
+        """What the loop begins with."""
+        self._written, self._last = self.learned, self.learned
+        self._at = clock()
+
+    def note(self, learned: Learned) -> None:
+        """What is known after a pass."""
+        self._last = learned
+        if self._last is not self._written and self.clock() - self._at >= EVERY:
+            self.write()
+
+    def write(self) -> None:
+        """A full disk loses what is new; it is written with what comes next."""
+        self._at = self.clock()
+        if self._last is self._written:
+            return
+        try:
+            write_learned(self.folder, self._last)
+        except OSError:
+            return
+        self._written = self._last
+
+
+def learnt_from(journal: Journal, now: float) -> Learned:
+    """What the journal teaches of the time before `now`, seconds since the epoch."""
+    try:
+        found = requested(journal, stamp(now - BACK), stamp(now))
+    except Missing:
+        return Learned()
+    begin = parse_time(found["begin"])
+    return learn(
+        TraceEvent(parse_time(r["at"]) - begin, r["requester"], r["id"], tuple(r["services"]))
+        for r in found["requests"]
+    )

@@ -1,0 +1,73 @@
+"""Measures what services use while they run: once a minute, and before they are ceased."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Mapping, Sequence
+
+from rorg.core.observed import Container
+from rorg.engines.protocol import Usage
+from rorg.history.usage import Measured, UsageTable
+
+EVERY = 60.0
+"""Seconds between two looks at all."""
+LEAST = 0.5
+"""Seconds below which nothing is concluded: a run that was just seen to begin has used CPU before."""
+Running = Sequence[tuple[Container, float]]
+"""Containers that run, each with the time since when, by the clock."""
+
+
+class UsageRecorder:
+    """In a thread of its own. `running` says what runs now, `usage` what that has used since it began; nothing is
+    asked while nothing runs. `began` is the time of day (ISO 8601) at which this rorg did: what runs for longer is
+    known from the first look on. `clock` gives seconds, `wall` the time of day."""
+
+    def __init__(
+        self,
+        table: UsageTable,
+        running: Callable[[], Running],
+        usage: Callable[[Sequence[Container]], Mapping[str, Usage]],
+        clock: Callable[[], float],
+        wall: Callable[[], str],
+    ) -> None:
+        self.table, self.running, self.usage, self.clock, self.wall = table, running, usage, clock, wall
+        self.began = wall()
+        self._seen: dict[str, tuple[float, float]] = {}
+        """Incarnation -> (when, its CPU seconds then)."""
+        self._lock, self._stop = threading.Lock(), threading.Event()
+
+    def start(self) -> None:
+        threading.Thread(target=self._run, name="usage", daemon=True).start()
+
+    def stop(self) -> None:
+        self._stop.set()
+
+    def _run(self) -> None:
+        while not self._stop.wait(EVERY):
+            self.look()
+
+    def look(self, service: str = "") -> None:
+        """At all that runs, or at one service. An engine that does not answer is asked again the next time."""
+        with self._lock, contextlib.suppress(Exception):
+            everything = self.running()
+            if not service:
+                runs = {c.incarnation for c, _ in everything}
+                self._seen = {run: seen for run, seen in self._seen.items() if run in runs}
+            found = [(c, since) for c, since in everything if service in ("", c.service)]
+            usage = self.usage([c for c, _ in found]) if found else {}
+            now = self.clock()
+            measured = [self._one(c, since, now, usage[c.id]) for c, since in found if c.id in usage]
+            self.table.note(self.wall(), [m for m in measured if m])
+
+    def _one(self, container: Container, since: float, now: float, used: Usage) -> Measured | None:
+        run = container.incarnation
+        if run not in self._seen and container.started_at < self.began:
+            self._seen[run] = now, used.cpu
+            return None
+        at, cpu = self._seen.get(run, (since, 0.0))
+        seconds = now - max(at, since)
+        if seconds < LEAST:
+            return None
+        self._seen[run] = now, used.cpu
+        return Measured(container.service, run, seconds, max(0.0, used.cpu - cpu), used.memory)

@@ -1,0 +1,109 @@
+"""What a robot was asked for over some time: what was in force when it began, and each change since.
+
+What meta-services ask for is on record as it was from one time to the next, also where the requests file was edited by
+hand. What other services ask for is known from the journal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from rorg.errors import Missing
+from rorg.history.asked import Asked
+from rorg.history.journal import Filter, Journal
+from rorg.model.catalog import Request
+
+Key = tuple[str, str]
+"""(requester, id)."""
+ENDING = frozenset({"release", "request-dropped"})
+KINDS = frozenset({"request", "down", *ENDING})
+SLICE = 500
+"""Entries that are read at once."""
+
+
+class Asking(NamedTuple):
+    """A request that is made, in place of the one before; or released, where it names no services. They are in order of
+    time."""
+
+    at: str
+    """ISO 8601 in UTC."""
+    key: Key
+    services: tuple[str, ...]
+
+
+def requested(journal: Journal, begin: str, end: str) -> dict[str, Any]:
+    """From `begin` to `end`, ISO 8601 in UTC, but as far as there is a record: what was in force stands at the
+    beginning. Raises Missing where there is none of that time."""
+    first = next(iter(journal.select(Filter(), 1)), None)
+    what = f"tell what was requested from {begin} to {end}"
+    if first is None or begin >= end or first["at"] > end:
+        raise Missing(what, "nothing of that time is on record", "`rorg events --since 30d` for what is")
+    begin, old = max(begin, first["at"]), list[Mapping[str, Any]]()
+    people = list(_people(Asked(journal.database), begin, end))
+    meta = {"developer", *(asking.key[0] for asking in people)}
+    changes = sorted([*people, *_services(journal, end, meta, old)])
+    return {
+        "begin": begin,
+        "end": end,
+        "unknown": sum(entry["at"] >= begin for entry in old),
+        "requests": [
+            {"at": asking.at, "requester": asking.key[0], "id": asking.key[1], "services": list(asking.services)}
+            for asking in _from(begin, changes)
+        ],
+    }
+
+
+def _people(asked: Asked, begin: str, end: str) -> Iterator[Asking]:
+    """Of meta-services."""
+    before: Mapping[Key, tuple[str, ...]] = {}
+    for at, requests in asked.between(begin, end):
+        now = _services_of(requests)
+        yield from (Asking(at, key, ()) for key in before if key not in now)
+        yield from (Asking(at, key, services) for key, services in now.items() if before.get(key) != services)
+        before = now
+
+
+def _services_of(requests: Iterable[Request]) -> dict[Key, tuple[str, ...]]:
+    return {request.key: request.services for request in requests}
+
+
+def _services(journal: Journal, end: str, meta: set[str], old: list[Mapping[str, Any]]) -> Iterator[Asking]:
+    """Of all others. `old` gets the entries that do not say what was requested: those of an rorg of before."""
+    held = dict[Key, tuple[str, ...]]()
+    for entry in _entries(journal, end):
+        at, key = entry["at"], (str(entry.get("service", "")), str(entry.get("request", "")))
+        if entry["kind"] == "down":
+            yield from (Asking(at, one, ()) for one in held)
+            held.clear()
+        elif key[0] in meta:
+            continue
+        elif entry["kind"] in ENDING:
+            if held.pop(key, None):
+                yield Asking(at, key, ())
+        elif not isinstance(entry.get("requested"), list):
+            old.append(entry)
+        elif held.get(key) != (services := tuple(map(str, entry["requested"]))):
+            held[key] = services
+            yield Asking(at, key, services)
+
+
+def _entries(journal: Journal, end: str) -> Iterator[dict[str, Any]]:
+    after = 0
+    while found := journal.select(Filter(KINDS, until=end, after=after), SLICE):
+        after = found[-1]["seq"]
+        yield from found
+
+
+def _from(begin: str, changes: Iterable[Asking]) -> Iterator[Asking]:
+    """Those since `begin`, after what was in force then."""
+    held, late = dict[Key, tuple[str, ...]](), list[Asking]()
+    for asking in changes:
+        if asking.at > begin:
+            late.append(asking)
+        elif asking.services:
+            held[asking.key] = asking.services
+        else:
+            held.pop(asking.key, None)
+    yield from (Asking(begin, key, services) for key, services in held.items())
+    yield from late

@@ -1,0 +1,71 @@
+"""What services used while they ran: hour by hour and run by run, summed up as it is measured."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rorg.history.database import Database
+
+UPSERT = (
+    "INSERT INTO usage (hour, service, run, seconds, cpu, byte_seconds, peak) VALUES (?, ?, ?, ?, ?, ?, ?)"
+    " ON CONFLICT (hour, service, run) DO UPDATE SET seconds = seconds + excluded.seconds, cpu = cpu + excluded.cpu,"
+    " byte_seconds = byte_seconds + excluded.byte_seconds, peak = max(peak, excluded.peak)"
+)
+TOTALS = (
+    "SELECT service, count(DISTINCT run), sum(seconds), sum(cpu), sum(byte_seconds), max(peak) FROM usage"
+    " WHERE hour >= ? GROUP BY service ORDER BY service"
+)
+HOUR = 13
+"""Characters of a time (ISO 8601) that say the hour."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A service that ran for some seconds, paused time left out."""
+
+    service: str
+    run: str
+    """Its incarnation."""
+    seconds: float
+    cpu: float
+    """CPU seconds that it used in them."""
+    memory: int
+    """Bytes at their end."""
+
+
+class UsageTable:
+    """Written by one thread at a time."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+
+    def note(self, at: str, found: Sequence[Measured]) -> None:
+        """Adds what was measured up to a time (ISO 8601 in UTC). What the disk refuses is lost: more comes."""
+        rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in found]
+
+        def change(connection: sqlite3.Connection) -> None:
+            connection.executemany(UPSERT, rows)
+
+        if rows:
+            self.database.write(change, keep=False)
+
+    def since(self, time: str) -> list[dict[str, Any]]:
+        """Of each service, since the hour of a time: how many runs, seconds in all, cores and bytes in the mean over
+        these, and the most bytes that were seen. Nothing of a file of before, which has no such table."""
+        if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
+            return []
+        return [
+            {
+                "service": service,
+                "runs": runs,
+                "seconds": round(seconds, 1),
+                "cpu": round(cpu / seconds, 4),
+                "memory": round(byte_seconds / seconds),
+                "peak_memory": peak,
+            }
+            for service, runs, seconds, cpu, byte_seconds, peak in self.database.rows(TOTALS, (time[:HOUR],))
+            if seconds > 0
+        ]

@@ -1,0 +1,83 @@
+"""What a container of an image begins with, as its Dockerfile says it: ENTRYPOINT and CMD of its last stage, or of what
+that stands on (Dockerfile reference, "Understand how CMD and ENTRYPOINT interact")."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+
+from rorg.manifest.dockerfile_lines import DockerfileError, Instruction, script
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """One ENTRYPOINT or CMD."""
+
+    instruction: str
+    text: str
+    line: int
+    """From 1."""
+
+    @property
+    def by_shell(self) -> bool:
+        """It is no list of words, so `/bin/sh -c` runs it."""
+        try:
+            return not isinstance(json.loads(self.text), list)
+        except (ValueError, RecursionError):
+            return True
+
+
+@dataclass(frozen=True, slots=True)
+class Programs:
+    """Of one image, as far as its own file says them."""
+
+    entrypoint: Program | None = None
+    command: Program | None = None
+    base_line: int = 0
+    """From 1: the FROM of what it stands on; 0 where nothing of that counts any more."""
+
+    def on(self, base: Programs) -> Programs:
+        """With what its base says: that of its entry point, and of its command unless it has an entry point itself."""
+        if self.entrypoint:
+            return self
+        return Programs(base.entrypoint, self.command or base.command, base.base_line)
+
+
+@lru_cache(maxsize=512)
+def programs_of(text: str, target: str = "") -> Programs:
+    """Of the stage that is built: the target, or the last one. Nothing of a file that Docker would refuse."""
+    try:
+        instructions = script(text).instructions
+    except DockerfileError:
+        return Programs()
+    stages: list[tuple[str, str, Programs]] = []
+    for instruction in instructions:
+        words = instruction.arguments.text.split()
+        if instruction.name == "FROM" and words:
+            name = words[2].lower() if len(words) == 3 else ""
+            stages.append((name, words[0].lower(), Programs(base_line=instruction.line)))
+        elif instruction.name in ("ENTRYPOINT", "CMD") and stages:
+            name, base, found = stages[-1]
+            stages[-1] = name, base, _with(found, instruction)
+    return _whole(stages, target.lower())
+
+
+def _with(found: Programs, instruction: Instruction) -> Programs:
+    said = Program(instruction.name, instruction.arguments.text.strip(), instruction.line)
+    entrypoint = said if said.instruction == "ENTRYPOINT" else found.entrypoint
+    command = said if said.instruction == "CMD" else found.command
+    return Programs(entrypoint, command, 0 if entrypoint else found.base_line)
+
+
+def _whole(stages: list[tuple[str, str, Programs]], target: str) -> Programs:
+    """Of a stage with those before it that it stands on."""
+    known: dict[str, Programs] = {}
+    found = Programs()
+    for name, base, own in stages:
+        found = own.on(known[base]) if base in known else own
+        if name:
+            known[name] = found
+        if target and name == target:
+            break
+    return found

@@ -1,0 +1,80 @@
+"""What a Service says of ROS 1: parameters, as roslaunch and rosparam have them."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, WithJsonSchema, model_validator
+
+from rorg.manifest.fields import Written, unchanging
+from rorg.manifest.option_forms import Strict
+
+NAME = r"^(/[A-Za-z_][A-Za-z0-9_]*)+$"
+"""An absolute name of the graph: https://wiki.ros.org/Names."""
+FILE = "file"
+UNSENDABLE = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
+"""Characters that XML 1.0 cannot carry."""
+
+
+def _absolute(name: str) -> str:
+    if not re.fullmatch(NAME, name):
+        raise ValueError("must be an absolute name of ROS, such as /move_base/max_vel")
+    return name
+
+
+def sendable(value: Any) -> Any:
+    """The value of a parameter, as it is. Raises ValueError for what cannot be one: XML-RPC has integers of 32 bits,
+    and nothing for null."""
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, int) and not -(1 << 31) <= value < 1 << 31:
+        raise ValueError(f"{value} has more than the 32 bits of a ROS parameter; write it as {value}.0, or as a text")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"a ROS parameter cannot be {value}")
+    if isinstance(value, str) and UNSENDABLE.search(value):
+        raise ValueError("a ROS parameter cannot hold control characters")
+    if isinstance(value, dict):
+        if not all(isinstance(key, str) and not UNSENDABLE.search(key) for key in value):
+            raise ValueError("the keys of a mapping must be text")
+        return {key: sendable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [sendable(item) for item in value]
+    if not isinstance(value, bool | int | float | str):
+        raise ValueError("must be true, false, a number, a text, a list, a mapping, or {file: PATH}")
+    return value
+
+
+ParameterName = Annotated[str, AfterValidator(_absolute), WithJsonSchema({"type": "string", "pattern": NAME})]
+Parameter = Annotated[
+    Any,
+    AfterValidator(sendable),
+    WithJsonSchema({"type": ["boolean", "number", "string", "array", "object"]}),
+    Written("any value, or {file: PATH}"),
+]
+
+
+class Ros(Strict):
+    """What the ROS 1 master of a service is given."""
+
+    parameters: dict[ParameterName, Parameter] = unchanging(
+        "Parameters by absolute name, set before each start of the service and again after each restart of its master. "
+        "{file: PATH} is the text of a file beside the manifest. A change of a value is set at once.",
+        {"/robot_name": "freight", "/robot_description": {"file": "./urdf/robot.urdf"}},
+        dict,
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> Ros:
+        for name in self.parameters:
+            above = next((other for other in self.parameters if name.startswith(f"{other}/")), "")
+            if above:
+                raise ValueError(f"{name} is part of {above}, which is declared too: keep one of them")
+        return self
+
+
+def file_of(value: Any) -> str:
+    """The path that a parameter's value names; empty for one that is the value itself."""
+    named = value[FILE] if isinstance(value, dict) and value.keys() == {FILE} else ""
+    return named if isinstance(named, str) else ""

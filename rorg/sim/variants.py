@@ -1,0 +1,131 @@
+"""What else a robot could be told: another tree, another Policy, or other settings of idling for all services that are
+not always on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rorg.errors import Invalid
+from rorg.manifest.load import load, usable
+from rorg.manifest.model_errors import validated
+from rorg.manifest.policy import Idle
+from rorg.manifest.render import idle_of
+from rorg.manifest.yaml_source import as_scalar, read_yaml
+from rorg.manifest.yaml_text import yaml_text
+from rorg.model.catalog import Catalog, Service
+from rorg.model.diagnostics import nearest
+
+SETTINGS = {"linger": "linger", "idle": "action", "min_active": "min_active", "prewarm": "prewarm"}
+"""What can be set -> the field of `idle`."""
+MOST = 100
+"""Variants of a sweep."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A robot that a trace is tried on."""
+
+    name: str
+    catalog: Catalog
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """As they were written; empty for a tree or a Policy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """The manifests that others are variants of."""
+
+    root: Path
+    catalog: Catalog
+    engine: str = ""
+    robot: str = ""
+
+
+def variant(text: str, tree: Tree) -> Variant:
+    """The variant of `[NAME=]WHAT`: a directory of manifests, the file of a Policy, or settings such as
+    `linger=20s,idle=pause`. Raises Invalid."""
+    first, equals, rest = text.partition("=")
+    name, what = (first, rest) if equals and first not in SETTINGS and not Path(text).exists() else (text, text)
+    if Path(what).is_dir():
+        return Variant(name, usable(Path(what), load(Path(what), engine=tree.engine, robot=tree.robot)))
+    if Path(what).is_file():
+        return Variant(name, _with_policy(Path(what), tree))
+    if "=" not in what:
+        remedy = nearest(what, SETTINGS) or f"a directory, a Policy, or settings: {', '.join(SETTINGS)}"
+        raise Invalid(f"compare '{text}'", f"'{what}' is no file, and no setting has a value in it", remedy)
+    settings = _split(what, text)
+    return Variant(name, with_settings(tree.catalog, settings), settings)
+
+
+def sweep(texts: Sequence[str], tree: Tree) -> list[Variant]:
+    """All combinations of `SETTING=VALUE,VALUE...`, the last setting changing fastest. Raises Invalid."""
+    values = dict[str, list[str]]()
+    for text in texts:
+        key, equals, rest = text.partition("=")
+        if key not in SETTINGS or not equals or not all(rest.split(",")):
+            why = f"it is no list of values of one of {', '.join(SETTINGS)}"
+            raise Invalid(f"sweep over '{text}'", why, f"{key if key in SETTINGS else 'linger'}=VALUE,VALUE")
+        if key in values:
+            raise Invalid(f"sweep over '{text}'", f"{key} is swept over twice", "all of its values in one list")
+        values[key] = rest.split(",")
+    found = [dict(zip(values, each, strict=True)) for each in itertools.product(*values.values())]
+    if len(found) > MOST:
+        raise Invalid("sweep over all that", f"these are {len(found)} variants", f"{MOST} at the most")
+    return [Variant(_name(settings), with_settings(tree.catalog, settings), settings) for settings in found]
+
+
+def _name(settings: Mapping[str, str]) -> str:
+    return ",".join(f"{key}={value}" for key, value in settings.items())
+
+
+def _split(what: str, text: str) -> dict[str, str]:
+    settings = dict[str, str]()
+    for part in what.split(","):
+        key, equals, value = part.partition("=")
+        if key in settings:
+            raise Invalid(f"compare '{text}'", f"{key} is set twice", "one of both")
+        if key not in SETTINGS or not equals:
+            remedy = nearest(key, SETTINGS) or f"one of {', '.join(SETTINGS)}"
+            raise Invalid(f"compare '{text}'", f"'{part}' is no setting", remedy)
+        settings[key] = value
+    return settings
+
+
+def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
+    """The robot with these settings of all services that are not always on. What moves hardware is prewarmed only where
+    it says so itself, as with a Policy. Raises Invalid."""
+    declared = {SETTINGS[key]: as_scalar(value) for key, value in settings.items()}
+    document, _ = read_yaml(yaml_text(declared), "")
+    assert document is not None
+    idle, wrong = validated(Idle, document, declared, ())
+    if wrong:
+        remedy = wrong[0].remedy or "`rorg explain service.spec.idle` for what there is"
+        raise Invalid(f"set {_name(settings)}", "; ".join(d.message for d in wrong), remedy)
+    changes: dict[str, Any] = idle.model_dump(exclude_none=True)
+
+    def changed(service: Service) -> Service:
+        if service.meta or service.always_on:
+            return service
+        mine = {key: value for key, value in changes.items() if not (key == "prewarm" and service.driver)}
+        return replace(service, idle=idle_of(mine, service.idle))
+
+    return replace(catalog, services={name: changed(service) for name, service in catalog.services.items()})
+
+
+def _with_policy(file: Path, tree: Tree) -> Catalog:
+    """The tree with the Policy of a file in place of its own. What services and profiles say themselves holds on."""
+    try:
+        text = file.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise Invalid(f"read {file}", str(error), "the file of a Policy") from error
+    document, _ = read_yaml(text, str(file))
+    if document is not None and (not isinstance(document.value, dict) or document.value.get("kind") != "Policy"):
+        raise Invalid(f"compare '{file}'", "it is no Policy", "a directory of manifests, or the file of a Policy")
+    sources = load(tree.root, engine=tree.engine, robot=tree.robot).sources or {}
+    edits: dict[Path, str | None] = {source.path: None for source in sources.get("Policy", {}).values()}
+    edits[tree.root / "policies" / f"{file.stem}.yaml"] = text
+    return usable(file, load(tree.root, edits, engine=tree.engine, robot=tree.robot))

@@ -1,0 +1,185 @@
+"""`rorg fit`: what services used while they ran, and manifests that say so."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+import yaml
+from commands import run
+from conftest import wait_for
+from robots import RealRobot
+
+from rorg.core.observed import Container
+from rorg.daemon.usage_recorder import UsageRecorder
+from rorg.engines.protocol import Usage
+from rorg.history.database import Database
+from rorg.history.retention import Retention, trim
+from rorg.history.usage import Measured, UsageTable
+from rorg.manifest.fitting import fit
+
+MIB = 1 << 20
+HEAD = "apiVersion: rorg/v1\nkind: Service\nmetadata:\n  name: camera\n"
+USED = {"seconds": 3600.0, "cpu": 0.3, "memory": 80 * MIB, "peak_memory": 100 * MIB}
+
+
+def fitted(spec: str, margin: float = 0.1, **measured) -> str:
+    return fit("camera", HEAD + spec, {**USED, **measured}, margin).text.removeprefix(HEAD)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (
+            "spec:\n  image: a  # the usual\n  resources: {cpu: 0.6, memory: 180Mi}   # synthetic\n  restart: never\n",
+            "spec:\n  image: a  # the usual\n  resources: {cpu: 0.33, memory: 110Mi}   # synthetic\n  restart: never\n",
+        ),
+        (
+            "spec:\n  resources:\n    cpu: 1    # guessed\n    memory: '1Gi'\n  image: a\n",
+            "spec:\n  resources:\n    cpu: 0.33    # guessed\n    memory: 110Mi\n  image: a\n",
+        ),
+        (
+            "spec:\n  resources:\n    # more at night\n    cpu: 0.6\n  image: a\n",
+            "spec:\n  resources:\n    # more at night\n    memory: 110Mi\n    cpu: 0.33\n  image: a\n",
+        ),
+        (
+            "spec:\n  resources: {memory: 110Mi}\n  image: a\n",
+            "spec:\n  resources: {cpu: 0.33, memory: 110Mi}\n  image: a\n",
+        ),
+        (
+            "spec:\n  image: a\n# the end\n",
+            "spec:\n  image: a\n  resources: {cpu: 0.33, memory: 110Mi}\n# the end\n",
+        ),
+        ("spec:\n  image: a", "spec:\n  image: a\n  resources: {cpu: 0.33, memory: 110Mi}"),
+    ],
+)
+def test_only_these_values_change(before, after):
+    assert fitted(before) == after
+    assert fitted(after) == after, "what fits stays"
+
+
+def test_what_is_near_stays():
+    near = "spec:\n  resources: {cpu: 0.35, memory: 102Mi}\n"
+    assert fitted(near) == near
+    assert fitted(near, margin=0.0) == "spec:\n  resources: {cpu: 0.3, memory: 100Mi}\n"
+
+
+@pytest.mark.parametrize(
+    ("spec", "measured", "why"),
+    [
+        ("spec:\n  image: a\n", {"seconds": 59.0}, "it was measured for only 59 s"),
+        ("spec: {image: a}\n", {}, "write it there"),
+        ("spec:\n  resources: *none\n", {}, "cannot be read"),
+    ],
+)
+def test_why_nothing_is_proposed(spec, measured, why):
+    found = fit("camera", HEAD + spec, {**USED, **measured}, 0.1)
+    assert why in found.why_not
+    assert found.text == HEAD + spec
+    assert not found.after
+
+
+class Programs:
+    """What runs, and what it has used, as an engine says it."""
+
+    def __init__(self, database: Database) -> None:
+        self.now, self.used, self.there, self.asked = 0.0, 0.0, list[tuple[Container, float]](), 0
+        self.table = UsageTable(database)
+        self.recorder = UsageRecorder(self.table, lambda: self.there, self.usage, lambda: self.now, self.wall)
+
+    def wall(self) -> str:
+        return f"2026-01-01T{int(self.now // 3600):02}:{int(self.now % 3600 // 60):02}:00Z"
+
+    def usage(self, containers) -> dict[str, Usage]:
+        self.asked += 1
+        return {c.id: Usage(self.used, 50 * MIB) for c in containers}
+
+    def run(self, started: float, since: float) -> None:
+        one = Container("c" * 64, "camera", "camera", "running", started_at=f"2026-01-01T00:{started:02.0f}:30Z")
+        self.there = [(one, since)]
+
+
+@pytest.fixture
+def programs(tmp_path):
+    counter = itertools.count()
+    database = Database(tmp_path / "journal.db", lambda: f"2026-01-01T00:00:{next(counter):02}Z")
+    yield Programs(database)
+    database.close()
+
+
+def test_what_is_paused_does_not_count(programs):
+    programs.run(1, 60.0)
+    programs.now, programs.used = 120.0, 30.0
+    programs.recorder.look()
+    programs.now, programs.used = 140.0, 40.0
+    programs.recorder.look("camera")  # before it is paused
+    programs.there = [(programs.there[0][0], 1000.0)]
+    programs.now, programs.used = 1020.0, 50.0
+    programs.recorder.look()
+    (found,) = programs.table.since("2026-01-01T00:00:00Z")
+    assert (found["seconds"], found["cpu"], found["runs"]) == (100.0, 0.5, 1)
+    assert found["peak_memory"] == 50 * MIB
+
+
+def test_of_a_run_from_before_only_what_follows_counts(programs):
+    programs.recorder.began = "2026-01-01T00:02:00Z"
+    programs.run(1, 60.0)
+    programs.now, programs.used = 120.0, 5000.0
+    programs.recorder.look()
+    programs.now, programs.used = 180.0, 5006.0
+    programs.recorder.look()
+    (found,) = programs.table.since("2026-01-01T00:00:00Z")
+    assert (found["seconds"], found["cpu"]) == (60.0, 0.1)
+
+
+def test_nothing_is_asked_while_nothing_runs(programs):
+    programs.recorder.look()
+    assert programs.asked == 0
+
+
+def test_what_is_kept_is_bounded(programs):
+    for hour in range(10):
+        programs.table.note(f"2026-01-01T0{hour}:00:00Z", [Measured("camera", f"r{hour}", 60.0, 6.0, MIB)])
+    trim(programs.table.database, Retention(usage=4), "2025-01-01T00:00:00Z", lambda: None)
+    assert programs.table.since("2025")[0]["runs"] == 4
+    trim(programs.table.database, Retention(), "2026-01-01T08:30:00Z", lambda: None)
+    assert programs.table.since("2025")[0]["runs"] == 2
+
+
+BURN = """
+import time
+keep = bytearray(40 << 20)
+while True:
+    end = time.process_time() + 0.02
+    while time.process_time() < end:
+        pass
+    time.sleep(0.06)
+"""
+
+
+def test_a_real_robot_measures_and_writes(request, tmp_path):
+    """The process engine; the minute goes by on the recorder's clock."""
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    request.addfinalizer(robot.close)
+    robot.declare({"busy": {"command": ["python3", "-S", "-c", BURN], "resources": {"cpu": 2, "memory": "1Gi"}}})
+    robot.request("busy")
+    robot.wait(lambda: robot.active() == {"busy"})
+    recorder = next(t for t in robot.loop.threads if isinstance(t, UsageRecorder))
+    robot.wait(lambda: recorder.running() and robot.loop.use()["busy"][0] > 0.5)
+    used, since = robot.loop.use()["busy"][0], recorder.running()[0][1]
+    recorder.clock = lambda: since + 100.0
+    robot.release()
+    robot.wait(lambda: not robot.active())
+    path = robot.tree / "services/busy.yaml"
+    line = ["fit", "busy", "--state-dir", robot.state.path, "--manifests", robot.tree]
+    shown = run(line)
+    assert "-  resources:" not in shown.stdout
+    cpu = float(next(text for text in shown.stdout.splitlines() if text.startswith("+    cpu:")).partition(":")[2])
+    assert used / 100 <= cpu <= 20 * used / 100
+    assert run([*line, "--write", "-o", "name"]).returncode == 0
+    written = yaml.safe_load(path.read_text())["spec"]["resources"]
+    assert written["cpu"] == cpu
+    assert 40 <= int(written["memory"].removesuffix("Mi")) < 200
+    wait_for(lambda: robot.loop.tree.desired.catalog.services["busy"].cpu == cpu)
+    robot.stop()
+    assert "it is as declared" in run([*line[:1], *line[2:]]).stderr
