@@ -13,11 +13,11 @@ from pydantic import TypeAdapter
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.field_texts import UNSET, fields_of, title
 from rorg.manifest.models import ENVELOPES, SPECS
-from rorg.manifest.schema import below, schema
+from rorg.manifest.schema import BESIDE, below, schema
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.units import parse_duration, parse_memory
 
-MODELS = sorted({m for top in (*ENVELOPES.values(), *SPECS.values()) for m in below(top)}, key=title)
+MODELS = sorted({m for top in (*ENVELOPES.values(), *SPECS.values(), *BESIDE.values()) for m in below(top)}, key=title)
 FIELDS = [(model, name) for model in MODELS for name in fields_of(model)]
 IDS = [f"{title(model)}.{name}" for model, name in FIELDS]
 

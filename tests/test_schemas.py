@@ -27,6 +27,21 @@ def test_manifest_obeys_its_schema(path):
     jsonschema.Draft202012Validator(schema).validate(value)
 
 
+@pytest.mark.parametrize("name", ["day", "hour", "workload"])
+def test_files_beside_a_tree_obey_their_schemas(name):
+    value = yaml.safe_load((ROOT / "docs/evaluation" / f"{name}.yaml").read_text())
+    schema = json.loads((ROOT / "schemas" / f"{value['kind'].lower()}.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(value)
+
+
+def test_a_spread_is_written_in_three_ways():
+    schema = jsonschema.Draft202012Validator(json.loads((ROOT / "schemas/workload.json").read_text()))
+    for cpu in (0.4, [0.3, 0.5], {"mean": 0.4, "deviation": 0.1}):
+        spec = {"services": {"camera": {"cpu": {"active": cpu}, "start": "2s"}}}
+        value = {"apiVersion": "rorg/v1", "kind": "Workload", "metadata": {"name": "one"}, "spec": spec}
+        schema.validate(value)
+
+
 def test_tritonbot_is_41_services_without_a_finding():
     loaded = load(ROOT / "manifests")
     assert loaded.diagnostics == ()

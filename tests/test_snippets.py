@@ -13,7 +13,9 @@ from conftest import ROOT
 
 from rorg.cli.main import app
 from rorg.manifest.documents import read_source
+from rorg.manifest.traces import read_trace
 from rorg.manifest.variables import read_variables
+from rorg.manifest.workloads import read_workload
 from rorg.store.requests_parser import parse
 
 PAGES = [
@@ -51,6 +53,10 @@ def snippets(*languages: str) -> list[Snippet]:
 # -- YAML ------------------------------------------------------------------------------------------------------
 
 
+BESIDE = re.compile(r"apiVersion: rorg/v1\nkind: (Trace|Workload)\n")
+"""What stands beside a tree."""
+
+
 def completed(text: str) -> str:
     """A part of a manifest with the rest around it."""
     kind = PART.match(text)[1]
@@ -66,6 +72,11 @@ def test_yaml_is_a_manifest_that_validates(snippet, tmp_path):
         document, diagnostics = parse(text, str(snippet))
         assert not diagnostics
         assert document.requests
+        return
+    if kind := BESIDE.match(text):
+        path = tmp_path / "beside.yaml"
+        path.write_text(text)
+        assert (read_trace if kind[1] == "Trace" else read_workload)(path)
         return
     if PART.match(text):
         text = completed(text)

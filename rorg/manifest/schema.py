@@ -14,16 +14,22 @@ from typing import Any
 from pydantic import BaseModel
 
 from rorg.manifest.field_texts import UNSET, FieldText, fields_of
-from rorg.manifest.models import API_VERSION, ENVELOPES, SPECS
+from rorg.manifest.models import API_VERSION, ENVELOPES, SPECS, Manifest
+from rorg.manifest.traces import TraceSpec
+from rorg.manifest.workloads import WorkloadSpec
+
+BESIDE: dict[str, type[BaseModel]] = {"Trace": TraceSpec, "Workload": WorkloadSpec}
+"""Kinds of documents that are no part of a tree."""
 
 
 def schema(kind: str) -> dict[str, Any]:
     """The schema of one kind, its envelope included."""
-    spec = SPECS[kind].model_json_schema(by_alias=True)
-    envelope = ENVELOPES[kind].model_json_schema()
+    model, form = {**SPECS, **BESIDE}[kind], ENVELOPES.get(kind, Manifest)
+    spec = model.model_json_schema(by_alias=True)
+    envelope = form.model_json_schema()
     definitions = {**envelope.pop("$defs", {}), **spec.pop("$defs", {})}
-    models = {model.__name__: model for top in (ENVELOPES[kind], SPECS[kind]) for model in below(top)}
-    for name, found in ((ENVELOPES[kind].__name__, envelope), (SPECS[kind].__name__, spec), *definitions.items()):
+    models = {one.__name__: one for top in (form, model) for one in below(top)}
+    for name, found in ((form.__name__, envelope), (model.__name__, spec), *definitions.items()):
         _tell(found, fields_of(models[name]))
     envelope["properties"]["apiVersion"] |= {"const": API_VERSION}
     envelope["properties"]["kind"] |= {"const": kind, "examples": [kind]}
@@ -106,6 +112,8 @@ def _loosen(value: Any) -> Any:
         return [_loosen(item) for item in value]
     if not isinstance(value, dict):
         return value
+    if value.get("$ref", "").endswith("Spread"):
+        return {"anyOf": [value, _SCALAR, {"type": "array", "items": _SCALAR}]}
     found = {k: _loosen(v) for k, v in value.items()}
     fields = found.get("properties")
     properties: dict[str, Any] = fields if isinstance(fields, dict) else {}
@@ -143,7 +151,7 @@ def write(folder: Path, check: bool) -> list[str]:
     """Writes all schemas; with `check`, only says which files differ."""
     stale = []
     folder.mkdir(parents=True, exist_ok=True)
-    for kind in SPECS:
+    for kind in (*SPECS, *BESIDE):
         path = folder / f"{kind.lower()}.json"
         text = json.dumps(schema(kind), indent=1, sort_keys=True) + "\n"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
