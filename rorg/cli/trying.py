@@ -30,8 +30,8 @@ class Trial:
     trace: Trace
     workload: Workload
     seed: int
-    learned: Learned | None = None
-    """What is known of requests when it begins, for services that are prewarmed; None for nothing."""
+    learned: Learned
+    """What is known of requests when it begins, for services that are prewarmed."""
 
     def compare(self, texts: Sequence[str]) -> list[Tried]:
         """Variants, below everything on and the tree as it is. Raises Invalid."""
@@ -47,13 +47,11 @@ class Trial:
         return self._tried([Variant(DECLARED, self.tree.catalog), *sweep(texts, self.tree)])
 
     def _tried(self, variants: Sequence[Variant]) -> list[Tried]:
-        from rorg.model.learned import Learned
         from rorg.sim.simulate import simulate
         from rorg.sim.tradeoff import tried
 
         for one in variants:
             self._check(one)
-        learned = self.learned or Learned()
         results = [
             simulate(
                 one.catalog,
@@ -62,7 +60,7 @@ class Trial:
                 self.seed,
                 name=one.name,
                 all_on=one.name == ALL_ON,
-                learned=learned,
+                learned=self.learned,
             )
             for one in variants
         ]
