@@ -114,8 +114,9 @@ class Player:
         for _ in self._moments():
             memory = max(memory, own.memory())
         self.loop.decided = lambda: None
-        measured = {key: tuple(seconds) for key, seconds in (self._calls(seq) | self.readiness.found).items()}
-        actions = Counter(verb for (verb, _), seconds in self._calls(seq).items() for _ in seconds)
+        calls = self._calls(seq)
+        measured = {key: tuple(seconds) for key, seconds in (calls | self.readiness.found).items()}
+        actions = Counter(verb for (verb, _), seconds in calls.items() for _ in seconds)
         result = RunResult(
             name,
             self.trace.duration,
