@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from robots import VirtualRobot, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, decide
+from rorg.core.inputs import Inputs
 from rorg.core.joining import joined_of
 from rorg.core.objects import found_object
 from rorg.core.observed import Container
