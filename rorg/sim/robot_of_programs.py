@@ -1,0 +1,134 @@
+"""A robot in virtual time whose programs behave as a workload says: they take time, use the machine, and crash."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping
+from math import ceil, inf
+
+from rorg.core.changes import changed_items
+from rorg.core.decide import Decision
+from rorg.core.memory import ProbeResult
+from rorg.core.observed import Container
+from rorg.core.plan import Action
+from rorg.model.catalog import Catalog
+from rorg.sim.programs import Programs
+from rorg.sim.robot import SimRobot
+from rorg.sim.use import MachineUse, Use
+from rorg.sim.violations import Violations
+
+ANSWER = 0.002
+"""Seconds that a probe takes to be answered."""
+
+
+class RobotOfPrograms(SimRobot):
+    """`every`: seconds between two samples of what they use."""
+
+    def __init__(self, catalog: Catalog, programs: Programs, every: float) -> None:
+        super().__init__(catalog)
+        self.programs, self.use = programs, MachineUse(every)
+        self.violations = Violations(catalog.policy.budget)
+        self.in_use: frozenset[str] = frozenset()
+        """Services that do what they are for."""
+        self._up: dict[str, float] = {}
+        """Container -> when its program does what it is for; while it is paused, seconds that it still needs."""
+        self._began: dict[str, float] = {}
+        """Container -> when it was last started or resumed."""
+        self._life: dict[str, float] = {}
+        """Container -> when it crashes; while it is paused, seconds that are left."""
+        self._looks: list[float] = []
+        """When programs come up, which is nothing to the loop."""
+        self._accounted: tuple[Container, ...] = ()
+
+    def _asked_next(self) -> float:
+        """When a probe tells something new."""
+        times = [inf]
+        for (name, role), target in self._asked.items():
+            told = self._told.get((name, role))
+            if role == "interlock" and told is None:
+                times.append(self.now + ANSWER)
+            elif role == "ready" and not (told and told.ok and told.incarnation == target.incarnation):
+                times.append(max(self._answers_at(target.container, target.every), self.now + ANSWER))
+        return min(times)
+
+    def _answers_at(self, container: Container | None, every: float) -> float:
+        """When the first probe of a run is made that it answers."""
+        if container is None or container.state != "running":
+            return inf
+        began, up = self._began[container.id], self._up[container.id]
+        return began + ceil(max(0.0, up - began) / every - 1e-9) * every
+
+    def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:
+        found = {}
+        for key, target in self._asked.items():
+            step, told = self.memory.of(key[0]), self._told.get(key)
+            since = step.running_since
+            if key[1] == "interlock":
+                found[key] = ProbeResult("", True, self.now)
+            elif since is None or step.incarnation != target.incarnation:
+                continue
+            elif told and told.ok and told.incarnation == step.incarnation and told.at >= since:
+                found[key] = told
+            else:
+                ok = key[1] == "live" or self.now >= self._answers_at(target.container, target.every)
+                found[key] = ProbeResult(step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1)
+        return found
+
+    def _check(self, decision: Decision) -> None:
+        """What the plan violates is told with the rest."""
+
+    def _latency(self, action: Action) -> float:
+        return self.programs.call(action.verb, action.service)
+
+    def _done(self, action: Action) -> None:
+        container, now = action.container, self.now
+        if action.verb == "start":
+            self._begin(container, self.programs.start(action.service), self.programs.life(action.service))
+        elif action.verb == "pause":
+            self._up[container] = max(0.0, self._up[container] - now)
+            self._life[container] -= now
+        elif action.verb == "resume":
+            up = max(self._up[container], self.programs.resume(action.service))
+            self._begin(container, up, self._life[container])
+
+    def _begin(self, container: str, up: float, life: float) -> None:
+        """Its program runs from now on: it needs so long to come up, and lives so long."""
+        self._began[container], self._up[container], self._life[container] = self.now, self.now + up, self.now + life
+        heapq.heappush(self._looks, self._up[container])
+        service = self.desired.catalog.services.get(self.engine.containers[container].service)
+        if service and service.ready and service.ready.completed:
+            self.at(self._up[container], lambda: self._end(container, self._up, 0))
+        if life < inf:
+            self.at(self._life[container], lambda: self._end(container, self._life, 1))
+
+    def _end(self, container: str, times: Mapping[str, float], code: int) -> None:
+        """It ends by itself, where it runs and its time is come: a pause has put that off."""
+        found = self.engine.containers.get(container)
+        if found and found.state == "running" and times[container] <= self.now:
+            self.engine.kill(container, code)
+
+    def _account(self) -> None:
+        """What containers use has changed with what they do."""
+        containers = tuple(self.engine.list())
+        if not changed_items(self._accounted, containers):
+            return
+        for one in {c.id: c for c in changed_items(self._accounted, containers)}:
+            self._account_for(one, self.engine.containers.get(one))
+        self._accounted = containers
+        self.violations.used(self.now, self.use.cores, self.use.memory)
+
+    def _account_for(self, id: str, found: Container | None) -> None:
+        before = self.use.of(id)
+        if found is None or not found.alive:
+            if before is not None:
+                self.use.change(id, None)
+            return
+        in_use, running = found.service in self.in_use, found.state == "running"
+        doing = (found.state, in_use, found.started_at)
+        if before is not None and before.doing == doing:
+            return
+        cores = self.programs.cores(found.service, in_use) if running else 0.0
+        memory = self.programs.memory(found.service, found.state, in_use)
+        grown = before.grown(self.use.now) if before is not None and before.doing[2] == doing[2] else 0.0
+        growth = self.programs.growth(found.service) if running else 0.0
+        self.use.change(id, Use(found.service, doing, cores, memory, grown, growth, self.use.now))
