@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 
 import pytest
 from conftest import ROOT
@@ -37,7 +38,9 @@ def test_the_page_shows_the_figures():
 def test_figures_and_plots_are_current(name):
     """By one seed: it is one of those that the means are made of, and that of the plot."""
     robot, trace, workload = evaluate.robot(), evaluate.trace(name), evaluate.weights()
+    began = time.process_time()
     base, rorg = evaluate.both(robot, trace, workload, 1)
+    assert time.process_time() - began < 20, "four times what the day may take"
     found = evaluate.row_of(base, rorg, trace)
     wrong = {k: v for k, v in found.items() if round(v, 4) != FOUND[name]["first"][k]}
     assert not wrong, REMEDY

@@ -15,10 +15,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rorg.core.decide import Inputs, decide
+from rorg.core.decide import decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
 from rorg.core.found_objects import FoundObjects
+from rorg.core.inputs import Inputs
 from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
 from rorg.core.missing import Missing
 from rorg.core.objects import found_object, object_labels

@@ -13,12 +13,13 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from hypothesis import HealthCheck, Phase, given, reject, settings
+from hypothesis import HealthCheck, Phase, example, given, reject, settings
 from hypothesis import strategies as st
 from robots import VirtualRobot, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, decide
+from rorg.core.inputs import Inputs
 from rorg.core.joining import joined_of
 from rorg.core.objects import found_object
 from rorg.core.observed import Container
@@ -232,8 +233,65 @@ def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
     live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
+PASSING_NAME_TAKEN = (
+    {
+        "s0": {
+            "container": {},
+            "needs": [],
+            "always_on": False,
+            "idle": {"action": "remove", "linger": "5s", "min_active": "2s"},
+            "ready": {"delay": "300ms"},
+            "interlock": {"file": "/allow"},
+            "driver": {"devices": ["/dev/arm"]},
+            "priority": 20,
+            "protected": False,
+            "exclusive": [],
+            "conflicts": [],
+            "update": {"when": "now", "bake": "5s", "atomic": False},
+            "resources": {"cpu": 0.5, "memory": "1Gi"},
+        },
+        "s1": {
+            "container": {"volumes_from": ["s0"]},
+            "needs": [{"service": "s0", "restart": True}],
+            "always_on": False,
+            "idle": {"action": "remove", "linger": "5s", "min_active": "0s"},
+            "ready": {"delay": "300ms"},
+            "live": {"tcp": 1234},
+            "driver": {"devices": ["/dev/arm"], "unplugged": "keep"},
+            "priority": 80,
+            "protected": False,
+            "exclusive": ["cam"],
+            "conflicts": [],
+            "update": {"when": "now", "bake": "2s", "atomic": False},
+            "resources": {"cpu": 0.5, "memory": "1Gi"},
+        },
+    },
+    "network_mode",
+    [
+        ("kill", "s0", 0.0),
+        ("dies", "s0", 0.2),
+        ("restart", "s1", 0.0),
+        ("request", "s1", 0.2),
+        ("revert", "s1", 0.2),
+        ("refused", "s1", 0.02),
+        ("release", "s1", 3.0),
+        ("restart", "s1", 0.02),
+        ("dies", "s1", 0.1),
+        ("retry", "s0", 0.2),
+        ("request", "s1", 0.1),
+        ("revert", "s0", 3.0),
+        ("dies", "s1", 0.1),
+        ("replace", "s0", 0.2),
+        ("replace", "s1", 0.0),
+        ("restart", "s1", 0.02),
+    ],
+)
+"""A container that never started is joined to one that is gone, and has the name that the next one gets."""
+
+
 @HALF
 @given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
+@example(*PASSING_NAME_TAKEN)
 def test_what_is_joined_follows_what_it_joins(specs, option, events):
     first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
     second |= {"container": joined(option, NAMES[0]), "always_on": True}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from conftest import wait_for
 
-from rorg.core.decide import Target
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.core.schedule import Target
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Usage
 from rorg.errors import EngineError

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
+from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
@@ -60,9 +60,11 @@ def _next_name(view: View, service: Service) -> str:
     return passing_name(view, service) if taken else service.container_name
 
 
-def passing_name(view: View, service: Service) -> str:
-    """One that no other edition of the service has."""
-    return f"{service.container_name}.{view.desired.digests[service.name].partition(':')[2][:8]}"
+def passing_name(view: View, service: Service, taken: Collection[str] = ()) -> str:
+    """One that no other edition of the service has, nor a container of this one, as `taken` says: that may be joined to
+    what is gone, and is removed only after the new one is made."""
+    name = f"{service.container_name}.{view.desired.digests[service.name].partition(':')[2][:8]}"
+    return next(n for n in (name, *(f"{name}.{i}" for i in range(2, len(taken) + 3))) if n not in taken)
 
 
 def _shares(view: View, service: Service, container: Container) -> int | None:

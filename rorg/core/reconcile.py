@@ -190,8 +190,9 @@ class _Reconciled:
 
     def free_name(self, stale: list[Container]) -> str:
         """The service's name, or one made of the digest while an older container of the service still has it."""
-        if any(c.name == self.service.container_name for c in stale):
-            return passing_name(self.view, self.service)
+        names = [c.name for c in stale]
+        if self.service.container_name in names:
+            return passing_name(self.view, self.service, names)
         return self.service.container_name
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:

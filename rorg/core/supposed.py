@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
+from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
 
 

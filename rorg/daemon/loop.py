@@ -7,11 +7,12 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rorg.core.decide import Decision, Inputs, decide
+from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.down import taken_down
 from rorg.core.former import Kept
+from rorg.core.inputs import Inputs
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from rorg.core.decide import FRESH
+from rorg.core.assessment import FRESH
 from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
 from rorg.probes.answer import Answer, cannot_ask
