@@ -22,6 +22,10 @@ SERVICES = {
         "container": {"volumes": ["/opt:/opt:ro"], "environment": {"SECRET": "hush-hush"}},
     },
     "hand": {"needs": ["arm"], "ready": {"delay": "2s"}, "priority": 70},
+    "eyes": {
+        "ready": {"all": [{"ros_node": "/eyes"}, {"tcp": 7002}]},
+        "idle": {"action": "pause", "connected": "stop"},
+    },
     "move": {"ready": {"completed": True}, "restart": "never"},
     "other": {"conflicts": ["hand"], "ready": {"tcp": "elsewhere:80"}},
 }
@@ -36,8 +40,10 @@ def catalog(tmp_path: Path) -> Catalog:
 def test_what_services_are_to_each_other_stays(catalog):
     found = stand_ins(catalog, {}, Share(0.5, 0.25), "it-").services
     for name in SERVICES:
-        for field in ("needs", "conflicts", "always_on", "idle", "priority", "protected", "restart"):
+        for field in ("needs", "conflicts", "always_on", "priority", "protected", "restart"):
             assert getattr(found[name], field) == getattr(catalog.services[name], field)
+    assert found["arm"].idle == catalog.services["arm"].idle
+    assert found["eyes"].idle.connected == "pause"
     assert found["developer"] == catalog.services["developer"]
 
 
@@ -64,6 +70,7 @@ def test_nothing_of_the_robot_is_used(catalog):
         ("base", Probe("tcp", "127.0.0.1:7001", 9.0), ("STANDIN_READY", "tcp:7001")),
         ("arm", Probe("delay", 0.1, 20.0), None),
         ("hand", Probe("delay", 2.0), None),
+        ("eyes", Probe("tcp", "127.0.0.1:7002"), ("STANDIN_READY", "tcp:7002")),
         ("other", Probe("delay", 0.1), None),
         ("move", None, ("STANDIN_EXIT_AFTER", "1")),
     ],

@@ -174,7 +174,7 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
     from rorg.sim.emulate import ALL_ON
     from rorg.sim.emulation import Compared
 
-    catalog, all_on = experiment.stand_ins, run.result.name == ALL_ON
+    catalog, all_on = experiment.stand_ins(), run.result.name == ALL_ON
     drawn, same = (
         simulated(catalog, experiment.trace, run, workload, all_on) for workload in (calibrated(run), replayed(run))
     )
@@ -182,9 +182,9 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
 
 
 def _check_files(save: Path | None, plot: Path | None) -> None:
-    """Raises Invalid for what could not be written in the end."""
+    """Raises Invalid for what could not be written in the end. What is saved there stays until there is more."""
     if save:
-        _save(save, "{}\n")
+        _save(save, "", "a")
     if plot:
         from rorg.sim.plots import check_drawing
 
@@ -201,11 +201,12 @@ def _draw(emulation: Emulation, experiment: Experiment, path: Path) -> None:
     draw(results, experiment.trace, path, said + f"{emulation.share.memory:.1%} of the memory of the manifests")
 
 
-def _save(path: Path, text: str) -> None:
+def _save(path: Path, text: str, mode: str = "w") -> None:
     from rorg.errors import Invalid
 
     try:
-        path.write_text(text, encoding="utf-8")
+        with path.open(mode, encoding="utf-8") as file:
+            file.write(text)
     except OSError as error:
         raise Invalid(f"write {path}", error.strerror or str(error), "another file for --save") from error
 

@@ -40,13 +40,9 @@ class Experiment:
     """As it is played: compressed."""
     share: Share
 
-    def adapted(self, catalog: Catalog, prefix: str) -> Catalog:
-        """The robot of stand-ins."""
-        return stand_ins(catalog, self.images, self.share, prefix)
-
-    @property
-    def stand_ins(self) -> Catalog:
-        return self.adapted(self.catalog, PREFIX)
+    def stand_ins(self, prefix: str = PREFIX) -> Catalog:
+        """The robot that is run: the names of its containers begin so."""
+        return stand_ins(self.catalog, self.images, self.share, prefix)
 
 
 def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> Generator[EmulatedRun, None, None]:
@@ -59,7 +55,7 @@ def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> G
             why = "it is on another machine, whose control groups cannot be read"
             raise Invalid("measure on this engine", why, "an engine of this machine")
         say(f"on the {experiment.engine} engine {keeper.engine.ping()}")
-        keeper.build(experiment.stand_ins, say)
+        keeper.build(experiment.stand_ins(), say)
         for number in range(1, pairs + 1):
             for name in (ALL_ON, RORG):
                 say(f"pair {number} of {pairs}, {name}")
@@ -81,14 +77,14 @@ def _run(experiment: Experiment, name: str, say: Callable[[str], None]) -> Emula
 
 
 def _played(experiment: Experiment, robot: ThrowawayRobot, name: str, say: Callable[[str], None]) -> EmulatedRun:
+    catalog = experiment.stand_ins(f"{robot.folder.name}-")
     tree = Tree(
         experiment.root.resolve(),
         str(robot.state.run),
         references=robot.references,
         named=experiment.robot,
-        adapt=lambda catalog: experiment.adapted(catalog, f"{robot.folder.name}-"),
+        adapt=lambda _: catalog,  # whoever edits the manifests meanwhile changes nothing
     )
-    catalog = experiment.stand_ins
     robot.build(catalog, _quiet)
     if name == ALL_ON:
         robot.requests.change(lambda asked: asked.put(everything(catalog, experiment.trace)))

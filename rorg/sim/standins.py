@@ -41,7 +41,8 @@ def stand_ins(catalog: Catalog, images: Mapping[str, Image], share: Share, prefi
     """The same robot: who needs, excludes and requests whom, idle policies, priorities and groups are as they were.
     Containers get another image, and names that begin with `prefix`, and use no devices, files, networks or volumes of
     the robot. A probe of a TCP port of this machine stays, and the stand-in answers it; so does a delay; any other one
-    becomes a delay. Measures against pressure are off: they go by the machine, which is another one here."""
+    becomes a delay, and of several the first port counts. No node is connected in the ROS graph. Measures against
+    pressure are off: they go by the machine, which is another one here."""
     services = {name: _stand_in(one, share, prefix) if one.spec else one for name, one in catalog.services.items()}
     policy = replace(catalog.policy, pressure=None)
     return replace(catalog, services=services, images=images, networks={}, volumes={}, policy=policy)
@@ -62,7 +63,7 @@ def _stand_in(service: Service, share: Share, prefix: str) -> Service:
         restarts_with=service.restarts_with,
         conflicts=service.conflicts,
         exclusive=service.exclusive,
-        idle=replace(service.idle, reclaim=False),
+        idle=replace(service.idle, reclaim=False, connected="pause"),
         update=Updating(),
         ready=ready,
         protected=service.protected,
@@ -91,7 +92,8 @@ def _ready(probe: Probe | None) -> tuple[Probe | None, dict[str, str]]:
         return probe, {}
     if probe.completed:
         return probe, {"STANDIN_EXIT_AFTER": f"{TASK:g}"}
-    host, _, port = str(probe.target).rpartition(":")
-    if probe.kind == "tcp" and host in LOCAL and port.isdecimal():
-        return probe, {"STANDIN_READY": f"tcp:{port}"}
+    for one in probe.questions:
+        host, _, port = str(one.target).rpartition(":")
+        if one.kind == "tcp" and host in LOCAL and port.isdecimal():
+            return replace(one, timeout=probe.timeout), {"STANDIN_READY": f"tcp:{port}"}
     return Probe("delay", READY_AFTER, timeout=probe.timeout), {}
