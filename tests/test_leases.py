@@ -116,7 +116,7 @@ def test_what_was_renewed_while_the_pass_decided_is_not_dropped(stepped):
 def test_what_was_released_cannot_be_renewed_though_the_loop_has_not_heard_of_it(stepped):
     stepped.put("camera", ttl=60.0)
     stepped.step()
-    stepped.robot.release(DEVELOPER, ("developer", "look")).result(5)
+    stepped.robot.release(DEVELOPER, ("developer", "look"), True).result(5)
     with pytest.raises(Missing):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
     stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("camera",), ttl=60.0)).result(5)
@@ -185,7 +185,7 @@ def test_a_request_put_again_at_once_after_its_release_gets_its_whole_lease(step
     stepped.robot.put_request(DEVELOPER, request).result(5)
     stepped.step()
     run_out(stepped, 0.3)
-    stepped.robot.release(DEVELOPER, request.key).result(5)
+    stepped.robot.release(DEVELOPER, request.key, True).result(5)
     stepped.robot.put_request(DEVELOPER, request).result(5)
     stepped.step()
     run_out(stepped, 0.2)

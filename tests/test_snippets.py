@@ -53,7 +53,7 @@ def snippets(*languages: str) -> list[Snippet]:
 # -- YAML ------------------------------------------------------------------------------------------------------
 
 
-BESIDE = re.compile(r"apiVersion: rorg/v1\nkind: (Trace|Workload)\n")
+BESIDE = re.compile(r"(?:#.*\n)?apiVersion: rorg/v1\nkind: (Trace|Workload)\n")
 """What stands beside a tree."""
 
 

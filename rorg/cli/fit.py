@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.options import SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
+from rorg.cli.options import FORMS, SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
 from rorg.cli.output import check_form, echo, note, print_rows
 
 if TYPE_CHECKING:
@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
     from rorg.manifest.fitting import Fit
 
-FORMS = ("diff", "table", "name", "yaml", "json")
+DAYS = "7d"
+"""How far back it looks unless it is told."""
 
 
 def percent(text: str) -> float:
@@ -29,11 +30,15 @@ def command(
         list[str] | None, Argument(help="Services; without, all.", show_default=False, completes=SERVICES)
     ] = None,
     since: Annotated[
-        str,
+        str | None,
         Option(
-            names=("--since",), parser=moment, metavar="TIME", help="From when on: 2h (ago), or 2026-01-31T12:00:00Z."
+            names=("--since",),
+            parser=moment,
+            metavar="TIME",
+            show_default=False,
+            help="From when on: 2h (ago), or 2026-01-31T12:00:00Z; by default 7d.",
         ),
-    ] = "7d",
+    ] = None,
     margin: Annotated[
         float,
         Option(
@@ -48,7 +53,7 @@ def command(
         bool, Option(names=("--write",), help="Write it into the manifests, as `rorg edit` does.")
     ] = False,
     output: Annotated[
-        str, Option(names=("-o", "--output"), help="diff, table, name, yaml or json.", completes=FORMS)
+        str, Option(names=("-o", "--output"), help="diff, table, wide, name, yaml or json.", completes=("diff", *FORMS))
     ] = "diff",
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
@@ -64,7 +69,7 @@ def command(
     from rorg.cli.records import records_of
     from rorg.manifest.fitting import fit
 
-    check_form(output, FORMS)
+    check_form(output, ("diff", *FORMS))
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     tree = manifests(context)
     known = tree.names("Service")
@@ -72,7 +77,7 @@ def command(
         if name not in known:
             raise missing("service", name, known)
     with records_of(context) as records:
-        measured = {entry["service"]: entry for entry in records.measured(moment(since))}
+        measured = {entry["service"]: entry for entry in records.measured(since or moment(DAYS))}
     chosen = [n for n in sorted(known) if not services or n in services]
     before = {name: tree.text("Service", name) for name in chosen}
     found = [fit(name, before[name], measured.get(name), margin) for name in chosen]

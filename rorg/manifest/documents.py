@@ -195,7 +195,7 @@ def _checked(
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
     envelope, more = validated(form, document, document.value, ())
     found += [d for d in more if d.where not in told]
-    if kind in BESIDE:
+    if isinstance(kind, str) and kind in BESIDE:
         message = f"a {kind} says nothing of what a robot is, and is no part of its tree"
         found.append(Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}"))
     elif isinstance(kind, str) and kind not in SPECS:

@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 
 from rorg.store.last_good import NAME
+from rorg.store.learned_file import NAME as LEARNED
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import SPARE, RequestsFile
 from rorg.store.state_dir import StateDir
@@ -20,6 +21,7 @@ FILES = (
     ".process-images.lock",
     "wakeup",
     NAME,
+    LEARNED,
     SPARE,
 )
 LAST = ("instance", "instance.lock", ".requests.lock", "owner.json", "lock")
