@@ -6,8 +6,11 @@ in whose first two lines a comment is nothing but a path, such as `# services/ar
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,3 +74,24 @@ def check(steps: list[Step], told: dict[str, str], said: str) -> None:
         answer = told.get(str(number), "")
         for line in expected:
             assert is_in(line, answer), f"$ {command}\n{answer}\nnot in it: {line}\n{said[-3000:]}"
+
+
+def run(steps: list[Step], prepare: str, folder: Path, **env: str) -> None:
+    """Runs all of a page in a shell of its own with a home in this folder, after `prepare`, and checks what is said."""
+    home = folder / "home"
+    home.mkdir()
+    (folder / "script").write_text(prepare + script(steps, str(folder / "state/run/rorg.sock")))
+    own = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "HOME": str(home)}
+    done = subprocess.run(
+        ["bash", folder / "script"],
+        cwd=home,
+        env={**own, "RORG_STATE_DIR": str(folder / "state"), **env},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=200,
+    )
+    told = parts(done.stdout)
+    assert len(steps) > 10
+    assert str(len(steps) - 1) in told, done.stdout[-3000:]
+    check(steps, told, done.stdout)
