@@ -253,3 +253,22 @@ def test_a_meta_service_has_no_container(tree):
     assert not [v.field for v in effective(tree, "base") if v.field.startswith(("container", "needs", "profile"))]
     assert effective(tree, "nobody") == []
     assert load(tree).catalog
+
+
+@pytest.mark.parametrize("profile", [["mine", "realtime"], "both"])
+def test_what_the_first_of_two_profiles_says_is_not_undone_by_what_the_second_leaves_to_common(tmp_path, profile):
+    specs = {
+        "services/arm.yaml": ("Service", "arm", {"image": "arm:1", "profile": profile}),
+        "profiles/mine.yaml": ("Profile", "mine", {"container": {"stop_grace_period": "20s"}}),
+        "profiles/both.yaml": ("Profile", "both", {"extends": ["mine", "realtime"]}),
+    }
+    for path, (kind, name, spec) in specs.items():
+        file = tmp_path / path
+        file.parent.mkdir(exist_ok=True)
+        manifest = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}
+        file.write_text(yaml.safe_dump(manifest))
+    found = {value.field: value for value in effective(tmp_path, "arm")}
+    assert found["container.stop_grace_period"].text == "20s"
+    assert "mine" in str(found["container.stop_grace_period"].source)
+    assert "common" in str(found["container.stop_signal"].source)
+    assert "realtime" in str(found["container.ulimits.rtprio.soft"].source)

@@ -16,7 +16,7 @@ from rorg.manifest.effective_values import NOT_SHOWN, Level, Value
 from rorg.manifest.field_texts import FieldText, fields_of, inline, written
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.long_forms import EnvFile, read_env_files
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles, merged_of
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
 from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
 from rorg.manifest.ros import Ros
 from rorg.manifest.service import ServiceSpec
@@ -42,21 +42,21 @@ def effective(root: Path, name: str, robot: str = "") -> list[Value]:
     policy = [Level("policy", s) for s in sources if s.kind == "Policy"]
     found = list(_spec([Level("manifest", own), *used], policy, service))
     if not service.meta:
-        found += _container(service, own, merged_of(named, merged), used)
+        found += _container(service, own, merged.of(named), used)
     return found
 
 
 def _chain(names: Sequence[str], profiles: Mapping[str, Source]) -> list[str]:
     """The profiles of a service and all that they stand on, by whose word counts first. One that two others stand on
-    may come twice."""
-    below = _under(COMMON, profiles)
+    may come twice; `common` is under all of them."""
 
     def chain(name: str) -> list[str]:
-        parents = [p for parent in reversed(profiles[name].spec.extends) for p in chain(parent)]
-        alone = any(not profiles[n].spec.common for n in _under(name, profiles))
-        return [name, *parents, *([] if name in below or alone else chain(COMMON))]
+        return [name, *(p for parent in reversed(profiles[name].spec.extends) for p in chain(parent))]
 
-    return [name for named in reversed(names) for name in chain(named)]
+    found = [profile for name in reversed(names) for profile in chain(name)]
+    alone = any(not profiles[n].spec.common for n in found)
+    whole = alone or _under(COMMON, profiles).issuperset(names)
+    return found if whole else [*found, *chain(COMMON)]
 
 
 def _under(name: str, profiles: Mapping[str, Source]) -> set[str]:

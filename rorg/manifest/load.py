@@ -17,7 +17,7 @@ from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles, merged_of
+from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import PROCESS, check_programs
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
@@ -203,7 +203,7 @@ def _catalog(
     for name, source in by_kind.get("Service", {}).items():
         wanted = source.spec.profile or ()
         diagnostics += _unknown_profiles(source, wanted, {*profiles, *broken})
-        services[name], found = _rendered(source, merged_of(wanted, merged), policy, engine)
+        services[name], found = _rendered(source, merged.of(wanted), policy, engine)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, reduce
 from graphlib import TopologicalSorter
@@ -146,9 +146,28 @@ def declared(options: ContainerOptions | None) -> dict[str, Any]:
     return options.model_dump(exclude_unset=True, exclude_none=True, mode="json") if options else {}
 
 
-def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], list[Diagnostic]]:
-    """Every profile by name, merged; with unknown names and cycles in `extends` as errors. `common` is under all that
-    do not say `common: false`, and do not extend one that does; what it extends itself stands on nothing."""
+class Profiles:
+    """The profiles of a tree, merged. `common` is laid once, under all that one says together with what it extends: so
+    a later one of several does not bring back what an earlier one says otherwise than `common`."""
+
+    def __init__(self, said: Mapping[str, Merged], below: Collection[str]) -> None:
+        self.said, self.below = said, below
+        self._found: dict[tuple[str, ...], Merged] = {}
+
+    def of(self, names: Sequence[str]) -> Merged:
+        """Those that a service names and that there are: one, or as one that extends them in this order; else
+        `common`."""
+        named = tuple(name for name in names if name in self.said) or (COMMON,)
+        if named not in self._found:
+            found = reduce(_over, (self.said[name] for name in named))
+            whole = found.alone or all(name in self.below for name in named)
+            self._found[named] = found if whole else _over(self.said[COMMON], found)
+        return self._found[named]
+
+
+def merge_profiles(sources: Mapping[str, Source]) -> tuple[Profiles, list[Diagnostic]]:
+    """Every profile with all that it extends; with unknown names and cycles in `extends` as errors. `common` is under
+    all that do not say `common: false`, and do not extend one that does; what it extends itself stands on nothing."""
     parents, diagnostics = _parents(sources)
     below = {COMMON}
     pending = [COMMON]
@@ -156,23 +175,10 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[dict[str, Merged], li
         more = set(parents[pending.pop()]) - below
         below |= more
         pending += more
-    merged: dict[str, Merged] = {}
-    first = {name: [*found, *([] if name in below else [COMMON])] for name, found in parents.items()}
-    for name in TopologicalSorter(first).static_order():
-        own = _own(name, sources[name])
-        extended = [merged[parent] for parent in parents[name]]
-        alone = own.alone or any(parent.alone for parent in extended)
-        merged[name] = reduce(_over, [*extended, own], Merged() if name in below or alone else merged[COMMON])
-    return merged, diagnostics
-
-
-def merged_of(names: Sequence[str], merged: Mapping[str, Merged]) -> Merged:
-    """The profiles that a service names, those that there are: one, or as one that extends them in this order; else
-    `common`."""
-    found = [merged[name] for name in names if name in merged] or [merged[COMMON]]
-    if len(found) == 1:
-        return found[0]
-    return reduce(_over, found, Merged() if any(one.alone for one in found) else merged[COMMON])
+    said: dict[str, Merged] = {}
+    for name in TopologicalSorter(parents).static_order():
+        said[name] = reduce(_over, [*(said[parent] for parent in parents[name]), _own(name, sources[name])])
+    return Profiles(said, below), diagnostics
 
 
 def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[Diagnostic]]:
@@ -212,10 +218,7 @@ def _own(name: str, source: Source) -> Merged:
 
 
 def _over(base: Merged, top: Merged) -> Merged:
-    # A second parent brings the network of `common` along once more: no reason to leave those of the first.
-    again = "networks" in base.container and [o.name for o in top.origins.get("network_mode", ())] == [COMMON]
-    over = {k: v for k, v in top.container.items() if not (again and k == "network_mode")}
-    container = merge_options(base.container, over)
+    container = merge_options(base.container, top.container)
     return Merged(
         needs=tuple(dict.fromkeys(base.needs + top.needs)),
         idle={**base.idle, **top.idle},
