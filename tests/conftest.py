@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,14 @@ def pytest_configure(config):
         raise KeyboardInterrupt("SIGTERM")
 
     signal.signal(signal.SIGTERM, end)
+
+
+@contextmanager
+def alone_on_the_machine(what: str) -> Iterator[None]:
+    """Other runs of these tests that need it wait: a port that cannot be chosen, and the like."""
+    with Path(f"/tmp/rorg-tests-{what}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def wait_for(condition, seconds: float = 60.0, what: str = "the condition"):

@@ -6,11 +6,19 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import wait_for
+from conftest import alone_on_the_machine, wait_for
 from left_behind import left_behind
+
+
+@pytest.fixture(autouse=True)
+def ports() -> Iterator[None]:
+    """Its services answer at ports of the machine: another one's that are paused would be taken for ours."""
+    with alone_on_the_machine("demo"):
+        yield
 
 
 def demo(folder: Path, *args: str, **env: str) -> subprocess.Popen:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import commands
 import pages
 import pytest
-from conftest import ROOT, wait_for
+from conftest import ROOT, alone_on_the_machine, wait_for
 from robots import Daemon
 from test_how_to import PREPARE
 
@@ -27,8 +26,7 @@ TALKING = {
 @pytest.fixture
 def default_master() -> Iterator[None]:
     """The port at which ROS looks for its master is ours: other runs of these tests on this machine wait."""
-    with Path("/tmp/rorg-tests-port-11311.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with alone_on_the_machine("port-11311"):
         yield
 
 

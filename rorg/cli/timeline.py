@@ -11,7 +11,7 @@ from rorg.cli.terminal import printable
 
 STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none")
 """From the top of the chart down."""
-DAY = "24h"
+DAY, NOW = "24h", "0s"
 LEAST = 20
 """Characters of a bar."""
 
@@ -19,14 +19,21 @@ LEAST = 20
 def command(
     service: Annotated[str, Argument(help="A service, also one of the past.", completes=SERVICES)],
     since: Annotated[
-        str,
+        str | None,
         Option(
-            names=("--since",), parser=moment, metavar="TIME", help="From when on: 10m (ago), or 2026-01-31T12:00:00Z."
+            names=("--since",),
+            parser=moment,
+            metavar="TIME",
+            show_default=False,
+            help="From when on: 10m (ago), or 2026-01-31T12:00:00Z; by default 24h.",
         ),
-    ] = DAY,
+    ] = None,
     until: Annotated[
-        str, Option(names=("--until",), parser=moment, metavar="TIME", help="Until when, as --since.")
-    ] = "0s",
+        str | None,
+        Option(
+            names=("--until",), parser=moment, metavar="TIME", show_default=False, help="Until when; by default now."
+        ),
+    ] = None,
     tail: Annotated[
         int, Option(names=("-n", "--tail"), least=0, help="So many of the last states below the chart.")
     ] = 20,
@@ -42,7 +49,7 @@ def command(
     from rorg.errors import Missing
 
     check_form(output)
-    begin, end = moment(since), moment(until)
+    begin, end = since or moment(DAY), until or moment(NOW)
     with records_of(Context(state_dir, None)) as records:
         found = records.timeline(service, begin, end)
     if not found["spans"]:

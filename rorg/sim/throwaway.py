@@ -107,14 +107,16 @@ class ThrowawayRobot:
 
     def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
         """Until the published state is so. Raises NotReady."""
-        deadline = time.monotonic() + seconds
+        deadline, waits = time.monotonic() + seconds, list[Mapping[str, Any]]()
         while time.monotonic() < deadline:
             view = self.view()
             if done(view):
                 return view
+            waits = view["plan"]["waitings"]
             self.meanwhile()
             time.sleep(LOOK)
-        raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s")
+        why = "".join(f"; {one['service']}: {one['reason']}" for one in waits if isinstance(one, Mapping))
+        raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s{why}")
 
     def settle(self, what: str, seconds: float = 60.0) -> Mapping[str, Any]:
         """Until all that was asked for runs, is ready, and nothing lingers."""
