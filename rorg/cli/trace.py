@@ -41,17 +41,25 @@ def command(
     ] = None,
     seed: Annotated[int, Option(names=("--seed",), least=0, help="Of generate: another number, another day.")] = 1,
     since: Annotated[
-        str,
+        str | None,
         Option(
             names=("--since",),
             parser=moment,
             metavar="TIME",
-            help="Of record: from when on: 10m (ago), or 2026-01-31T12:00:00Z.",
+            show_default=False,
+            help="Of record: from when on: 10m (ago), or 2026-01-31T12:00:00Z; by default 24h.",
         ),
-    ] = "24h",
+    ] = None,
     until: Annotated[
-        str, Option(names=("--until",), parser=moment, metavar="TIME", help="Of record: until when, as --since.")
-    ] = "0s",
+        str | None,
+        Option(
+            names=("--until",),
+            parser=moment,
+            metavar="TIME",
+            show_default=False,
+            help="Of record: until when; by default now.",
+        ),
+    ] = None,
     file: Annotated[
         Path | None,
         Option(
@@ -80,7 +88,7 @@ def command(
     if trace is not None:
         _show(trace, output)
     elif action == "record":
-        _write(_recorded(moment(since), moment(until), _name(file, "recorded"), state_dir), file)
+        _write(_recorded(since or moment("24h"), until or moment("0s"), _name(file, "recorded"), state_dir), file)
     else:
         _write(_generated(length, greetings, tours, seed, _name(file, "tour-guide")), file)
 
