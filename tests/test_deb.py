@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, alone_on_the_machine
 
 LEFT = {"/etc/group", "/etc/gshadow", "/etc/group-", "/etc/gshadow-", "/etc/.pwd.lock"}
 """What a purge may leave: the group, since files of people may be its."""
@@ -133,7 +133,8 @@ def commands_work(bookworm: Bookworm) -> None:
 
 
 def demo_runs(bookworm: Bookworm) -> None:
-    said = bookworm.sh("rorg demo --engine process --speed 10")
+    with alone_on_the_machine("demo"):
+        said = bookworm.sh("rorg demo --engine process --speed 10")
     assert "all untouched" in said
     assert "on demand" in said
 
