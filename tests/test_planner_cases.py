@@ -24,6 +24,7 @@ from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
 from rorg.core.missing import Missing
 from rorg.core.objects import found_object, object_labels
 from rorg.core.observed import Container, Observed
+from rorg.core.operations import Create, Operation, Pause, Resume, Start, Stop
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Load, Pressure, Shed
@@ -69,6 +70,14 @@ KEYS = {
     "ros",
 }
 STARTED = "2026-01-01T00:00:00Z"
+UNDER_WAY: Mapping[str, Operation] = {
+    "create": Create(name="one", spec={}, labels={}, digest=""),
+    "start": Start(container="one"),
+    "resume": Resume(container="one"),
+    "pause": Pause(container="one"),
+    "stop": Stop(container="one", signal="SIGTERM", grace=5.0, incarnation=""),
+}
+"""Of a call that a case has in flight only its kind counts."""
 
 
 def read_case(path: Path) -> dict:
@@ -182,7 +191,8 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)
     flights = {
-        name: InFlight(Action(0, verb, name), case["now"] - 1.0) for name, verb in case.get("in_flight", {}).items()
+        name: InFlight(Action(0, UNDER_WAY[verb], name), case["now"] - 1.0)
+        for name, verb in case.get("in_flight", {}).items()
     }
     pressure = dict(case.get("pressure", {}))
     shed = tuple(Shed(name, 0.0, 0, why) for name, why in pressure.pop("shed", {}).items())

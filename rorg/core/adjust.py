@@ -9,6 +9,7 @@ from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
 from rorg.core.joining import tried
 from rorg.core.observed import Container
+from rorg.core.operations import Rename, Signal, Update
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.core.steps import Step, stop
 from rorg.core.view import View
@@ -26,12 +27,12 @@ def adjust(
     shares = _shares(view, service, container)
     live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.lowered}
     if live:
-        steps.append(Step("update", container, "changed", tuple(sorted(live)), {"options": live}))
+        steps.append(Step(Update(container=container.id, options=live), "changed", tuple(sorted(live))))
     elif shares is not None:
         why = "leaves the CPU to others" if shares == LOWERED_SHARES else "pressure is over"
-        steps.append(Step("update", container, why, ("cpu_shares",), {"options": {"cpu_shares": shares}}))
+        steps.append(Step(Update(container=container.id, options={"cpu_shares": shares}), why, ("cpu_shares",)))
     if container.name != service.container_name and container.name != (name := _next_name(view, service)):
-        steps.append(Step("rename", container, f"it is called {container.name}", args={"name": name}))
+        steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
     why, now = _restart(view, service, moving, container), view.desired.contents.get(service.name, {})
     if (
         container.state == "running"
@@ -39,15 +40,9 @@ def adjust(
         and service.on_change not in ("restart", "none")
         and (paths := changed(view.s.memory.of(service.name).update, container, now))
     ):
-        steps.append(
-            Step(
-                "signal",
-                container,
-                "changed",
-                paths,
-                {"signal": service.on_change, "content": dict(now), "incarnation": container.incarnation},
-            )
-        )
+        run = container.incarnation
+        told = Signal(container=container.id, signal=service.on_change, content=dict(now), incarnation=run)
+        steps.append(Step(told, "changed", paths))
     if why:
         steps.append(stop(container, why, service))
     return steps

@@ -4,6 +4,7 @@ kept then.)"""
 from __future__ import annotations
 
 from rorg.core.observed import Container
+from rorg.core.operations import Pause
 from rorg.core.pausing import in_use
 from rorg.core.steps import Step, away, stop
 from rorg.core.view import View
@@ -34,7 +35,7 @@ def _pause(view: View, service: Service, container: Container, why: str) -> Step
     """Or stop, where others would feel the pause."""
     use = in_use(view.s, service) if service.idle.connected == "stop" else None
     if use is None:
-        return Step("pause", container, why)
+        return Step(Pause(container=container.id), why)
     return stop(container, f"{why}; stop instead of pause: {use}", service)
 
 

@@ -7,19 +7,10 @@ from collections.abc import Sequence
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_JOINED
 from rorg.core.onward import Planned
+from rorg.core.operations import Create, CreateObject, ObjectOperation, Remove, RemoveObject, Stop
 from rorg.core.plan import Action
 from rorg.core.situation import Situation
 from rorg.model.objects import is_object, subject
-
-STATES = {
-    "start": ("created", "exited"),
-    "resume": ("paused",),
-    "pause": ("running", "restarting"),
-    "stop": ("running", "restarting", "paused"),
-    "remove": ("created", "exited", "dead"),
-    "signal": ("running",),
-}
-"""In which state of a container the engine takes a verb; other verbs go in any."""
 
 
 def check(planned: Planned) -> list[str]:
@@ -51,16 +42,16 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
             found.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
         if not action.after and action.container:
             state = known[action.container].state if action.container in known else ""
-            if state not in STATES.get(action.verb, (state,)):
+            if action.operation.states and state not in action.operation.states:
                 found.append(f"{action} of a container that is {state}")
         found += _activation(action, situation) + _joined(action, situation)
-        if not action.after and action.verb in ("start", "resume"):
+        if not action.after and action.operation.begins:
             found += [
                 f"{action} beside another active container of it"
                 for c in containers
                 if c.active and c.id != action.container
             ]
-        if situation.interlocks.get(name) and action.verb not in ("create", "rename"):
+        if situation.interlocks.get(name) and action.operation.felt:
             found.append(f"{action} against its interlock")
     return found
 
@@ -68,9 +59,9 @@ def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[s
 def _joined(action: Action, situation: Situation) -> list[str]:
     """A container is made joined to containers that are there."""
     service = situation.desired.catalog.services.get(action.service)
-    if action.verb != "create" or action.after or service is None or not service.joins:
+    if not isinstance(action.operation, Create) or action.after or service is None or not service.joins:
         return []
-    ids, containers = joined_of(action.args["labels"].get(LABEL_JOINED, "")), situation.observed.by_service()
+    ids, containers = joined_of(action.operation.labels.get(LABEL_JOINED, "")), situation.observed.by_service()
     lost = [n for n in service.joins if ids.get(n) not in {c.id for c in containers.get(n, ())}]
     return [f"{action}, joined to no container of {', '.join(lost)}"] if lost else []
 
@@ -82,12 +73,17 @@ def _object_chain(name: str, actions: Sequence[Action], situation: Situation) ->
     if actions and (objects is None or not situation.observed.complete):
         return [*found, f"actions for {name} on an incomplete observation"]
     for action in actions:
-        there = objects.found.get(subject(action.args["object"], action.args["name"])) if objects else None
+        operation = action.operation
+        if not isinstance(operation, ObjectOperation):
+            return [*found, f"{action} on a container of what has none"]
+        there = objects.found.get(subject(operation.object, operation.name)) if objects else None
         if name in situation.memory.in_flight:
             found.append(f"a second action for {name} while one is under way")
-        if action.verb == "create" and (one is None or one.external or (there is not None and not action.index)):
+        if isinstance(operation, CreateObject) and (
+            one is None or one.external or (there is not None and not action.index)
+        ):
             found.append(f"{action}, which is not for rorg to make")
-        if action.verb == "remove":
+        if isinstance(operation, RemoveObject):
             if there is None or there.owner != situation.owner:
                 found.append(f"{action} touches what is not ours")
             elif there.kind == "volume" and (one is not None or not situation.purge):
@@ -100,9 +96,9 @@ def _object_chain(name: str, actions: Sequence[Action], situation: Situation) ->
 def _activation(action: Action, situation: Situation) -> list[str]:
     services, name = situation.desired.catalog.services, action.service
     if name not in services or services[name].meta:
-        ok = situation.removals and action.verb in ("stop", "remove")
+        ok = situation.removals and isinstance(action.operation, (Stop, Remove))
         return [] if ok else [f"{action}, which no manifest declares"]
-    if action.verb in ("start", "resume"):
+    if action.operation.begins:
         if name not in situation.wanted:
             return [f"{action}, which nobody wants"]
         unready = [
@@ -115,8 +111,8 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
-    ends = action.verb in ("pause", "remove", "stop")
-    unplugged = action.verb == "stop" and name in situation.unplugged
+    ends = action.operation.ends
+    unplugged = isinstance(action.operation, Stop) and name in situation.unplugged
     if name in situation.wanted and ends and not (action.part_of or action.surplus or unplugged):
         return [f"{action}, which is wanted"]
     return []

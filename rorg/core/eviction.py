@@ -81,7 +81,7 @@ def evict(
 
 def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
     """Whether a service uses something by now that the sample does not say of it."""
-    calls = [f.since for f in memory.in_flight.values() if f.action.verb in ("start", "resume")]
+    calls = [f.since for f in memory.in_flight.values() if f.action.operation.begins]
     runs = [memory.of(n).running_since for n, state in states.items() if state == "running" and n not in load.use]
     return any(since is not None and load.at - since < PATIENCE for since in (*calls, *runs))
 

@@ -53,7 +53,7 @@ class Foresight:
 
 def noted(foresight: Foresight, actions: Sequence[Action], now: float) -> Foresight:
     """Actions are begun: what of them brings up a service is timed until that is ready."""
-    coming = {a.service: (a.verb, now) for a in actions if a.verb in ("start", "resume")}
+    coming = {a.service: (a.verb, now) for a in actions if a.operation.begins}
     if not coming or foresight.learning is None:
         return foresight
     return replace(foresight, begun={**foresight.begun, **coming})

@@ -9,7 +9,8 @@ from rorg.core.digest import rules_of
 from rorg.core.images import held_back
 from rorg.core.joining import awaited
 from rorg.core.memory import Progress
-from rorg.core.plan import Waiting
+from rorg.core.operations import Create, Operation, Rename, Start, Stop
+from rorg.core.plan import Part, Waiting
 from rorg.core.ros_parameters import due
 from rorg.core.steps import Step
 from rorg.core.view import View
@@ -21,8 +22,6 @@ from rorg.model.units import format_seconds
 Passage = tuple[tuple[str, ...], Waiting | None]
 """Services whose actions the step must follow, or what it waits for."""
 FREE: Passage = (), None
-ENDING = frozenset({"stop", "pause"})
-"""After these a service is not ready any more."""
 
 
 class Earlier(Protocol):
@@ -49,7 +48,7 @@ def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Co
 
 def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
     """The networks and volumes that a container uses are there before it is made, and before it starts."""
-    uses = view.desired.uses.get(name, ()) if step.verb in ("create", "start") else ()
+    uses = view.desired.uses.get(name, ()) if isinstance(step.operation, (Create, Start)) else ()
     for one in uses:
         reason = earlier.unready(one)
         if reason:
@@ -59,35 +58,36 @@ def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
 
 def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
-    if step.verb == "create":
+    operation = step.operation
+    if isinstance(operation, Create):
         held = held_back(view, service, step.fields)
         if held:
             return (), held
-    if step.verb in ("start", "resume") and name in view.s.unplugged:
+    if operation.begins and name in view.s.unplugged:
         return (), Waiting(name, view.s.unplugged[name], code=DEVICE)
-    tried = memory.attempts.get(step.verb)
+    tried = memory.attempt(operation)
     if tried and tried.at and tried.at > view.now:
         wait = format_seconds(tried.at - view.now)
         word = "stalled" if memory.stalled else "failed"
-        reason = f"{step.verb} {word}: {tried.error or 'no effect'}; again in {wait}"
+        reason = f"{operation.verb} {word}: {tried.error or 'no effect'}; again in {wait}"
         return (), Waiting(name, reason, tried.at, "failed")
-    swap = step.part_of == "replace" and step.verb in ("stop", "rename")
-    locked = view.s.interlocks.get(name, "") if swap or step.verb not in ("create", "rename") else ""
+    swap = step.part_of is Part.REPLACE and isinstance(operation, (Stop, Rename))
+    locked = view.s.interlocks.get(name, "") if swap or operation.felt else ""
     if locked:
         return (), Waiting(name, f"interlock: {locked}")
-    begins = step.verb in ("start", "resume") or step.part_of
+    begins = operation.begins or step.part_of
     ends_anyway = not view.active(name) or name in view.s.restarts  # and begins with the new one then
     if swap and memory.update.held and not ends_anyway:
         return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
     limits = view.desired.catalog.policy.pressure
     if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
         return (), Waiting(name, view.s.closed)
-    if step.verb == "create" and service.joins:
+    if isinstance(operation, Create) and service.joins:
         return _join(view, service, earlier)
-    if step.verb in ("start", "resume") or (swap and name in view.s.wanted):
+    if operation.begins or (swap and name in view.s.wanted):
         passage = _start(view, service, earlier)  # what runs goes on until the new one can begin
-        return _parameters(view, service) if step.verb == "start" and passage == FREE else passage
-    if step.verb in ("pause", "stop", "remove") and name not in view.s.wanted:
+        return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
+    if operation.ends and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
 
@@ -150,12 +150,12 @@ def _ready_at(view: View, need: str) -> float | None:
     return None
 
 
-def unready(view: View, service: Service, blocked: str, planned: Collection[str]) -> str:
+def unready(view: View, service: Service, blocked: str, planned: Collection[Operation]) -> str:
     """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
-    after the verbs that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
+    after the operations that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
     it waits for."""
     step = view.s.memory.of(service.name)
-    goes_on = view.active(service.name) and not ENDING & {*planned}
+    goes_on = view.active(service.name) and not any(operation.idles for operation in planned)
     if step.ready and goes_on:
         return ""
     if blocked and not goes_on:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
-from rorg.core.plan import Action
+from rorg.core.plan import Action, Part
 from rorg.core.status import ends
 from rorg.model.graph import closure
 
@@ -79,7 +79,7 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
             return _exclusion(decision, first), situation.preempted[first]
         return "ceased", "it is no longer wanted"
     if action is not None and action.part_of:
-        return ("replaced" if action.part_of == "replace" else "restarted"), action.reason
+        return ("replaced" if action.part_of is Part.REPLACE else "restarted"), action.reason
     if name in situation.restarts:
         return "restarted", "a restart was requested"
     return _by_itself(step, run, action)

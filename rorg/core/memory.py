@@ -10,6 +10,7 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.foresight import Foresight
 from rorg.core.former import Kept
 from rorg.core.observed import Container
+from rorg.core.operations import Operation, Start
 from rorg.core.plan import Action
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
@@ -59,7 +60,7 @@ ProbeResults = Mapping[tuple[str, str], ProbeResult]
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Of one verb of one service."""
+    """Of one kind of operation on one service."""
 
     signature: tuple[str, ...] = ()
     """The action, and what was observed when it was begun."""
@@ -109,7 +110,7 @@ class Progress:
     crashes: int = 0
     """Unexpected ends since it is declared, hung incarnations included."""
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
-    """By verb. What fails of one holds back no other."""
+    """By the verb of the operation. What fails of one holds back no other."""
     error: str = ""
     parameters: str = ""
     """What its ROS parameters were last set for (see ros_parameters.py)."""
@@ -119,7 +120,7 @@ class Progress:
 
     def spent(self, container: Container) -> bool:
         """The engine will not start it again."""
-        tried = self.attempts.get("start")
+        tried = self.attempt(Start)
         return tried is not None and tried.spent and tried.signature[:1] == (container.id,)
 
     def over(self, service: Service, container: Container) -> bool:
@@ -130,12 +131,20 @@ class Progress:
             and (service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
         )
 
-    def after(self, verb: str, at: float, error: str) -> Progress:
-        """With the next attempt of a verb put off."""
-        return replace(self, attempts={**self.attempts, verb: Attempt(at=at, error=error)}, error=error)
+    def attempt(self, operation: Operation | type[Operation]) -> Attempt | None:
+        """The last attempt of this kind of operation, if there was any."""
+        return self.attempts.get(operation.verb)
 
-    def but(self, *verbs: str) -> Mapping[str, Attempt]:
-        return {verb: tried for verb, tried in self.attempts.items() if verb not in verbs}
+    def attempting(self, operation: Operation | type[Operation], attempt: Attempt) -> Progress:
+        return replace(self, attempts={**self.attempts, operation.verb: attempt})
+
+    def start_after(self, at: float, error: str) -> Progress:
+        """With the next start put off, because of an error."""
+        return replace(self.attempting(Start, Attempt(at=at, error=error)), error=error)
+
+    def start_forgotten(self) -> Progress:
+        """Without what earlier starts came to: the next one need not wait."""
+        return replace(self, attempts={verb: tried for verb, tried in self.attempts.items() if verb != Start.verb})
 
     @property
     def stalled(self) -> bool:

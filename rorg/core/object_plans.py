@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from rorg.core.found_objects import FoundObject
 from rorg.core.objects import changed_options, object_digest, object_labels
-from rorg.core.plan import Action, Waiting
+from rorg.core.operations import CreateObject, RemoveObject
+from rorg.core.plan import Action, Part, Waiting
 from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
 from rorg.core.view import View
@@ -129,7 +129,7 @@ def _changed(view: View, one: EngineObject, found: FoundObject) -> ServicePlan:
         why = f"{told}; it is made anew once nothing is connected to it; connected: {_several(joined)}"
         return ServicePlan(notes=(Waiting(name, why, code=LATER),), restless=True)
     steps = [_remove(name, found, "changed", options), _create(view, one, "changed", options)]
-    return _restless(_let_through(view, [replace(s, part_of="replace") for s in steps]))
+    return _restless(_let_through(view, [replace(s, part_of=Part.REPLACE) for s in steps]))
 
 
 LATER = "deferred"
@@ -137,35 +137,34 @@ LATER = "deferred"
 
 def _create(view: View, one: EngineObject, why: str, options: Sequence[str] = ()) -> Action:
     users = [view.desired.catalog.services[n] for n in view.desired.users.get(one.subject, ())]
-    args: dict[str, Any] = {
-        "object": one.kind,
-        "name": one.called,
-        "spec": one.spec,
-        "labels": object_labels(one, view.s.owner),
-        "digest": object_digest(one),
-    }
+    made = CreateObject(
+        object=one.kind,
+        name=one.called,
+        spec=one.spec,
+        labels=object_labels(one, view.s.owner),
+        digest=object_digest(one),
+    )
     return Action(
         index=0,
-        verb="create",
+        operation=made,
         service=one.subject,
         reason=why,
         fields=tuple(options),
-        args=args,
         urgent=any(u.name in view.s.urgent for u in users),
         priority=max((u.priority for u in users), default=50),
     )
 
 
 def _remove(name: str, found: FoundObject, why: str, options: Sequence[str] = ()) -> Action:
-    args = {"object": found.kind, "name": found.called}
-    return Action(index=0, verb="remove", service=name, reason=why, fields=tuple(options), args=args)
+    gone = RemoveObject(object=found.kind, name=found.called)
+    return Action(index=0, operation=gone, service=name, reason=why, fields=tuple(options))
 
 
 def _let_through(view: View, actions: Iterable[Action]) -> ServicePlan:
     """A chain of actions, unless one of them has failed and is not to be tried yet."""
     found: list[Action] = []
     for action in actions:
-        tried = view.s.memory.of(action.service).attempts.get(action.verb)
+        tried = view.s.memory.of(action.service).attempt(action.operation)
         if tried and tried.at and tried.at > view.now:
             again = format_seconds(tried.at - view.now)
             why = f"{action.verb} failed: {tried.error or 'no effect'}; again in {again}"

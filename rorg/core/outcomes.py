@@ -9,6 +9,7 @@ from rorg.core.backoff import STALLED_AFTER, delay
 from rorg.core.digest import canonical
 from rorg.core.memory import Attempt, InFlight, Memory, Progress
 from rorg.core.observed import Container, Observed
+from rorg.core.operations import Signal, Start, Stop
 from rorg.core.plan import Action
 from rorg.core.rollout import refused
 
@@ -50,17 +51,16 @@ def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: fl
 
 def _begun(step: Progress, action: Action, containers: Sequence[Container]) -> Progress:
     state = canonical([(c.id, c.state, c.name, c.incarnation, c.live) for c in containers])
-    signature = (action.container, action.args.get("digest", ""), state, canonical(action.args.get("options", {})))
-    before = step.attempts.get(action.verb, Attempt())
+    operation = action.operation
+    signature = (operation.container, operation.attempted, state)
+    before = step.attempt(operation) or Attempt()
     count = before.count + 1 if signature == before.signature else 1
-    step = replace(step, attempts={**step.attempts, action.verb: replace(before, signature=signature, count=count)})
-    if action.verb == "start":
-        step = replace(
-            step, begun=action.args.get("counts_on", {}), update=replace(step.update, begun=action.args.get("content"))
-        )
-    if action.verb == "stop":
+    step = step.attempting(operation, replace(before, signature=signature, count=count))
+    if isinstance(operation, Start):
+        step = replace(step, begun=operation.counts_on, update=replace(step.update, begun=operation.content))
+    if isinstance(operation, Stop):
         # From now on its end is our doing, even if this rorg does not live to see it.
-        step = replace(step, stopped=action.args.get("incarnation", ""))
+        step = replace(step, stopped=operation.incarnation)
     return step
 
 
@@ -76,16 +76,16 @@ def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
 
 
 def _finished(step: Progress, outcome: Outcome, now: float) -> Progress:
-    action, error = outcome.action, outcome.error
-    tried = step.attempts.get(action.verb, Attempt())
+    operation, error = outcome.action.operation, outcome.error
+    tried = step.attempt(operation) or Attempt()
     if error or tried.count >= STALLED_AFTER:
         tried = replace(tried, at=now + delay(tried.count + 1), error=error)
         tried = replace(tried, missing=outcome.missing, spent=outcome.spent)
-        step = replace(step, attempts={**step.attempts, action.verb: tried}, error=error)
+        step = replace(step.attempting(operation, tried), error=error)
     elif tried.error and not step.exits:
         tried = replace(tried, at=0.0, error="", missing=False, spent=False)
-        step = replace(step, attempts={**step.attempts, action.verb: tried})
+        step = step.attempting(operation, tried)
         step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
-    if action.verb == "signal" and not error and step.update.run == action.args["incarnation"]:
-        step = replace(step, update=replace(step.update, content=action.args["content"]))
-    return replace(step, begun=None) if action.verb == "start" and error else step
+    if isinstance(operation, Signal) and not error and step.update.run == operation.incarnation:
+        step = replace(step, update=replace(step.update, content=operation.content))
+    return replace(step, begun=None) if isinstance(operation, Start) and error else step

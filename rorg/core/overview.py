@@ -8,6 +8,7 @@ from typing import Any
 from rorg.core.changed_fields import Change, changed_fields, unified
 from rorg.core.diff import Difference, difference
 from rorg.core.observed import Container
+from rorg.core.operations import Create
 from rorg.core.plan import SYMBOLS, Action, Plan
 from rorg.core.situation import Situation
 
@@ -72,7 +73,7 @@ class Overview:
         """By service, of those whose container is changed, made or removed: what it was made from against what is
         declared."""
         services = self.situation.desired.catalog.services
-        made = {a.service for a in self.plan.actions if a.verb == "create"}
+        made = {a.service for a in self.plan.actions if isinstance(a.operation, Create)}
         found = {}
         for entry in self.entries():
             service = services.get(entry.service)

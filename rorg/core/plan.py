@@ -3,39 +3,41 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
+from rorg.core.operations import OPERATIONS, Operation
 from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 
+
+class Part(StrEnum):
+    """What several actions of one service do together."""
+
+    NONE = ""
+    REPLACE = "replace"
+    """Another container takes the place of the current one."""
+    RESTART = "restart"
+    """The same container begins another run."""
+
+
 SYMBOLS = {
-    "create": "+",
-    "update": "~",
-    "rename": "~",
-    "signal": "~",
-    "replace": "-/+",
-    "restart": "#/>",
-    "start": ">",
-    "resume": "=",
-    "pause": '"',
-    "stop": "#",
-    "remove": "-",
+    **{operation.verb: operation.symbol for operation in OPERATIONS},
+    Part.REPLACE: "-/+",
+    Part.RESTART: "#/>",
     "wait": ".",
 }
+"""By what is done, as texts name it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One engine call. All that is needed to perform it is here: the executor decides nothing."""
+    """One operation in its place in the plan, with the reason for it. The executor decides nothing."""
 
     index: int
     """Its place in its service's chain."""
-    verb: str
-    """create, update, rename, signal, start, resume, pause, stop or remove."""
+    operation: Operation
     service: str
-    container: str = ""
-    """Id of the container; empty for one that an earlier action of the plan will create."""
     reason: str = ""
     fields: tuple[str, ...] = ()
     """Declared options that changed."""
@@ -43,35 +45,39 @@ class Action:
     """Services whose actions in this plan must have happened, and made them ready, before this one; its own service for
     the action before it in its chain. Only actions without any can be performed now; after each outcome the rest is
     planned anew."""
-    args: Mapping[str, Any] = field(default_factory=dict)
-    """Of a network or volume: object (its kind), name; create: spec, labels.
-    create: name, spec, labels. update: options. rename: name. stop: signal, grace (seconds). signal: signal.
-    remove: volumes (with them), words (its last ones are worth telling)."""
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50
     driver: bool = False
     """Of a driver: these go first, since most of a robot waits for its hardware."""
-    part_of: str = ""
-    """"replace" or "restart" for the actions that do that together."""
+    part_of: Part = Part.NONE
     surplus: bool = False
     """Its container is not the one by which its service is active: a second one, or one that the engine calls dead. It
-    goes though the service is wanted."""
+    is removed although the service is wanted."""
+
+    @property
+    def verb(self) -> str:
+        """For texts and JSON; decisions look at the operation itself."""
+        return self.operation.verb
+
+    @property
+    def container(self) -> str:
+        return self.operation.container
 
     def as_json(self) -> dict[str, Any]:
-        """For machines, but for its place in the plan."""
+        """For machines, without its place in the plan."""
         return {
             "verb": self.verb,
             "service": self.service,
             "container": self.container,
             "reason": self.reason,
             "fields": list(self.fields),
-            "part_of": self.part_of,
+            "part_of": self.part_of.value,
             "urgent": self.urgent,
         }
 
     def __str__(self) -> str:
-        return f"{SYMBOLS[self.verb]} {self.verb} {self.service} ({_why(self)})"
+        return f"{self.operation.symbol} {self.verb} {self.service} ({_why(self)})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +120,12 @@ class Plan:
         width = max((len(n.service) for n in named), default=0)
         replaced = ""
         for action in self.actions:
-            part = action.part_of == "replace"
+            part = action.part_of is Part.REPLACE
             if part and replaced != action.service:
-                lines.append(_line("replace", action.service, width, _why(action)))
+                lines.append(_line(Part.REPLACE, action.service, width, _why(action)))
             replaced = action.service if part else ""
             reason = ", ".join(filter(None, ["" if part else _why(action), _after(action)]))
+            reason = " ".join(filter(None, [reason, _details(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
         # A reason may be somebody's text: it makes no line of its own.
@@ -128,10 +135,9 @@ class Plan:
         """One line with the counts."""
         if self.empty:
             return "No differences."
-        names = ("create", "update", "rename", "signal", "start", "resume", "pause", "stop", "remove")
-        replaced = len({a.service for a in self.actions if a.part_of == "replace"})
-        found = Counter(a.verb for a in self.actions if a.part_of != "replace")
-        counts = {n: found[n] for n in names}
+        replaced = len({a.service for a in self.actions if a.part_of is Part.REPLACE})
+        found = Counter(a.verb for a in self.actions if a.part_of is not Part.REPLACE)
+        counts = {kind.verb: found[kind.verb] for kind in OPERATIONS}
         parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]
         parts += [f"{len(self.waitings)} waiting"] * bool(self.waitings)
         return "Plan: " + ", ".join(parts) + "."
@@ -167,6 +173,11 @@ def _line(verb: str, service: str, width: int, reason: str) -> str:
 
 def _why(action: Action) -> str:
     return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")
+
+
+def _details(action: Action) -> str:
+    details = action.operation.details()
+    return f"[{'; '.join(details)}]" if details else ""
 
 
 def _after(action: Action) -> str:

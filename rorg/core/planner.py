@@ -114,7 +114,7 @@ class Planner:
             waitings=waitings,
             notes=found.notes,
             alarm=found.alarm,
-            unready=unready(view, service, blocked, [a.verb for a in actions]) if needed else "",
+            unready=unready(view, service, blocked, [a.operation for a in actions]) if needed else "",
             restless=view.restless,
         )
 
@@ -130,7 +130,7 @@ class Planner:
             linked, waiting = gate(view, service, step, before, self.leaving)
             if waiting:
                 waitings[waiting] = None
-                if step.verb in ("update", "rename", "signal"):
+                if step.operation.optional:
                     continue
                 return tuple(actions), tuple(waitings), waiting.reason
             own = (service.name,) if actions else ()
@@ -140,13 +140,11 @@ class Planner:
     def _action(self, service: Service, step: Step, index: int, after: tuple[str, ...], view: View) -> Action:
         return Action(
             index=index,
-            verb=step.verb,
+            operation=step.operation,
             service=service.name,
-            container=step.container.id if step.container else "",
             reason=step.reason,
             fields=step.fields,
             after=after,
-            args=step.args,
             urgent=self._is_urgent(service.name, step, view),
             priority=LAST if service.name in self.s.prewarmed else service.priority,
             driver=service.driver,
@@ -158,7 +156,7 @@ class Planner:
         """What brings up a service that a live request waits for; not what replaces one that runs."""
         if name not in self.s.urgent:
             return False
-        return step.verb in ("create", "rename", "start", "resume") and not view.active(name)
+        return step.operation.brings_up and not view.active(name)
 
 
 class Before:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from rorg.core.adjust import adjust, passing_name
 from rorg.core.ceasing import cease
@@ -14,8 +13,9 @@ from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
 from rorg.core.observed import Container
-from rorg.core.plan import Waiting
-from rorg.core.steps import Step, away, restarting, stop
+from rorg.core.operations import Create, Remove, Rename, Resume, Start
+from rorg.core.plan import Part, Waiting
+from rorg.core.steps import Step, away, restarting, stop, stops
 from rorg.core.swap import Swap
 from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
@@ -76,17 +76,14 @@ class _Reconciled:
             later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
             self.notes += [later] if later else []
         elif new_name != self.service.container_name:
-            steps.append(Step("rename", None, "it takes its name", args={"name": self.service.container_name}))
+            steps.append(Step(Rename(name=self.service.container_name), "it takes its name"))
         if swap.old and swap.old.alive:
             steps.append(stop(swap.old, "changed", self.service))
-        steps += self.run(current and current[0], steps)
-        if swap.old:
-            trial = {"trial": self.desired.editions[name]}
-            steps = [replace(s, args={**s.args, **trial}) if s.verb == "start" else s for s in steps]
+        steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
         if swap.under_way:
             self.notes += [swap.note()] if name in self.s.wanted else []
         elif swap.old or any(diff.recreate or c.id in self.moved for c, diff in stale):
-            return [replace(s, part_of="replace") for s in steps]
+            return [replace(s, part_of=Part.REPLACE) for s in steps]
         return restarting(current and current[0], steps)
 
     def difference(self, container: Container, spec: Spec) -> Difference:
@@ -129,14 +126,14 @@ class _Reconciled:
         steps += [
             s
             for s in adjust(self.view, self.service, self.moving, old, Difference())
-            if not others or s.verb != "rename"
+            if not others or not isinstance(s.operation, Rename)
         ]
         steps += self.run(old, steps)
         left = [c for c in others if c is not swap.spare]
-        steps += [s for c in left for s in away(c, why, self.service) if s.verb == "remove"]
-        steps = [replace(s, args={"words": True}) if s.verb == "remove" and s.container is new else s for s in steps]
+        gone = [c for c in left if c.state != "removing"]
+        steps += [Step(Remove(container=c.id, last_words=c is new), why) for c in gone]
         if left:
-            return [replace(s, part_of="replace", reason=why) for s in steps]
+            return [replace(s, part_of=Part.REPLACE, reason=why) for s in steps]
         steps = restarting(old, steps)
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
@@ -169,10 +166,10 @@ class _Reconciled:
             self.notes.append(Waiting(self.name, f"waits for a container of {other}"))
         return True
 
-    def run(self, container: Container | None, steps: list[Step]) -> list[Step]:
-        """What makes it active, or ceases it."""
+    def run(self, container: Container | None, steps: list[Step], trial: str = "") -> list[Step]:
+        """What makes it active, or ceases it. `trial` is the edition that a start tries."""
         if self.name in self.s.wanted:
-            return self.wake(container, steps)
+            return self.wake(container, steps, trial)
         return self.cease(container) if container else []
 
     def make_room(self, old: Container) -> list[Step]:
@@ -180,7 +177,7 @@ class _Reconciled:
         if old.name != self.service.container_name:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
-        return [Step("rename", old, "changed", args={"name": name})]
+        return [Step(Rename(container=old.id, name=name), "changed")]
 
     def keeps(self, has_one: bool) -> bool:
         """Whether it has a container while nobody wants it. One that was removed at the end of its idling is not made
@@ -204,20 +201,15 @@ class _Reconciled:
             self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined, self.nodes
         )
         before = old or next((c for c, _ in stale), None)
-        return Step(
-            "create",
-            None,
-            self.why_stale(stale) if stale else "no container",
-            self.changed(stale),
-            {
-                "name": name,
-                "spec": given(spec, self.service, self.s.devices),
-                "labels": marks,
-                "digest": made_from,
-                "before": before.id if before else "",
-                "defaults": self.service.defaults,
-            },
+        made = Create(
+            name=name,
+            spec=given(spec, self.service, self.s.devices),
+            labels=marks,
+            digest=made_from,
+            before=before.id if before else "",
+            defaults=self.service.defaults,
         )
+        return Step(made, self.why_stale(stale) if stale else "no container", self.changed(stale))
 
     def why_stale(self, stale: list[tuple[Container, Difference]]) -> str:
         others = [self.moved[c.id] for c, diff in stale if c.id in self.moved and not diff.recreate]
@@ -236,7 +228,7 @@ class _Reconciled:
             steps += [replace(step, surplus=keep and not another) for step in way]
         return steps
 
-    def wake(self, container: Container | None, steps: list[Step]) -> list[Step]:
+    def wake(self, container: Container | None, steps: list[Step], trial: str) -> list[Step]:
         if container and (other := self.moved.get(container.id)):
             self.notes.append(Waiting(self.name, f"{other} has another container than the one that it is joined to"))
             return []
@@ -246,24 +238,28 @@ class _Reconciled:
             for n in self.service.restarts_with
             if (found := self.view.current(n)) and found.started_at
         }
-        start: dict[str, Any] = {"counts_on": runs} if runs else {}
-        if self.name in self.desired.contents:
-            start["content"] = dict(self.desired.contents[self.name])
-        if container is None or any(s.verb == "stop" and s.container is container for s in steps):
-            return [Step("start", container, why, args=start)]
+        read = self.desired.contents.get(self.name)
+        start = Start(
+            container=container.id if container else "",
+            trial=trial,
+            counts_on=runs,
+            content=None if read is None else dict(read),
+        )
+        if container is None or stops(container, steps):
+            return [Step(start, why)]
         if container.state == "paused":
-            return [Step("resume", container, why)]
+            return [Step(Resume(container=container.id), why)]
         if container.active:
             return self.without_device(container)
         if container.state == "dead":
-            return [Step("remove", container, "the engine calls it dead", surplus=True)]
+            return [Step(Remove(container=container.id), "the engine calls it dead", surplus=True)]
         if self.step.spent(container):
-            return [Step("remove", container, "the engine cannot start it any more", surplus=True)]
+            return [Step(Remove(container=container.id), "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation:
             why += f"; {self.step.error}"
-        return [Step("start", container, why, args=start)]
+        return [Step(start, why)]
 
     def without_device(self, container: Container) -> list[Step]:
         """What becomes of one that runs and whose device is gone."""

@@ -47,4 +47,4 @@ def note_restarts(
 
 def _at_once(step: Progress) -> Progress:
     """Whoever asks for a restart does not wait for an earlier failure's back-off."""
-    return replace(step, attempts=step.but("start"))
+    return step.start_forgotten()

@@ -14,6 +14,7 @@ from rorg.core.desired import Desired
 from rorg.core.diff import difference
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Container
+from rorg.core.operations import Start
 from rorg.core.plan import Action
 from rorg.core.seen import Seen
 from rorg.core.update import Update
@@ -116,7 +117,9 @@ def failed(step: Progress, error: str) -> Progress:
 
 def refused(step: Progress, action: Action, error: str) -> Progress:
     """The engine refused an action for what was asked, not for want of an answer."""
-    return failed(step, error) if action.verb == "start" and action.args.get("trial") == step.update.edition else step
+    operation = action.operation
+    tried = operation.trial if isinstance(operation, Start) else ""
+    return failed(step, error) if tried and tried == step.update.edition else step
 
 
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:

@@ -13,8 +13,6 @@ from rorg.core.situation import Situation
 from rorg.model.codes import BLOCKED, IMAGE, NO_IMAGE
 
 APPLYING, BAKING, GOOD, FAILED = "applying", "baking", "good", "failed"
-LASTING = ("start", "resume", "pause", "stop")
-"""Verbs that are somebody's request, or its end, unless they are part of a change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,9 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
 
 
 def _of_tree(action: Action) -> bool:
-    return action.verb not in LASTING or bool(action.part_of)
+    """Whether it is done because of the manifests. A service begins or idles because of somebody's request, or its end,
+    unless that is part of a change."""
+    return not (action.operation.begins or action.operation.idles) or bool(action.part_of)
 
 
 def _services(situation: Situation) -> list[str]:

@@ -8,7 +8,8 @@ from typing import Any
 
 from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, stalled
 from rorg.core.observed import Container
-from rorg.core.plan import Action, Plan
+from rorg.core.operations import Create, Rename
+from rorg.core.plan import Action, Part, Plan
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
@@ -213,16 +214,12 @@ def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
     return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory", "NoDevice") else "Progressing"
 
 
-ENDS = ("pause", "stop", "remove")
-"""Verbs after which a run does not go on."""
-
-
 def ends(action: Action, run: str) -> bool:
     """Whether a run (an incarnation) of the action's service does not go on after it. Where a container takes another
     one's place, that one's run is over from the first call on: while one is under way, nothing else is planned."""
-    if action.part_of == "replace" and action.verb in ("create", "rename"):
+    if action.part_of is Part.REPLACE and isinstance(action.operation, (Create, Rename)):
         return True
-    return action.verb in ENDS and action.container[:12] == run.partition("@")[0]
+    return action.operation.ends and action.container[:12] == run.partition("@")[0]
 
 
 def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:

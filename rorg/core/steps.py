@@ -1,28 +1,28 @@
-"""Links of a service's chain, and the ones that always go together."""
+"""Steps of a service's chain, and those that always go together."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.digest import declared_of
 from rorg.core.memory import DEFAULT_GRACE
 from rorg.core.observed import Container
+from rorg.core.operations import Operation, Remove, Start, Stop
+from rorg.core.plan import Part
 from rorg.model.catalog import Service
 from rorg.model.units import LONGEST
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One link of a service's chain, not yet let through."""
+    """One operation of a service's chain that no gate has let through yet."""
 
-    verb: str
-    container: Container | None
+    operation: Operation
     reason: str
     fields: tuple[str, ...] = ()
-    args: Mapping[str, Any] = field(default_factory=dict)
-    part_of: str = ""
+    part_of: Part = Part.NONE
     surplus: bool = False
     """See Action."""
 
@@ -32,33 +32,27 @@ def away(container: Container, reason: str, service: Service | None = None, volu
     if container.state == "removing":
         return []
     steps = [stop(container, reason, service)] if container.alive else []
-    return [*steps, Step("remove", container, reason, args={"volumes": True} if volumes else {})]
+    return [*steps, Step(Remove(container=container.id, volumes=volumes), reason)]
 
 
 def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
     """Steps that stop and start the same container are one restart."""
-    if (
-        container
-        and any(s.verb == "stop" and s.container is container for s in steps)
-        and any(s.verb == "start" for s in steps)
-    ):
-        return [replace(s, part_of="restart") if s.verb in ("stop", "start") else s for s in steps]
+    if container and stops(container, steps) and any(isinstance(s.operation, Start) for s in steps):
+        both = (Stop, Start)
+        return [replace(s, part_of=Part.RESTART) if isinstance(s.operation, both) else s for s in steps]
     return steps
+
+
+def stops(container: Container, steps: Iterable[Step]) -> bool:
+    """Whether one of these steps ends the run of a container."""
+    return any(isinstance(s.operation, Stop) and s.operation.container == container.id for s in steps)
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
     """Ends a run with the signal and the time that its service, or else its own label, declares."""
     spec = (service.spec if service else None) or declared_of(container.declared)
-    return Step(
-        "stop",
-        container,
-        reason,
-        args={
-            "signal": _signal(container, service, spec),
-            "grace": _grace(spec),
-            "incarnation": container.incarnation,
-        },
-    )
+    signal, run = _signal(container, service, spec), container.incarnation
+    return Step(Stop(container=container.id, signal=signal, grace=_grace(spec), incarnation=run), reason)
 
 
 def _grace(spec: Mapping[str, Any]) -> float:

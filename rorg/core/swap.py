@@ -8,6 +8,7 @@ from rorg.core.backoff import STALLED_AFTER
 from rorg.core.devices import NODES
 from rorg.core.images import held_back
 from rorg.core.observed import Container
+from rorg.core.operations import Create
 from rorg.core.plan import Waiting
 from rorg.core.rollout import came_up_at, candidate
 from rorg.core.view import View
@@ -36,7 +37,7 @@ class Swap:
         """What is kept, to be gone back to."""
         self.spare: Container | None = None
         """What `old` itself goes back to, while that is on trial."""
-        tried = self.step.attempts.get("create")
+        tried = self.step.attempt(Create)
         held = new is None and held_back(view, service, changed) is not None
         self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
         """It cannot, or must not, be created now."""

@@ -8,6 +8,7 @@ from typing import TypeGuard
 from rorg.core.backoff import STABLE, delay
 from rorg.core.memory import DEFAULT_GRACE, ProbeResult, Progress
 from rorg.core.observed import Container
+from rorg.core.operations import Start
 from rorg.core.propagation import counts_on
 from rorg.core.seen import Seen
 from rorg.model.catalog import Service
@@ -36,9 +37,9 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
 
 def _patient(step: Progress) -> Progress:
     """What goes wrong without its device is no failure to wait longer for: it starts as soon as that is back."""
-    if not (step.exits or "start" in step.attempts):
+    if not (step.exits or step.attempt(Start)):
         return step
-    return replace(step, exits=0, attempts=step.but("start"), error="")
+    return replace(step.start_forgotten(), exits=0, error="")
 
 
 def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
@@ -74,7 +75,7 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
             answered=None,
         )
     if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
-        return replace(step, exits=0, attempts=step.but("start"), error="")
+        return replace(step.start_forgotten(), exits=0, error="")
     return step
 
 
@@ -122,9 +123,8 @@ def _exit(step: Progress, current: Container | None, now: float, booted_at: str)
         return step  # the machine's boot ended it; unless we saw or began it, and the clock was set since
     exits = step.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
-    return replace(step, exits=exits, crashes=step.crashes + 1, exited=run).after(
-        "start", now + delay(exits), f"ended with {why}"
-    )
+    step = replace(step, exits=exits, crashes=step.crashes + 1, exited=run)
+    return step.start_after(now + delay(exits), f"ended with {why}")
 
 
 def _ready(step: Progress, service: Service, found: ProbeResult | None, now: float) -> Progress:
@@ -163,20 +163,14 @@ def _live(step: Progress, service: Service, found: ProbeResult | None, now: floa
             step
             if not found.ok
             else replace(
-                step,
-                hung="",
-                exits=max(0, step.exits - 1),
-                crashes=step.crashes - 1,
-                attempts=step.but("start"),
-                error="",
+                step.start_forgotten(), hung="", exits=max(0, step.exits - 1), crashes=step.crashes - 1, error=""
             )
         )
     if found.failures < service.live.failures:
         return step
     exits = step.exits + 1
-    return replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1).after(
-        "start", now + delay(exits), f"did not answer ({found.message})"
-    )
+    step = replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1)
+    return step.start_after(now + delay(exits), f"did not answer ({found.message})")
 
 
 def _well(step: Progress, now: float) -> Progress:

@@ -37,7 +37,7 @@ class View:
     def starting(self, service: str) -> bool:
         """Whether a call is under way upon which it is active."""
         flight = self.s.memory.in_flight.get(service)
-        return flight is not None and flight.action.verb in ("start", "resume")
+        return flight is not None and flight.action.operation.begins
 
     def active(self, service: str) -> bool:
         return any(c.active for c in self.containers.get(service, ()))

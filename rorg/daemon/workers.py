@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
 
+from rorg.core.operations import ObjectOperation, Pause, Remove
 from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
@@ -14,10 +15,7 @@ from rorg.engines.execute import is_missing, is_spent, perform, said_no
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
-from rorg.model.objects import is_object
 
-AFTER = {"resume": "running", "pause": "paused"}
-"""State after a verb that ends well and changes nothing else."""
 WORDS = 4096
 """Bytes of what a container said last that are noted."""
 
@@ -76,31 +74,31 @@ class Workers:
         began, error, made, refused, missing, spent = self.clock(), "", "", False, False, False
         self._last_words(action)
         try:
-            if action.verb in ("pause", "stop"):
+            if action.operation.idles:
                 self.ceasing(action.service)
             with self.observer.acting(action.container) if action.container else nullcontext():
-                made = perform(self.engine, action)
+                made = perform(self.engine, action.operation)
         except RorgError as failed:
             error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
             missing, spent = is_missing(failed), is_spent(failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
             error = f"internal error: {type(bug).__name__}: {bug}"
         try:
-            if is_object(action.service):
+            if isinstance(action.operation, ObjectOperation):
                 self.observer.refresh_objects()
             elif action.container and not error:
-                self.observer.done(action.container, AFTER.get(action.verb, ""))
+                self.observer.done(action.container, action.operation.leaves)
             elif made or action.container:
                 self.observer.refresh(made or action.container)
             self.recorder.outcome(action, error, self.clock() - began)
         finally:
             self._finished(Outcome(action, error, refused, missing, spent))
-        if action.verb == "pause" and not error:
+        if isinstance(action.operation, Pause) and not error:
             self.paused(action.service)
 
     def _last_words(self, action: Action) -> None:
         """What a container said that did not come up, before it is gone."""
-        if not action.args.get("words"):
+        if not (isinstance(action.operation, Remove) and action.operation.last_words):
             return
         with suppress(RorgError):
             said = b""

@@ -1,11 +1,23 @@
-"""Performs one action as one call of the engine. Carries no decision."""
+"""Performs one operation as one call of the engine. Decides nothing."""
 
 from __future__ import annotations
 
-from rorg.core.plan import Action
+from rorg.core.operations import (
+    Create,
+    CreateObject,
+    Operation,
+    Pause,
+    Remove,
+    RemoveObject,
+    Rename,
+    Resume,
+    Signal,
+    Start,
+    Stop,
+    Update,
+)
 from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError
-from rorg.model.objects import is_object
 
 STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
 """Kinds of errors that tell of another state than was thought."""
@@ -26,43 +38,33 @@ def is_spent(error: RorgError) -> bool:
     return isinstance(error, EngineError) and error.kind == "spent"
 
 
-def perform(engine: Lifecycle, action: Action) -> str:
-    """Does what the action says and returns the id of the container that it was done to."""
-    args = action.args
-    if is_object(action.service):
-        return _perform_on_object(engine, action)
-    match action.verb:
-        case "create":
-            return engine.create(
-                args["name"], args["spec"], args["labels"], args.get("before", ""), args.get("defaults", ())
-            )
-        case "start":
-            engine.start(action.container)
-        case "resume":
-            engine.resume(action.container)
-        case "pause":
-            engine.pause(action.container)
-        case "stop":
-            engine.stop(action.container, args["signal"], args["grace"])
-        case "signal":
-            engine.signal(action.container, args["signal"])
-        case "remove":
-            engine.remove(action.container, args.get("volumes", False))
-        case "rename":
-            engine.rename(action.container, args["name"])
-        case "update":
-            engine.update(action.container, args["options"])
+def perform(engine: Lifecycle, operation: Operation) -> str:
+    """Make the engine call of an operation. Return the id of the container that it was done to, empty if it concerns a
+    network or a volume. Raises Unreachable and EngineError."""
+    container = operation.container
+    match operation:
+        case Create():
+            return engine.create(operation.name, operation.spec, operation.labels, operation.before, operation.defaults)
+        case Start():
+            engine.start(container)
+        case Resume():
+            engine.resume(container)
+        case Pause():
+            engine.pause(container)
+        case Stop():
+            engine.stop(container, operation.signal, operation.grace)
+        case Signal():
+            engine.signal(container, operation.signal)
+        case Remove():
+            engine.remove(container, operation.volumes)
+        case Rename():
+            engine.rename(container, operation.name)
+        case Update():
+            engine.update(container, operation.options)
+        case CreateObject() if isinstance(engine, Objects):
+            engine.make_object(operation.object, operation.name, operation.spec, operation.labels)
+        case RemoveObject() if isinstance(engine, Objects):
+            engine.remove_object(operation.object, operation.name)
         case _:
-            raise AssertionError(f"no such verb: {action.verb}")
-    return action.container
-
-
-def _perform_on_object(engine: Lifecycle, action: Action) -> str:
-    """The same of a network or volume; no container is touched, so there is no id."""
-    args = action.args
-    assert isinstance(engine, Objects)
-    if action.verb == "create":
-        engine.make_object(args["object"], args["name"], args["spec"], args["labels"])
-    else:
-        engine.remove_object(args["object"], args["name"])
-    return ""
+            raise AssertionError(f"no engine call for {operation}")
+    return container

@@ -16,6 +16,7 @@ from rorg.core.found_objects import FoundObjects
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
+from rorg.core.operations import Start
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.pressure import Load
@@ -128,7 +129,7 @@ class SimRobot:
     def _finish(self, action: Action, life: int) -> None:
         error, refused, spent = "", False, False
         try:
-            perform(self.engine, action)
+            perform(self.engine, action.operation)
         except RorgError as failed:
             error, refused, spent = failed.why, said_no(failed), is_spent(failed)
         self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
@@ -139,7 +140,7 @@ class SimRobot:
 
     def _done(self, action: Action) -> None:
         """A call has had its effect."""
-        if action.verb == "start":
+        if isinstance(action.operation, Start):
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
             if after is not None:

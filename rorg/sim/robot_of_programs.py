@@ -10,6 +10,7 @@ from rorg.core.changes import changed_items
 from rorg.core.decide import Decision
 from rorg.core.memory import ProbeResult
 from rorg.core.observed import Container
+from rorg.core.operations import Pause, Resume, Start
 from rorg.core.plan import Action
 from rorg.model.catalog import Catalog
 from rorg.sim.programs import Programs
@@ -82,12 +83,12 @@ class RobotOfPrograms(SimRobot):
 
     def _done(self, action: Action) -> None:
         container, now = action.container, self.now
-        if action.verb == "start":
+        if isinstance(action.operation, Start):
             self._begin(container, self.programs.start(action.service), self.programs.life(action.service))
-        elif action.verb == "pause":
+        elif isinstance(action.operation, Pause):
             self._up[container] = max(0.0, self._up[container] - now)
             self._life[container] -= now
-        elif action.verb == "resume":
+        elif isinstance(action.operation, Resume):
             up = max(self._up[container], self.programs.resume(action.service))
             self._begin(container, up, self._life[container])
 
