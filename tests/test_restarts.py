@@ -9,6 +9,7 @@ from robots import VirtualRobot
 from test_giving_way import later
 
 from rorg.core.memory import Memory
+from rorg.core.operations import Stop
 from rorg.model.units import stamp
 from rorg.sim.engine import iso
 from rorg.store.requests_document import RequestsDocument
@@ -235,8 +236,8 @@ def test_what_no_manifest_declares_any_more_is_stopped_as_it_was_declared(robot)
     robot.declare({"arm": {"always_on": True, "container": {"stop_signal": "SIGINT", "stop_grace_period": "7s"}}})
     robot.settle()
     robot.declare({"cam": {}})
-    stop = next(a for a in robot.sim.step().plan.actions if a.verb == "stop")
-    assert (stop.args["signal"], stop.args["grace"]) == ("SIGINT", 7.0)
+    stop = next(a.operation for a in robot.sim.step().plan.actions if isinstance(a.operation, Stop))
+    assert (stop.signal, stop.grace) == ("SIGINT", 7.0)
 
 
 @pytest.mark.parametrize("declared", [True, False])
