@@ -21,7 +21,7 @@ def command(
     timeout: Timeout = 300.0,
     output: Output = "table",
 ) -> None:
-    """Show the plan, ask, and carry it out: by itself, or through the rorg that runs on this state directory.
+    """Show the plan, ask, and carry it out, through the running rorg if there is one.
 
     Example: rorg apply --yes --wait --timeout 5m
     """

@@ -30,21 +30,24 @@ def command(
     images: Annotated[
         list[str],
         Argument(
-            help="Images, with what they stand on. Default: all of the tree.", show_default=False, completes="images"
+            help="Images to build, with their parents. Default: all of the tree.",
+            show_default=False,
+            completes="images",
         ),
     ] = [],  # noqa: B006
     directory: ManifestsDirectory = None,
-    pull: Annotated[bool, Option(names=("--pull",), help="Pull anew what is no Image of the tree.")] = False,
-    no_cache: Annotated[bool, Option(names=("--no-cache",), help="Use nothing that the engine kept.")] = False,
+    pull: Annotated[bool, Option(names=("--pull",), help="Pull external images again.")] = False,
+    no_cache: Annotated[bool, Option(names=("--no-cache",), help="Do not use the engine's build cache.")] = False,
     jobs: Annotated[
-        int | None, Option(names=("-j", "--jobs"), least=1, help="Images at once. Default: one a processor, at most 4.")
+        int | None,
+        Option(names=("-j", "--jobs"), least=1, help="Parallel builds. Default: one per processor, at most 4."),
     ] = None,
-    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Print what would be done, and do nothing.")] = False,
+    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Print what rorg would do, and do nothing.")] = False,
     state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
 ) -> None:
-    """Build the images of the tree, parents before children; pull what is missing. Exits 4 when one fails.
+    """Build the images of the tree, parents before children, and pull missing base images. Exit 4 if one fails.
 
     Example: rorg build navigation --pull
     """

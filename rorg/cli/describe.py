@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def command(
     service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
 ) -> None:
-    """Everything about one service: what is declared, and by which profile or manifest (`sources`), its state, who
-    wants it, and at the end its last events and the last lines of its log.
+    """Show everything about one service: its declaration and where it comes from (`sources`), its state, who wants
+    it, its last events, and the last lines of its log.
 
     Example: rorg describe navigation
     """

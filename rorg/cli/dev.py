@@ -23,18 +23,18 @@ def command(
     name: Annotated[
         str | None,
         Argument(
-            help="A service or an image; image/NAME where a service has that name too. Without: list what is there.",
+            help="A service or an image; image/NAME if a service has the same name. Default: list the containers.",
             show_default=False,
             completes=SERVICES,
         ),
     ] = None,
     command: Annotated[
-        list[str] | None, Argument(help="A command, after `--`, in place of a shell.", show_default=False)
+        list[str] | None, Argument(help="A command, after `--`, instead of a shell.", show_default=False)
     ] = None,
     fresh: Annotated[
-        bool, Option(names=("--fresh",), help="Make the container anew; the workspace and the home stay.")
+        bool, Option(names=("--fresh",), help="Create the container again; the workspace and the home stay.")
     ] = False,
-    stop: Annotated[bool, Option(names=("--stop",), help="End and remove it; without a name, all of them.")] = False,
+    stop: Annotated[bool, Option(names=("--stop",), help="Stop and remove it; without a name, all of them.")] = False,
     called: Annotated[
         str, Option(names=("--name",), help="Name of the container. Default: NAME-dev.", show_default=False)
     ] = "",
@@ -47,8 +47,8 @@ def command(
             completes=DIRECTORIES,
         ),
     ] = None,
-    x11: Annotated[bool, Option(names=("--x11",), help="Windows of its programs on this screen.")] = False,
-    gpu: Annotated[bool, Option(names=("--gpu",), help="All GPUs.")] = False,
+    x11: Annotated[bool, Option(names=("--x11",), help="Let programs open windows on this screen.")] = False,
+    gpu: Annotated[bool, Option(names=("--gpu",), help="Give it all GPUs.")] = False,
     devcontainer: Annotated[
         bool,
         Option(
@@ -61,9 +61,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Open a shell in the very image of a service, with its mounts, devices, network and limits, and your workspace.
-
-    The container stays when the shell ends, and is entered again by the same line.
+    """Open a shell in a service's own image, with its mounts, devices, network and limits, and your workspace. The
+    container stays when the shell ends; the same command enters it again.
 
     Example: rorg dev navigation --workspace ~/ws -- make
     """

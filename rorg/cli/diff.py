@@ -19,8 +19,8 @@ def command(
     rev: Annotated[
         str,
         Argument(
-            help="What else is compared: a state from the history (a number of rorg history, a commit, tag or branch), "
-            "as if it were in force; or two of them, A..B, by their manifests alone.",
+            help="Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a "
+            "branch. A..B compares the manifests of two.",
             show_default=False,
         ),
     ] = "",
@@ -38,7 +38,7 @@ def command(
         bool,
         Option(
             names=("--unified", "-u"),
-            help="A unified diff of each container that changes; what may be secret is masked.",
+            help="Show a unified diff of each container that changes; possible secrets are masked.",
         ),
     ] = False,
     state_dir: StateDirectory = None,
@@ -52,7 +52,7 @@ def command(
         ),
     ] = "table",
 ) -> None:
-    """Show what would be done, and why, without doing it. Exits 1 when there is anything.
+    """Show what rorg would do, and why, without doing it. Exit 1 if there are differences.
 
     Example: rorg diff HEAD~1
     """

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def command(output: Output = "table", engine: EngineName = None, state_dir: StateDirectory = None) -> None:
-    """Check the installation: the engine, control groups, the state directory, the running rorg, git, the clock, disks,
-    and limits of the kernel; and say what to do. Exits 4 where something keeps rorg from its work. What is wrong with
-    manifests says `rorg validate --machine`.
+    """Check the installation and say what to do: the engine, control groups, the state directory, the running rorg,
+    git, the clock, disks, and kernel limits. Exit 4 if something keeps rorg from working. For problems in
+    manifests, run `rorg validate --machine`.
 
     Example: rorg doctor
     """

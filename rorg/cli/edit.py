@@ -27,7 +27,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Edit a manifest in $VISUAL or $EDITOR; it is checked with the whole tree, written in one step and committed.
+    """Edit a manifest in $VISUAL or $EDITOR. rorg checks it with the whole tree, writes it in one step and commits
+    it.
 
     Example: rorg edit navigation
     """

@@ -32,13 +32,13 @@ SHORTEST = 2.0
 
 
 def command(
-    trace: Annotated[Path, Argument(help="File of a Trace: what the robot is asked for.", completes=FILES)],
+    trace: Annotated[Path, Argument(help="File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
     compress: Annotated[
         float, Option(names=("--compress",), help="Divide the times of the trace by this.", least=1, most=1000)
     ] = 6.0,
     pairs: Annotated[
-        int, Option(names=("--pairs",), help="How often all on and rorg are run in turns.", least=1, most=100)
+        int, Option(names=("--pairs",), help="How often to run everything-on and rorg in turns.", least=1, most=100)
     ] = 3,
     scale: Annotated[
         float | None,
@@ -48,7 +48,7 @@ def command(
             most=1,
             show_default=False,
             metavar="F",
-            help="Factor on the CPU and memory that services declare. Default: all on takes a quarter of the machine.",
+            help="Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
         ),
     ] = None,
     engine: EngineName = None,
@@ -56,7 +56,7 @@ def command(
         Path | None,
         Option(
             names=("--save",),
-            help="Write everything that is measured to this file, as JSON, after each run.",
+            help="Write all measurements to this file, as JSON, after each run.",
             show_default=False,
             completes=FILES,
         ),
@@ -65,15 +65,15 @@ def command(
         Path | None,
         Option(
             names=("--plot",),
-            help="Draw CPU, memory and what the robot does in the first pair, to a .png or .svg.",
+            help="Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.",
             show_default=False,
             completes=FILES,
         ),
     ] = None,
     output: Output = "table",
 ) -> None:
-    """Play a trace on a real engine, with stand-ins in place of programs: everything on against rorg, in turns. Nothing
-    of it is left behind.
+    """Replay a trace on a real engine with stand-in programs, with everything on and with rorg in turns. Leave
+    nothing behind.
 
     Example: rorg emulate docs/evaluation/hour.yaml manifests --compress 6 --pairs 3
     """

@@ -22,11 +22,12 @@ MOST_TOLD = 10_000
 def command(
     follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new entries.")] = False,
     tail: Annotated[
-        int | None, Option(names=("--tail",), least=0, help="The last so many entries: 20, and all with --since.")
+        int | None,
+        Option(names=("--tail",), least=0, help="Number of entries, the last ones. Default: 20, or all with --since."),
     ] = None,
     kind: Annotated[
         str,
-        Option(names=("--kind",), metavar="KINDS", help="Only of these kinds: crashed,failed (-o wide shows them)."),
+        Option(names=("--kind",), metavar="KINDS", help="Only these kinds: crashed,failed (-o wide shows them)."),
     ] = "",
     service: Annotated[
         str, Option(names=("--service",), metavar="SERVICES", help="Only about these services.", completes=SERVICES)
@@ -38,23 +39,29 @@ def command(
             parser=moment,
             show_default=False,
             metavar="TIME",
-            help="Only from then on: 10m (ago), or 2026-01-31T12:00:00Z.",
+            help="Only since 10m (ago), or 2026-01-31T12:00:00Z.",
         ),
     ] = None,
     until: Annotated[
         str | None,
         Option(
-            names=("--until",), parser=moment, show_default=False, metavar="TIME", help="Only until then, as --since."
+            names=("--until",),
+            parser=moment,
+            show_default=False,
+            metavar="TIME",
+            help="Only until this time, in the form of --since.",
         ),
     ] = None,
-    grep: Annotated[str, Option(names=("--grep",), help="Only with this text in the message, in any case.")] = "",
-    no_fold: Annotated[bool, Option(names=("--no-fold",), help="Show what repeats as often as it happened.")] = False,
+    grep: Annotated[
+        str, Option(names=("--grep",), help="Only with this text in the message; case does not matter.")
+    ] = "",
+    no_fold: Annotated[bool, Option(names=("--no-fold",), help="Show every repeated event.")] = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """What happened: actions and their outcomes, states that services came into, requests with their authors, refusals,
-    crashes, pressure. What repeats is one line ("x 14 since ..."), except while following. JSON comes a line an event,
-    YAML a document an event.
+    """Show what happened: actions and their outcomes, states of services, requests with their authors, refusals,
+    crashes, pressure. Repeated events share one line ("x 14 since ..."), except with -f. JSON is one object per
+    line, YAML one document per event.
 
     Example: rorg events --service navigation --kind crashed,stalled --since 1h
     """

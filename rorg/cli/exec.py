@@ -7,7 +7,7 @@ from typing import Annotated
 
 from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
 
-Service = Annotated[str, Argument(help="A service that runs.", completes=SERVICES)]
+Service = Annotated[str, Argument(help="A running service.", completes=SERVICES)]
 NO_PROGRAM = 127
 
 
@@ -15,16 +15,20 @@ def command(
     service: Service,
     command: Annotated[list[str], Argument(help="The command, after `--`.")],
     interactive: Annotated[
-        bool, Option(names=("-i", "--interactive"), help="Pass standard input on; a terminal is passed on anyway.")
+        bool,
+        Option(names=("-i", "--interactive"), help="Pass standard input to the command; a terminal is always passed."),
     ] = False,
     terminal: Annotated[
         bool,
-        Option(names=("-t", "--tty"), help="Fail without a terminal. Default: the command has one where this is one."),
+        Option(
+            names=("-t", "--tty"),
+            help="Fail without a terminal. Default: the command gets a terminal if there is one here.",
+        ),
     ] = False,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Run a command inside a service; exits with the command's code.
+    """Run a command inside a service and exit with its exit code.
 
     Example: rorg exec navigation -- rosnode list
     """

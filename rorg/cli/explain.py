@@ -23,7 +23,7 @@ def command(
     what: Annotated[
         str,
         Argument(
-            help="A field, such as service.idle.linger, or a service; services/NAME where a field has the same name.",
+            help="A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
             completes=SERVICES,
         ),
     ],
@@ -31,8 +31,8 @@ def command(
     state_dir: StateDirectory = None,
     output: Output = "table",
 ) -> None:
-    """Explain a field of manifests: meaning, type, default, example. Or a service: every value that holds for it, with
-    the manifest, profile, policy or default that it comes from.
+    """Explain a manifest field: meaning, type, default, example. Or explain a service: every effective value, with
+    the manifest, profile, policy or default that sets it.
 
     Example: rorg explain service.spec.idle.linger
     """

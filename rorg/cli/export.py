@@ -21,7 +21,7 @@ def command(
         Path | None,
         Option(
             names=("--output",),
-            help="The Compose file to write; it and what stands beside it must not be there. Default: standard output.",
+            help="The Compose file to write; it and the files beside it must not exist. Default: standard output.",
             show_default=False,
             completes=FILES,
         ),
@@ -34,11 +34,11 @@ def command(
             completes=FORMS,
         ),
     ] = "yaml",
-    force: Annotated[bool, Option(names=("--force",), help="Write over files that are there.")] = False,
+    force: Annotated[bool, Option(names=("--force",), help="Overwrite existing files.")] = False,
     state_dir: StateDirectory = None,
 ) -> None:
-    """Write the robot as a Compose file, without its requests: every option of every container, what needs what, how
-    images are built, networks and volumes. What Compose cannot say stands there in comments.
+    """Write the robot as a Compose file: every container option, needs, image builds, networks and volumes, without
+    requests. Comments in the file say what Compose cannot express.
 
     Example: rorg export compose --output compose.yaml
     """

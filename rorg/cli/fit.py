@@ -27,7 +27,7 @@ def percent(text: str) -> float:
 
 def command(
     services: Annotated[
-        list[str] | None, Argument(help="Services; without, all.", show_default=False, completes=SERVICES)
+        list[str] | None, Argument(help="Services. Default: all.", show_default=False, completes=SERVICES)
     ] = None,
     since: Annotated[
         str | None,
@@ -36,7 +36,7 @@ def command(
             parser=moment,
             metavar="TIME",
             show_default=False,
-            help="From when on: 2h (ago), or 2026-01-31T12:00:00Z; by default 7d.",
+            help="Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.",
         ),
     ] = None,
     margin: Annotated[
@@ -46,7 +46,7 @@ def command(
             parser=percent,
             metavar="PERCENT",
             show_default=False,
-            help="On top of what was measured, by default 10%.",
+            help="Margin on top of the measured use. Default: 10%.",
         ),
     ] = 0.1,
     write: Annotated[
@@ -59,7 +59,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Propose `resources:` of manifests by what services used while they ran: the mean CPU and the most memory.
+    """Propose `resources:` for manifests from measured use: the mean CPU and the peak memory of each service while
+    it ran.
 
     Example: rorg fit navigation --since 24h
     """

@@ -72,7 +72,7 @@ def command(
     watch: Annotated[bool, Option(names=("-w", "--watch"), help="Keep showing changes.")] = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
-    counts unexpected exits; AGE counts from the last start.
+    counts unexpected exits. AGE is the time since the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """

@@ -21,9 +21,7 @@ Graph = dict[str, Any]
 
 
 def command(
-    what: Annotated[
-        str, Argument(help="services or images; or the directory, and then it is services.", completes=KINDS)
-    ] = "services",
+    what: Annotated[str, Argument(help="services or images. Default: services.", completes=KINDS)] = "services",
     directory: Directory = None,
     form: Annotated[
         str,
@@ -35,7 +33,7 @@ def command(
     ] = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Show who needs and who requests whom, with the networks and volumes that they use, or what images stand on.
+    """Show who needs and who requests whom, with networks and volumes, or the hierarchy of images.
 
     Example: rorg graph images -o mermaid
     """

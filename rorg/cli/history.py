@@ -20,28 +20,31 @@ MOST = 1000
 
 def command(
     action: Annotated[
-        str, Argument(help="list, show REV, diff REV [REV] (by default the newest), or export.", completes=ACTIONS)
+        str, Argument(help="list, show REV, diff REV [REV] (default: the newest), or export.", completes=ACTIONS)
     ] = "list",
     revisions: Annotated[
-        list[str], Argument(help="Numbers of the list, or what git calls a commit: a hash, a tag, HEAD~2.")
+        list[str], Argument(help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
     ] = [],  # noqa: B006
     number: Annotated[
-        int, Option(names=("-n", "--number"), help="Of list: so many, the newest.", least=1, most=MOST)
+        int, Option(names=("-n", "--number"), help="For list: how many of the newest.", least=1, most=MOST)
     ] = 20,
     format: Annotated[
-        str, Option(names=("--format",), help="Of export: jsonl or protobuf.", completes=FORMATS)
+        str, Option(names=("--format",), help="For export: jsonl or protobuf.", completes=FORMATS)
     ] = "jsonl",
     file: Annotated[
         Path | None,
         Option(
-            names=("--file",), help="Of export: where to, by default standard output.", completes=FILES, metavar="FILE"
+            names=("--file",),
+            help="For export: the file to write. Default: standard output.",
+            completes=FILES,
+            metavar="FILE",
         ),
     ] = None,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """The states of the manifests that were applied or refused, and what became of each: applying, baking, good,
-    failed, superseded or refused. `show` one, `diff` two, or `export` all that is on record.
+    """List the revisions of the manifests and the standing of each: applying, baking, good, failed, superseded or
+    refused. `show` one, `diff` two, or `export` everything.
 
     Example: rorg history diff 3 7
     """

@@ -16,8 +16,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Keep services from being active, whoever requests them, for a time; it ends by itself. Asks first where that
-    stops what moves hardware, or others with it.
+    """Keep services idle for a time, regardless of who requests them. Ask first if that stops a driver or other
+    services.
 
     Example: rorg hold arm --for 10m --reason calibration
     """

@@ -29,19 +29,19 @@ ACTIONS = ("list", "prune", "save", "load")
 
 def command(
     action: Annotated[str, Argument(help="list, prune, save FILE [IMAGE...] or load FILE.", completes=ACTIONS)],
-    names: Annotated[list[str], Argument(help="A file, and images; by default all that services use.")] = [],  # noqa: B006
+    names: Annotated[list[str], Argument(help="A file, and images. Default: all that services use.")] = [],  # noqa: B006
     keep: Annotated[
-        int | None, Option(names=("--keep",), help="Of prune: states of the manifests whose images stay.", least=1)
+        int | None, Option(names=("--keep",), help="For prune: number of revisions whose images stay.", least=1)
     ] = None,
-    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Of prune: only show what would go.")] = False,
+    dry_run: Annotated[bool, Option(names=("--dry-run",), help="For prune: only show what rorg would remove.")] = False,
     yes: Yes = False,
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
 ) -> None:
-    """List the images that rorg has built, with what they take on the disk and why they are kept; remove what no
-    state of the manifests needs that a rollback may go to; carry a robot's images to another machine in a file.
+    """List the images that rorg has built, with their size and why they are kept. Prune the ones that no rollback
+    can need. Save a robot's images to a file, and load them on another machine.
 
     Example: rorg image prune --keep 3
     """

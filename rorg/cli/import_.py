@@ -19,8 +19,8 @@ def command(
     files: Annotated[
         list[str],
         Argument(
-            help="Compose files, later ones over earlier ones (default: compose.yaml here); units of systemd; a launch "
-            "file with its arguments as ARG:=VALUE.",
+            help="Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
+            "launch file with its arguments as ARG:=VALUE.",
             show_default=False,
             completes=FILES,
         ),
@@ -28,29 +28,31 @@ def command(
     env_file: Annotated[
         list[str],
         Option(
-            names=("--env-file",), help="Of compose: read this in place of .env.", show_default=False, completes=FILES
+            names=("--env-file",),
+            help="For compose: read this file instead of .env.",
+            show_default=False,
+            completes=FILES,
         ),
     ] = [],  # noqa: B006
     profile: Annotated[
         list[str],
-        Option(names=("--profile",), help="Of compose: what has this profile runs too.", show_default=False),
+        Option(names=("--profile",), help="For compose: include services of this profile.", show_default=False),
     ] = [],  # noqa: B006
     project_name: Annotated[
-        str, Option(names=("--project-name",), help="Of compose: name of the project.", show_default=False)
+        str, Option(names=("--project-name",), help="For compose: name of the project.", show_default=False)
     ] = "",
     image: Annotated[
         str,
-        Option(names=("--image",), help="Of systemd and roslaunch: the image of the services.", show_default=False),
+        Option(names=("--image",), help="For systemd and roslaunch: the image of the services.", show_default=False),
     ] = "",
     output: Annotated[
         Path, Option(names=("--output",), help="Directory to write the manifests to.", completes=DIRECTORIES)
     ] = Path("manifests"),
-    force: Annotated[bool, Option(names=("--force",), help="Write over files that are there.")] = False,
+    force: Annotated[bool, Option(names=("--force",), help="Overwrite existing files.")] = False,
     form: Annotated[str, Option(names=("-o",), help="table, wide, name, yaml or json.", completes=FORMS)] = "table",
 ) -> None:
-    """Write manifests that mean what a Compose project, units of systemd or a launch file mean. Whatever is not
-    carried over as it is has a note; where something cannot be carried over, all of that is said, and nothing is
-    written.
+    """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
+    something cannot be carried over, rorg lists all of it and writes nothing.
 
     Example: rorg import compose compose.yaml
     """

@@ -24,9 +24,7 @@ def command(
     tail: Annotated[
         int | None, Option(names=("-n", "--tail"), least=0, help="Only the last lines of each: 100.")
     ] = None,
-    since: Annotated[
-        str, Option(names=("--since",), help="Only newer lines: 10m, or since 2026-01-31T12:00:00Z.")
-    ] = "",
+    since: Annotated[str, Option(names=("--since",), help="Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
     timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,
     output: Annotated[
         str, Option(names=("-o", "--output"), help="table or json.", completes=("table", "json"))
@@ -34,8 +32,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Print what services wrote, merged by time. The process engine keeps no times: there the lines of before come one
-    service after the other, `--since` is refused, and `-t` shows when a followed line was seen.
+    """Print the logs of services, merged by time. The process engine keeps no times: there, earlier lines come one
+    service after the other, `--since` is refused, and `-t` shows when rorg saw a followed line.
 
     Example: rorg logs navigation localization -f --since 10m
     """

@@ -91,8 +91,8 @@ ROBOT = Option(
     names=("--robot",),
     show_default=False,
     metavar="NAME",
-    help="The robot of a fleet: robots/NAME/ is laid over the manifests. Default: RORG_ROBOT, else the name of this "
-    "machine where there is a robot of that name, else none.",
+    help="The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, else the name of this "
+    "machine if a robot has it, else none.",
 )
 """What every command has that takes a directory of manifests."""
 STATE_DIR = Option(
@@ -107,7 +107,7 @@ SOCKET = Option(
     show_default=False,
     metavar="PATH",
     completes=FILES,
-    help="Socket of the running rorg: all that is needed where one runs. Default: RORG_SOCKET, else that of the state "
+    help="Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, else the one in the state "
     "directory, else /run/rorg/rorg.sock.",
 )
 """What every command has that takes a StateDirectory."""
@@ -146,4 +146,4 @@ For = Annotated[
     ),
 ]
 End = Annotated[bool, Option(names=("--end",), help="End it now.")]
-Reason = Annotated[str, Option(names=("--reason",), help="Why; shown wherever this is listed.")]
+Reason = Annotated[str, Option(names=("--reason",), help="Why; shown wherever rorg lists this.")]

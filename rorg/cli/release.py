@@ -11,14 +11,14 @@ from rorg.cli.output import check_form, print_rows
 def command(
     id: Annotated[str, Argument(help="Id of the request.", completes=REQUESTS)],
     requester: Annotated[
-        str, Option(names=("--as",), help="Its requester, where several use the same id.", completes=SERVICES)
+        str, Option(names=("--as",), help="Its requester, if several use the same id.", completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """End a request. Releasing what is already released is no error. Asks first where it names a driver that
-    is stopped then, or takes something from a service that asked for it itself.
+    """End a request. Releasing twice is fine. Ask first if a driver in the request would stop, or if a service
+    still uses what the request asked for.
 
     Example: rorg release tour
     """

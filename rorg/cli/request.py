@@ -28,7 +28,7 @@ def command(
             parser=duration,
             metavar="DURATION",
             show_default=False,
-            help=("Lease, such as 10s: the request ends then, unless it is sent again."),
+            help=("Lease, such as 10s: the request ends after that time unless it is sent again."),
         ),
     ] = None,
     priority: Annotated[
@@ -38,7 +38,7 @@ def command(
             least=0,
             most=100,
             show_default=False,
-            help=("Its services' priority while it lasts, where higher. Default: that of the services."),
+            help=("Raise its services to this priority while the request lasts. Default: their own."),
         ),
     ] = None,
     output: Output = "table",
@@ -47,14 +47,14 @@ def command(
         bool,
         Option(
             names=("--rollback",),
-            help="With --wait: undo the request if that fails, or at Ctrl-C.",
+            help="With --wait: withdraw the request if waiting fails, or on Ctrl-C.",
         ),
     ] = False,
     timeout: Timeout = 60.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Request services; they run, with all that they need, until the request is released.
+    """Request services. They run, with everything they need, until the request is released.
 
     Example: rorg request navigation --id tour --ttl 10m --wait
     """

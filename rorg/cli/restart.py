@@ -15,8 +15,7 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Stop and start a service (or each of a group) that is active. Asks first where that moves hardware, or others
-    go along.
+    """Stop and start an active service, or each one of a group. Ask first if that stops a driver or other services.
 
     Example: rorg restart navigation --wait --timeout 30s
     """

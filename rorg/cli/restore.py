@@ -18,7 +18,7 @@ def command(
             names=("--at",),
             show_default=False,
             metavar="TIME|REV",
-            help="A time, such as 10m (so long ago) or 2026-01-31T12:00:00Z; or a REV, as of `rorg rollback`.",
+            help="A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.",
         ),
     ] = "",
     yes: Yes = False,
@@ -28,7 +28,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Bring the robot back to how it was then: the manifests, as `rorg rollback` does, and what people had requested.
+    """Bring the robot back to an earlier time: its manifests, as `rorg rollback` does, and the requests that people
+    had made.
 
     Example: rorg restore --at 2h --wait
     """

@@ -13,8 +13,8 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Try changes of services again that failed, though nothing of them was changed since. Asks first where that
-    replaces what moves hardware, or others go along. `rorg apply --wait` waits for what comes of it.
+    """Retry failed changes without editing anything. Ask first if that replaces a driver or restarts other
+    services. `rorg apply --wait` waits for the result.
 
     Example: rorg retry navigation
     """

@@ -25,7 +25,7 @@ def command(
     revision: Annotated[
         str,
         Argument(
-            help="REV: a number of `rorg history`, or what git understands. Default: the last good one.",
+            help="REV: a number from `rorg history`, or a commit as in git. Default: the last good one.",
             show_default=False,
         ),
     ] = "",
@@ -40,7 +40,7 @@ def command(
         ),
     ] = "",
     printed: Annotated[
-        bool, Option(names=("--print",), help="Only print the commands of git that make the commit.")
+        bool, Option(names=("--print",), help="Only print the git commands that make the commit.")
     ] = False,
     yes: Yes = False,
     wait: Wait = False,
@@ -49,8 +49,7 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Show the plan, ask, commit the manifests as they were at REV, with what their images are built from, and carry it
-    out.
+    """Return to revision REV: show the plan, ask, commit the manifests and image sources of REV, and carry it out.
 
     Example: rorg rollback HEAD~1 --yes --wait
     """

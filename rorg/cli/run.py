@@ -29,7 +29,7 @@ def command(
         Option(
             names=("--group",),
             envvar="RORG_GROUP",
-            help="Members of this group, by name or number, may do everything through the socket.",
+            help="Members of this group (name or number) may do everything through the socket.",
         ),
     ] = GROUP,
     listen: Annotated[
@@ -38,7 +38,7 @@ def command(
             names=("--listen",),
             metavar="HOST:PORT",
             show_default=False,
-            help=("Serve the API on TCP too; only with TLS, and for clients with a certificate."),
+            help=("Also serve the API on TCP, with TLS and only for clients with a certificate."),
         ),
     ] = "",
     tls_cert: Pem = None,
@@ -56,7 +56,12 @@ def command(
     ] = "",
     path: Annotated[
         str,
-        Option(names=("--path",), metavar="DIR", show_default=False, help="Where they are in it. Default: at its top."),
+        Option(
+            names=("--path",),
+            metavar="DIR",
+            show_default=False,
+            help="Directory of the manifests in the repository. Default: its top.",
+        ),
     ] = "",
     poll: Annotated[
         float,
@@ -66,11 +71,11 @@ def command(
             metavar="DURATION",
             least=1,
             most=86_400,
-            help="How often to look at it: 30s, 5m.",
+            help="How often to fetch: 30s, 5m.",
         ),
     ] = 30.0,
     committed: Annotated[
-        bool, Option(names=("--committed",), help="Of DIRECTORY what is committed counts, not its files.")
+        bool, Option(names=("--committed",), help="Use only committed manifests of DIRECTORY.")
     ] = False,
     signers: Annotated[
         Path | None,
@@ -79,11 +84,11 @@ def command(
             metavar="FILE|DIR",
             show_default=False,
             completes=FILES,
-            help="Only signed commits come into force: a file of allowed ssh signers, or a GnuPG home.",
+            help="Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
         ),
     ] = None,
 ) -> None:
-    """Run the loop: keep the containers as the manifests and the requests file say, until stopped. Serves the API.
+    """Run the loop until stopped: keep the containers as manifests and requests say, and serve the API.
 
     Example: rorg run manifests
     """

@@ -23,7 +23,7 @@ def command(
     services: ServiceNames,
     program: Rest,
     no_wait: Annotated[
-        bool, Option(names=("--no-wait",), help="Start the command at once, without waiting until all is ready.")
+        bool, Option(names=("--no-wait",), help="Start the command immediately, without waiting.")
     ] = False,
     timeout: Timeout = 60.0,
     requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
@@ -39,8 +39,8 @@ def command(
 ) -> None:
     """Request services for as long as a command runs.
 
-    The command begins when the services, and all that they need, are ready. The exit code is the command's, 128 and
-    the signal's number where a signal ended it. Whatever ends this program, the request ends with it.
+    The command starts when the services and everything they need are ready. The exit code is the command's own, or
+    128 plus the number of the signal that ended it. The request ends with this program, however that ends.
 
     Example: rorg run-with navigation -- rosbag record /tf
     """

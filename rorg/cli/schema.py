@@ -9,9 +9,9 @@ from rorg.cli.options import Argument
 
 
 def command(
-    directory: Annotated[Path, Argument(help="Directory to write to; it is created where missing.")] = Path("schemas"),
+    directory: Annotated[Path, Argument(help="Directory to write to; created if missing.")] = Path("schemas"),
 ) -> None:
-    """Write the JSON schemas of manifests: an editor completes and checks by them.
+    """Write the JSON schemas of manifests, which editors use to complete and check them.
 
     Example: rorg schema schemas
     """

@@ -15,7 +15,7 @@ def command(
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
-    """Open a shell inside a service: bash, or sh where there is none, with its environment and working directory.
+    """Open a shell inside a service, with its environment and working directory: bash, or sh if there is no bash.
 
     Example: rorg shell navigation
     """

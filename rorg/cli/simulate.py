@@ -16,34 +16,32 @@ if TYPE_CHECKING:
 
 
 def command(
-    trace: Annotated[Path, Argument(help="File of a Trace: what the robot is asked for.", completes=FILES)],
+    trace: Annotated[Path, Argument(help="File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
     workload: Annotated[
         Path | None,
         Option(
             names=("--workload",),
-            help="File of a Workload: how programs use the machine. Default: what `resources` and `ready` say.",
+            help="File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
             show_default=False,
             completes=FILES,
         ),
     ] = None,
-    seed: Annotated[
-        int, Option(names=("--seed",), help="Of everything that is drawn; the same one gives the same.")
-    ] = 1,
+    seed: Annotated[int, Option(names=("--seed",), help="Random seed.")] = 1,
     learn: Annotated[
         Path | None,
         Option(
             names=("--learn",),
             metavar="TRACE",
-            help="File of another Trace, from which services with `idle: {prewarm: auto}` are known when the first one "
-            "begins. Default: they are learnt as it goes on.",
+            help="File of another Trace, from which to learn prewarming before the first one begins. Default: learn "
+            "during the first one.",
             show_default=False,
             completes=FILES,
         ),
     ] = None,
     every: Annotated[
         float,
-        Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Between two samples."),
+        Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Time between two samples."),
     ] = 1.0,
     csv: Annotated[
         Path | None,
@@ -53,7 +51,7 @@ def command(
         Path | None,
         Option(
             names=("--plot",),
-            help="Draw CPU, memory and what the robot does over time, to a .png or .svg.",
+            help="Plot CPU, memory and the activity of the robot over time to a .png or .svg.",
             show_default=False,
             completes=FILES,
         ),
@@ -63,8 +61,8 @@ def command(
         Option(
             names=("--compare",),
             metavar="[NAME=]VARIANT",
-            help="Instead of the time series, also try this: a directory of manifests, a Policy's file, or settings of "
-            "all that is not always on, such as linger=20s,idle=pause,prewarm=auto. As often as you like.",
+            help="Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
+            "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more variants.",
         ),
     ] = [],  # noqa: B006
     sweep: Annotated[
@@ -72,14 +70,14 @@ def command(
         Option(
             names=("--sweep",),
             metavar="SETTING=VALUES",
-            help="Likewise all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+            help="Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
         ),
     ] = [],  # noqa: B006
     output: Output = "table",
 ) -> None:
-    """Run a trace on a simulated robot, in virtual time and by the very planner of `rorg run`, with everything always
-    on and with time-sharing: what CPU and memory are used, how long requests take, what goes wrong. Nothing of it is
-    measured: it follows from what the workload, or the manifests, say of the programs.
+    """Replay a trace on a simulated robot in virtual time, with everything on and with time-sharing: CPU and memory
+    used, response times, violations. It uses the same planner as `rorg run`. Nothing is measured: all figures
+    follow from the workload or the manifests.
 
     Example: rorg simulate day.yaml manifests --plot day.png
     """

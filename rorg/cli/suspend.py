@@ -13,7 +13,7 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Change nothing for a time, whatever is asked for; what would be done is still shown. It ends by itself.
+    """Change nothing for a time, whatever is requested. rorg still shows what it would do.
 
     Example: rorg suspend --for 1h --reason maintenance
     """

@@ -17,7 +17,7 @@ LEAST = 20
 
 
 def command(
-    service: Annotated[str, Argument(help="A service, also one of the past.", completes=SERVICES)],
+    service: Annotated[str, Argument(help="A service, also one that no longer exists.", completes=SERVICES)],
     since: Annotated[
         str | None,
         Option(
@@ -25,22 +25,20 @@ def command(
             parser=moment,
             metavar="TIME",
             show_default=False,
-            help="From when on: 10m (ago), or 2026-01-31T12:00:00Z; by default 24h.",
+            help="Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.",
         ),
     ] = None,
     until: Annotated[
         str | None,
-        Option(
-            names=("--until",), parser=moment, metavar="TIME", show_default=False, help="Until when; by default now."
-        ),
+        Option(names=("--until",), parser=moment, metavar="TIME", show_default=False, help="End. Default: now."),
     ] = None,
     tail: Annotated[
-        int, Option(names=("-n", "--tail"), least=0, help="So many of the last states below the chart.")
+        int, Option(names=("-n", "--tail"), least=0, help="How many of the last states to list below the chart.")
     ] = 20,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """What states a service was in, from when to when, why, and who had asked for it: a chart, and the last states.
+    """Show the states of a service over time, why each began, and who asked for it: a chart, and the last states.
 
     Example: rorg timeline navigation --since 1h
     """

@@ -25,8 +25,8 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """What runs, what it uses, who asked for it; and the machine with its pressure and budget. On a terminal keys sort,
-    filter, show logs, request, release and restart; ? shows them, q quits.
+    """Show what runs, what it uses and who asked for it, and the machine with its pressure and budget. On a
+    terminal, keys sort, filter, show logs, request, release and restart; ? lists them, q quits.
 
     Example: rorg top --interval 2s
     """

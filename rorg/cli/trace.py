@@ -20,7 +20,7 @@ PARTS = 1000.0
 
 def command(
     action: Annotated[str, Argument(help="generate, record, or show FILE.", completes=ACTIONS)],
-    trace: Annotated[Path | None, Argument(help="Of show: the file of a trace.", completes=FILES)] = None,
+    trace: Annotated[Path | None, Argument(help="For show: the file of a trace.", completes=FILES)] = None,
     length: Annotated[
         float,
         Option(
@@ -28,18 +28,18 @@ def command(
             parser=duration,
             metavar="DURATION",
             show_default=False,
-            help="Of generate: how long the day is, by default 4h.",
+            help="For generate: length of the day. Default: 4h.",
         ),
     ] = 4 * 3600.0,
     greetings: Annotated[
         int | None,
-        Option(names=("--greetings",), least=0, help="Of generate: visitors that are greeted, by default 47 an hour."),
+        Option(names=("--greetings",), least=0, help="For generate: number of visitors to greet. Default: 47 an hour."),
     ] = None,
     tours: Annotated[
         int | None,
-        Option(names=("--tours",), least=0, help="Of generate: how many of them get a tour, by default 5 in 2 hours."),
+        Option(names=("--tours",), least=0, help="For generate: how many of them get a tour. Default: 5 in 2 hours."),
     ] = None,
-    seed: Annotated[int, Option(names=("--seed",), least=0, help="Of generate: another number, another day.")] = 1,
+    seed: Annotated[int, Option(names=("--seed",), least=0, help="For generate: random seed.")] = 1,
     since: Annotated[
         str | None,
         Option(
@@ -47,7 +47,7 @@ def command(
             parser=moment,
             metavar="TIME",
             show_default=False,
-            help="Of record: from when on: 10m (ago), or 2026-01-31T12:00:00Z; by default 24h.",
+            help="For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.",
         ),
     ] = None,
     until: Annotated[
@@ -57,14 +57,14 @@ def command(
             parser=moment,
             metavar="TIME",
             show_default=False,
-            help="Of record: until when; by default now.",
+            help="For record: end. Default: now.",
         ),
     ] = None,
     file: Annotated[
         Path | None,
         Option(
             names=("--file",),
-            help="Of generate and record: where to, by default standard output.",
+            help="For generate and record: the file to write. Default: standard output.",
             completes=FILES,
             metavar="FILE",
         ),
@@ -72,8 +72,8 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Traces of what a robot is asked for over some hours, for `rorg simulate` and `rorg emulate`: generate a day of
-    the tour guide, record what this robot was asked for, or show what is in one.
+    """Make traces of requests for `rorg simulate` and `rorg emulate`: generate a day of the tour guide, record the
+    requests of this robot, or show a trace.
 
     Example: rorg trace record --since 24h --file yesterday.yaml
     """

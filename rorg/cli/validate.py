@@ -30,16 +30,15 @@ def command(
         bool,
         Option(
             names=("--machine",),
-            help="Also against this machine and its engine: devices, paths, ports, limits, runtimes.",
+            help="Also check against this machine and its engine: devices, paths, ports, limits, runtimes.",
         ),
     ] = False,
     state_dir: StateDirectory = None,
 ) -> None:
-    """Check manifests: everything that is wrong, with file:line:column, for the base and for every robot that has an
-    overlay, or for the one of --robot. With --engine also what that one cannot do: on process, directories and programs
-    that are missing. Where there are no manifests, the running rorg tells what is
-    wrong with its own. What is found has a code in brackets: docs/reference/findings.md says what it does to a robot,
-    and how a comment lets it pass.
+    """Check manifests and report every mistake with file:line:column, for the base and for each robot with an
+    overlay, or for --robot alone. With --engine, also report what that engine cannot do; for process, missing
+    directories and programs. Without manifests here, check those of the running rorg. Each finding has a code in
+    brackets: docs/reference/findings.md explains its effect and how a comment allows it.
 
     Example: rorg validate manifests
     """

@@ -9,7 +9,7 @@ from rorg.cli.output import check_form, print_rows
 def command(
     services: ServiceNames, timeout: Timeout = 60.0, output: Output = "table", state_dir: StateDirectory = None
 ) -> None:
-    """Return when services, and all that they need, are ready; exit 4 with the reason if they do not get so.
+    """Return when services and everything they need are ready. Exit 4 with the reason if they do not become ready.
 
     Example: rorg wait navigation --timeout 30s
     """

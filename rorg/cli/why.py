@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def command(
     service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
 ) -> None:
-    """Why a service is active: the chain from a root to it. Or why it is not.
+    """Show why a service is active, as the chain of requests and needs that leads to it, or why it is not.
 
     Example: rorg why navigation
     """
