@@ -90,7 +90,7 @@ _IDLE = {
     "pause-of-infrastructure": Code(ERROR, "Everything that talks to it would hang.", "idle: {action: stop}"),
     "pause-of-actuator-consumer": Code(
         WARNING,
-        "On resume, a subscriber receives its whole backlog: commands up to half a minute old, all at once.",
+        "A resumed subscriber receives its whole backlog at once: commands up to half a minute old.",
         "idle: {action: stop}, or {action: pause, connected: stop}",
     ),
     "duplicate-node-name": Code(
@@ -169,7 +169,7 @@ _ROS2 = {
     ),
     "ros2-domain-range": Code(
         WARNING,
-        "Above 232 there are no ports. From 102 to 214 they collide with Linux ports for outgoing connections.",
+        "Above 232 there are no ports; 102 to 214 collide with the ports of outgoing connections.",
         "0 to 101",
     ),
     "ros2-rmw-mismatch": Code(
