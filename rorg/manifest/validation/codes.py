@@ -45,7 +45,7 @@ _NETWORKS = {
     "ros-ip-and-hostname": Code(WARNING, "ROS takes ROS_HOSTNAME and ignores ROS_IP.", "dropping one of them"),
     "ros-master-elsewhere": Code(
         WARNING,
-        "The nodes register on another machine under a name that means that machine itself, so it cannot call them back.",
+        "The nodes register elsewhere under a name that means that other machine itself: it cannot call them back.",
         "ROS_IP with this machine's address, and no ROS_HOSTNAME",
     ),
     "ros-masters-differ": Code(
