@@ -56,9 +56,12 @@ class Context:
 
     @property
     def engine_name(self) -> str:
-        """What was asked for, else what rorg was last run with."""
+        """What was asked for, else where the robot's containers are, else what rorg was last run with."""
         if not self._engine_name:
-            self._engine_name = known_engine(self._last_text("engine_name") or "docker")
+            from rorg.store.engine_record import read_engine
+
+            known = read_engine(self.state)
+            self._engine_name = known_engine(known.name if known else self._last_text("engine_name") or "docker")
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
@@ -104,9 +107,13 @@ class Context:
         if self.directory:
             return self.directory
         last = self._last_text("tree", "root")
-        if last and (not self._local or self.state.owner()):
+        if last and (not self._local or (self.state.owner() and not self.state.held)):
             return Path(last)
-        return Path("manifests") if Path("manifests").is_dir() else Path(last or ".")
+        if Path("manifests").is_dir():
+            return Path("manifests")
+        from rorg.manifest.documents import holds_manifests
+
+        return Path(last) if last and not holds_manifests(Path()) else Path()
 
     @cached_property
     def masker(self) -> Masker:

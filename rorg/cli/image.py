@@ -80,7 +80,6 @@ class _Robot:
         self.content: Content = references.of(self.catalog)
 
     def kept(self, keep: int | None) -> list[Kept]:
-        import uuid
 
         from rorg.engines.docker.errors import docker_errors
         from rorg.engines.docker.images import disk_use
@@ -88,7 +87,7 @@ class _Robot:
 
         with docker_errors("list images"):
             rows = disk_use(self.engine.client)
-        owner = self.context.state.instance(lambda: uuid.uuid4().hex)
+        owner = self.context.state.instance()
         keep = keep or self.catalog.policy.images.keep
         return ours(rows, owner, set(self.content.references.values()), self.records.revisions(), keep)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import uuid
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -91,7 +90,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             results=unlocked(desired, 0.0),
             memory=memory,
             now=0.0,
-            owner=place.state.instance(lambda: uuid.uuid4().hex),
+            owner=place.state.instance(),
             holds=document.holds,
             suspended=document.suspended,
             wall=time.time(),

@@ -79,7 +79,8 @@ def words(text: str) -> list[str]:
 
 
 DIRECTORY = Argument(
-    help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one.",
+    help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one, else, "
+    "if that holds none, the last one.",
     show_default=False,
     completes=DIRECTORIES,
 )

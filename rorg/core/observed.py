@@ -11,6 +11,8 @@ from rorg.core.changes import changed_items
 from rorg.core.found_objects import FoundObjects
 
 LABEL_OWNER = "rorg.io/owner"
+LABEL_STATE = "rorg.io/state"
+"""The owner's state directory, for people; nothing is decided by it."""
 LABEL_SERVICE = "rorg.io/service"
 LABEL_SPEC = "rorg.io/spec"
 LABEL_DECLARED = "rorg.io/declared"

@@ -11,7 +11,6 @@ from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.down import taken_down
-from rorg.core.former import Kept
 from rorg.core.inputs import Inputs
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
@@ -24,6 +23,7 @@ from rorg.model.devices import Device, Plugged
 from rorg.model.objects import is_object
 from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
+from rorg.store.engine_record import EngineRecord, record_engine
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
 
@@ -69,6 +69,8 @@ class Loop:
         """Called after every pass, for those who wait for something."""
         self._down: tuple[Desired, Desired] | None = None
         """What is desired of a robot that is taken down, beside what its tree asks for."""
+        self._bound = False
+        """The state directory says on which engine its containers are."""
         self._stopping = False
 
     @property
@@ -161,7 +163,7 @@ class Loop:
         inputs = self._inputs(document, renewals)
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
-        self._keep(decision.memory.kept)
+        self._keep(decision)
         self.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
@@ -229,14 +231,18 @@ class Loop:
         going = any(is_object(action.service) for action in self.decision.plan.actions)
         return observed.complete and not (observed.containers or memory.in_flight or going)
 
-    def _keep(self, kept: Kept) -> None:
-        """Writes down what is declared, and what was, before anything is done on the word of another tree."""
-        before = self.memory.kept
-        if kept.catalog is not before.catalog or kept.former != before.former:
-            try:
+    def _keep(self, decision: Decision) -> None:
+        """Writes down what is declared, and what was, before anything is done on the word of another tree; and on which
+        engine, before anything is made there."""
+        before, kept = self.memory.kept, decision.memory.kept
+        try:
+            if not self._bound and (decision.begin or decision.situation.observed.containers):
+                record_engine(self.state, EngineRecord(self.engine.name, self.engine.address))
+                self._bound = True
+            if kept.catalog is not before.catalog or kept.former != before.former:
                 write_kept(self.state.path, kept)
-            except OSError as error:
-                self.recorder.when_new("last-good", str(error), "last-good-not-written", str(error))
+        except OSError as error:
+            self.recorder.when_new("last-good", str(error), "last-good-not-written", str(error))
 
     def _asked_for(self) -> dict[str, float]:
         """Service -> when somebody last asked whether it is ready, and waits for the answer."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 
@@ -75,7 +74,7 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """The same over a tree that may have been read."""
-    owner, clock = state.instance(lambda: uuid.uuid4().hex), time.monotonic
+    owner, clock = state.instance(), time.monotonic
     wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)

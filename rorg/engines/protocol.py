@@ -176,6 +176,9 @@ class Engine(Lifecycle, Observation, Inspection, Protocol):
     """Its processes are those of this machine. Where they are not, no Container has a pid, and nothing of this machine
     may be taken for the container's: no process, no file, no port."""
 
+    address: str
+    """Where it is, in the form of DOCKER_HOST; empty for one that is built in."""
+
     def close(self) -> None: ...
 
 

@@ -97,12 +97,21 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
     """Manifests among that: most likely the folder is misspelt."""
     strays = []
     for path in stray_files(root):
-        with contextlib.suppress(OSError):
-            if not re.search(r"^apiVersion: rorg/", read_text(path, root), re.M):
-                continue
+        if _is_manifest(path, root):
             message = f"a manifest in '{path.parent.name}/', which is not read"
             strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
     return strays
+
+
+def holds_manifests(root: Path) -> bool:
+    """Whether a directory is a tree of manifests, rather than one with other files."""
+    return any(_is_manifest(path, root) for path in manifest_files(root))
+
+
+def _is_manifest(path: Path, root: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return bool(re.search(r"^apiVersion: rorg/", read_text(path, root), re.M))
+    return False
 
 
 def read_tree(

@@ -67,7 +67,7 @@ class SimEngine:
 
     name = "sim"
     capabilities = Capabilities(isolation=True, live_update=True, events="all")
-    local = False
+    local, address = False, ""
     """Nothing of this machine is a sim container's."""
 
     def __init__(self, owner: str, clock: Callable[[], float], faults: Faults | None = None) -> None:

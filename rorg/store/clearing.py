@@ -6,6 +6,7 @@ import contextlib
 import shutil
 from dataclasses import replace
 
+from rorg.store.engine_record import NAME as ENGINE
 from rorg.store.last_good import NAME
 from rorg.store.learned_file import NAME as LEARNED
 from rorg.store.requests_document import RequestsDocument
@@ -15,6 +16,7 @@ from rorg.store.state_dir import StateDir
 FILES = (
     "status.json",
     "manifest-change.json",
+    ENGINE,
     "images.json",
     ".images.lock",
     "process-images.json",

@@ -7,12 +7,14 @@ import fcntl
 import json
 import os
 import re
-from collections.abc import Iterator
+import uuid
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid, Refused
 from rorg.store.files import clear_leftovers, locked, make_directory, open_private, read_state, write_atomic
+from rorg.store.owner_lock import Held, OwnerLock
 
 MACHINE = Path("/var/lib/rorg")
 """State directory of the machine's robot."""
@@ -32,6 +34,7 @@ class StateDir:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock: int | None = None
+        self._owner_lock: OwnerLock | None = None
 
     def prepare(self) -> StateDir:
         """Creates the directory. Raises Invalid when that is not allowed."""
@@ -87,7 +90,7 @@ class StateDir:
             return Path(given)
         return Path("/run/rorg") if self.path == MACHINE else self.path.resolve() / "run"
 
-    def instance(self, make_id: Any) -> str:
+    def instance(self, make_id: Callable[[], str] = lambda: uuid.uuid4().hex) -> str:
         """The instance id, made by `make_id()` the first time. Raises Invalid for one that cannot be read: with another
         one this robot's containers would be a stranger's."""
         path = self.prepare().path / "instance"
@@ -105,7 +108,7 @@ class StateDir:
 
     def acquire(self, what: str) -> None:
         """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
-        self.prepare()
+        instance = self.instance()
         with self.usable():
             descriptor = open_private(self.path / "lock", os.O_RDWR)
         try:
@@ -118,13 +121,38 @@ class StateDir:
                 f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
                 "stopping that one first, or another --state-dir",
             ) from None
+        self._lock = descriptor
+        self._lock_owner(instance, {"pid": os.getpid(), "what": what, "state": str(self.path.resolve())})
         with self.usable():
             write_atomic(self.path / "owner.json", json.dumps({"pid": os.getpid(), "what": what}) + "\n", durable=False)
-        self._lock = descriptor
         with self.usable(), locked(self.requests.with_name(".requests.lock")):  # commands write it beside the owner
             clear_leftovers(self.path)
 
+    def _lock_owner(self, instance: str, about: dict[str, Any]) -> None:
+        """Raises Refused while an rorg on a copy of this directory manages the same containers."""
+        try:
+            self._owner_lock = OwnerLock(instance, about)
+        except Held as held:
+            self.release()
+            other = held.about
+            raise Refused(
+                f"own {self.path}",
+                f"{other.get('what', 'another rorg')} (pid {other.get('pid', '?')}) manages the same containers from "
+                f"{other.get('state', 'another state directory')}: one of these directories is a copy of the other",
+                "stopping that one first, or another --state-dir for another robot",
+            ) from None
+        except OSError:  # no lock can be had here: that must not stop a robot
+            return
+
+    @property
+    def held(self) -> bool:
+        """Whether we own it ourselves."""
+        return self._lock is not None
+
     def release(self) -> None:
+        if self._owner_lock is not None:
+            self._owner_lock.release()
+            self._owner_lock = None
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None

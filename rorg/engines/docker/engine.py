@@ -7,11 +7,12 @@ import os
 import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rorg.core.found_objects import FoundObjects
-from rorg.core.observed import LABEL_OWNER, Container, from_labels
+from rorg.core.observed import LABEL_OWNER, LABEL_STATE, Container, from_labels
 from rorg.engines.docker import archive, log, objects
 from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import Body
@@ -23,6 +24,7 @@ from rorg.engines.docker.images import missing_images
 from rorg.engines.docker.live import update_body
 from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
+from rorg.engines.docker.whose import name_taken
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
@@ -50,8 +52,11 @@ class DockerEngine:
     name = "docker"
     capabilities = Capabilities(isolation=True, live_update=True, events="all")
 
-    def __init__(self, owner: str, base_url: str | None = None) -> None:
+    def __init__(self, owner: str, base_url: str | None = None, state: str = "") -> None:
+        """`state`: the owner's state directory, for the labels of what it makes."""
         self.owner, self.client = owner, Client(engine_host(base_url))
+        self.labels = {LABEL_STATE: state} if state else {}
+        self.address = self.client.host
         self.local = self.client.host.startswith(("unix://", "http+unix://"))
 
     def api(self) -> docker.APIClient:
@@ -154,8 +159,18 @@ class DockerEngine:
         before: str = "",
         defaults: Collection[str] = (),
     ) -> str:
-        with docker_errors(f"create {name}"):
-            return create_container(self.client, name, spec, labels, before, defaults)
+        with self._naming(name), docker_errors(f"create {name}"):
+            return create_container(self.client, name, spec, {**labels, **self.labels}, before, defaults)
+
+    @contextmanager
+    def _naming(self, name: str) -> Iterator[None]:
+        """If the name is taken, the error of the block names the rorg whose container has it."""
+        try:
+            yield
+        except EngineError as error:
+            if error.kind != "name_taken":
+                raise
+            raise name_taken(self.client, name, self.owner, error) from error
 
     def start(self, container: str) -> None:
         try:
@@ -216,7 +231,8 @@ class DockerEngine:
                 raise
 
     def rename(self, container: str, name: str) -> None:
-        self._do("rename", container, name=name)
+        with self._naming(name):
+            self._do("rename", container, name=name)
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         self._do("update", container, body=update_body(options))
@@ -235,7 +251,7 @@ class DockerEngine:
 
     def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
         with docker_errors(f"create the {kind} {name}"):
-            objects.make(self.client, kind, name, spec, labels)
+            objects.make(self.client, kind, name, spec, {**labels, **self.labels})
 
     def remove_object(self, kind: Kind, name: str) -> None:
         with docker_errors(f"remove the {kind} {name}"):

@@ -12,6 +12,7 @@ from rorg.core.objects import LABELS, found_object
 from rorg.core.observed import LABEL_OWNER
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.whose import other_rorg
 from rorg.errors import EngineError
 from rorg.model.objects import Kind, subject
 
@@ -64,7 +65,9 @@ def make(client: Client, kind: Kind, name: str, spec: Mapping[str, Any], labels:
         return
     made = client.post("/volumes/create", volume_body(name, spec, labels))
     if (made.get("Labels") or {}).get(LABEL_OWNER) != labels[LABEL_OWNER]:
-        raise EngineError(f"create the volume {name}", "one of that name is there that is not rorg's", "external: true")
+        whose = other_rorg(made.get("Labels") or {}, labels[LABEL_OWNER])
+        why = f"one of that name belongs to {whose}" if whose else "one of that name is there that is not rorg's"
+        raise EngineError(f"create the volume {name}", why, "external: true")
 
 
 def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
@@ -79,7 +82,8 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
         raise
     labels = data.get("Labels") or {}
     if labels.get(LABEL_OWNER) != owner or LABELS[kind] not in labels:
-        raise EngineError(what, "it is not rorg's", kind="foreign")
+        whose = other_rorg(labels, owner)
+        raise EngineError(what, f"it belongs to {whose}" if whose else "it is not rorg's", kind="foreign")
     users = sorted(c.get("Name", "") for c in (data.get("Containers") or {}).values())
     if users:
         raise EngineError(what, f"connected to it: {', '.join(users)}", "stopping these", kind="in_use")

@@ -50,7 +50,7 @@ class ProcessEngine:
     """Services as sessions of plain processes; see Engine."""
 
     name = "process"
-    local = True
+    local, address = True, ""
     capabilities = Capabilities(
         isolation=False,
         live_update=True,
