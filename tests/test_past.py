@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -220,6 +221,42 @@ def test_nothing_of_it_is_left_behind(repository, monkeypatch, tmp_path):
     assert not list((tmp_path / "temporary").iterdir())
     after = repository.git("status", "--porcelain", "--ignored"), sorted(os.listdir(repository.top / ".git"))
     assert after == before
+
+
+HOLDS = """import sys
+from pathlib import Path
+from rorg.host.git_tree import extracted, resolved
+root = Path(sys.argv[1])
+with extracted(root, resolved(root, "HEAD")):
+    print("there", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_what_a_killed_command_left_behind_goes_with_the_next_one(repository, monkeypatch, tmp_path):
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    repository.service("aa")
+    repository.commit()
+
+    def begun() -> subprocess.Popen[bytes]:
+        words = [sys.executable, "-c", HOLDS, str(repository.tree)]
+        process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert process.stdout.readline() == b"there\n"
+        return process
+
+    living, dying = begun(), begun()
+    try:
+        assert len(list((tmp_path / "temporary").iterdir())) == 2
+        dying.kill()
+        dying.wait(60)
+        load_at(repository.unread(), "HEAD")
+        assert len(list((tmp_path / "temporary").iterdir())) == 1, "that of a living one stays"
+    finally:
+        dying.kill()
+        living.communicate(timeout=60)
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 # -- rorg diff REV ---------------------------------------------------------------------------------------------

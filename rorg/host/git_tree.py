@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.errors import Invalid, Unreachable
+from rorg.host.folders import temporary_folder
 from rorg.host.git_objects import LINK, MODULE, Entry, contents, entries, read, said, words
 
 LARGE = "/var/tmp"
@@ -131,7 +132,7 @@ def extracted(root: Path, commit: str) -> Iterator[Mirror]:
     """The files of the repository that a directory lies in, as of a commit (from resolved()), until the end of the
     block. Raises Invalid and Unreachable."""
     top = said(root, "rev-parse", "--show-toplevel")
-    with tempfile.TemporaryDirectory(prefix="rorg-past-", dir=_large(), ignore_cleanup_errors=True) as place:
+    with temporary_folder("rorg-past-", _large()) as place:
         mirror = Mirror(Path(os.path.realpath(place)), Path(top), commit)
         try:
             _parents(mirror.at(mirror.top))
@@ -143,9 +144,9 @@ def extracted(root: Path, commit: str) -> Iterator[Mirror]:
         yield mirror
 
 
-def _large() -> str | None:
+def _large() -> str:
     """Where much may be written for a while: /tmp is often in memory."""
-    return LARGE if os.access(LARGE, os.W_OK) and "TMPDIR" not in os.environ else None
+    return LARGE if os.access(LARGE, os.W_OK) and "TMPDIR" not in os.environ else tempfile.gettempdir()
 
 
 def resolved(root: Path, text: str) -> str:
