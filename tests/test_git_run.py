@@ -67,6 +67,8 @@ def test_what_is_pushed_comes_into_force_and_what_is_wrong_does_not(robot):
     robot.origin.push("Wrong", {"robot/services/arm.yaml": BROKEN})
     wait_for(lambda: robot.client().call("GET", "/v1/status")["tree"]["errors"])
     assert "arm" in names(robot)
+    wait_for(lambda: any("Wrong (Anna) is refused" in text for text in told(robot, "git-commit")))
+    assert not any("Wrong" in text and "force" in text for text in told(robot, "git-commit"))
 
     git(robot.origin.clone, "reset", "--quiet", "--hard", first)
     pushed(robot, {"camera": {}}, "Another history")

@@ -28,7 +28,7 @@ class GitSource:
         """Called when the tree is to be looked at, or other things are to be told of it."""
         self.writing = self.empty = True
         self._accepted = ""
-        self.commit = self.fetched_at = self.error = ""
+        self.commit = self.fetched_at = self.error = self._news = ""
         self._asked = threading.Event()
         self._turn = threading.Condition()
         self._begun = self._ended = 0
@@ -138,13 +138,18 @@ class GitSource:
             self.cache.tidy()
         self._accepted = commit
 
+    def take_news(self) -> str:
+        """The commit that has been brought since the last call, for people; empty without one. Whether it comes into
+        force is known once its manifests have been read."""
+        news, self._news = self._news, ""
+        return news
+
     def _advance(self, commit: str) -> None:
         self.writing = True
         self.cache.advance(commit)
-        self._in_force()
         found = head(self.cache.tree)
-        about = f": {found.subject} ({found.author})" if found else ""
-        self.tell("git-commit", commit, "git-commit", f"git: {commit[:10]}{about} comes into force")
+        self._news = f"git: {commit[:10]}" + (f": {found.subject} ({found.author})" if found else "")
+        self._in_force()
         if left := self.cache.submodules():
             text = f"git: submodules are not followed, and their directories empty: {', '.join(left)}"
             self.tell("git-submodules", left, "git-submodules", text)

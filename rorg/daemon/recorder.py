@@ -163,6 +163,8 @@ class Recorder:
                 tell(subject)
 
     def _tree(self, tree: Tree) -> None:
+        if tree.source is not None and (news := tree.source.take_news()):
+            self.event("git-commit", f"{news} {'is refused' if tree.errors else 'comes into force'}")
         if tree.errors:
             for error in tree.errors:
                 self.event("manifest-error", str(error))
@@ -282,7 +284,10 @@ class Recorder:
 
     def _withheld(self, decision: Decision) -> None:
         found = decision.situation.withheld
-        lines = "; ".join(f"{name} is no longer declared, but {why}" for name, why in found.items())
+        by_reason: dict[str, list[str]] = {}
+        for name, why in found.items():
+            by_reason.setdefault(why, []).append(name)
+        lines = "; ".join(f"{', '.join(names)} (not declared, but kept: {why})" for why, names in by_reason.items())
         self.event(
             "withheld",
             f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found else "no removal is withheld",
