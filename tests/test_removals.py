@@ -100,6 +100,41 @@ def test_apply_without_a_running_rorg_asks_and_removes(robot):
     assert "\nremovals:" not in robot.state.requests.read_text()
 
 
+def test_a_tree_that_declares_nothing_any_more_removes_nothing_until_that_is_confirmed(robot):
+    robot.stop()
+    policy = {"policy": {"bulk_workers": 4}}
+    write_tree(robot.tree, TREE, requests={"lights": {"services": ["guide"]}}, policies=policy)
+    robot.start()
+    robot.wait(lambda: robot.active() == {"core", "panel", "guide"} and robot.quiet())
+    before = [run_of(robot, name) for name in TREE]
+    write_tree(robot.tree, {}, policies=policy)
+    robot.wait(lambda: withheld(robot) == set(TREE))
+    for words in (("diff", str(robot.tree)), ("get",), ("why", "guide"), ("describe", "panel")):
+        code, said = rorg(robot, *words)
+        assert "withheld" in said, (words, said)
+        assert "declare no service" in said, (words, said)
+        assert "rorg apply" in said or words[0] != "diff", (words, said)
+    assert standing(robot) == "applying", "nobody has seen it do well"
+    assert [r["id"] for r in robot.status()["requests"]] == ["lights", "tour"]
+    robot.stop()
+    robot.start()
+    robot.wait(lambda: withheld(robot) == set(TREE))
+    assert [run_of(robot, name) for name in TREE] == before, "nor do they end with another rorg"
+    robot.kill("guide")
+    robot.wait(lambda: run_of(robot, "guide")[2] and run_of(robot, "guide") != before[2])
+    assert rorg(robot, "apply", str(robot.tree))[0] == 5, "nobody was asked"
+    code, said = rorg(robot, "apply", str(robot.tree), "--yes")
+    assert code == 0, said
+    robot.wait(lambda: not robot.states() and not withheld(robot))
+    robot.wait(lambda: standing(robot) == "good")
+    write_tree(robot.tree, TREE)
+    robot.wait(lambda: robot.active() == {"core", "panel"}, 90)
+
+
+def standing(robot: RealRobot) -> str:
+    return robot.client().call("GET", "/v1/history?most=1")[0]["standing"]
+
+
 def test_only_what_was_shown_is_confirmed(robot):
     from rorg.client import Error
 

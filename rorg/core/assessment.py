@@ -66,6 +66,7 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
         owner=inputs.owner,
         restarts={n: due.run for n, due in (memory.restarts or {}).items()},
         removals=inputs.removals,
+        confirmed=frozenset(inputs.confirmed),
         preempted=admission.preempted,
         prewarmed=warm.names,
         excluded=frozenset(holds),

@@ -96,7 +96,8 @@ def _object_chain(name: str, actions: Sequence[Action], situation: Situation) ->
 def _activation(action: Action, situation: Situation) -> list[str]:
     services, name = situation.desired.catalog.services, action.service
     if name not in services or services[name].meta:
-        ok = situation.removals and isinstance(action.operation, (Stop, Remove))
+        going = situation.removals or name in situation.confirmed
+        ok = going and isinstance(action.operation, (Stop, Remove))
         return [] if ok else [f"{action}, which no manifest declares"]
     if action.operation.begins:
         if name not in situation.wanted:

@@ -19,7 +19,7 @@ from rorg.core.plan import Action, Plan
 from rorg.core.requests import Settled
 from rorg.core.schedule import Schedule, Target, schedule
 from rorg.core.situation import Situation
-from rorg.core.withheld import Withheld, over, withhold
+from rorg.core.withheld import Withheld, emptied, over, withhold
 from rorg.model.units import parse_time
 
 
@@ -97,7 +97,14 @@ def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
     requests = (*catalog.requests, *inputs.requests)
     kept, desired, withheld = withhold(memory.kept, inputs.desired, requests, observed, inputs.confirmed)
     ended = over(inputs.confirmed, kept, catalog, observed)
-    return replace(inputs, desired=desired, memory=replace(memory, kept=kept)), withheld, ended
+    inputs = replace(
+        inputs,
+        desired=desired,
+        memory=replace(memory, kept=kept),
+        removals=inputs.removals and not emptied(catalog),
+        confirmed=inputs.confirmed if inputs.removals else (),
+    )
+    return inputs, withheld, ended
 
 
 def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float | None) -> float | None:

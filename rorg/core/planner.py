@@ -91,7 +91,7 @@ class Planner:
         """A service of ours that no manifest declares any more."""
         if name in self.s.memory.in_flight or name in self.s.withheld:
             return NOTHING
-        if not self.s.removals:
+        if not (self.s.removals or name in self.s.confirmed):
             why = "not declared; its removal is withheld until the manifests load"
             return ServicePlan(waitings=(Waiting(name, why),))
         steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]

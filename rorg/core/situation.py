@@ -28,7 +28,9 @@ class Situation:
     owner: str
     restarts: Mapping[str, str] = field(default_factory=dict)
     removals: bool = True
-    """False while manifests do not load: then nothing that they do not name is removed."""
+    """False while manifests do not load, or declare no service: then nothing that they do not name is removed."""
+    confirmed: frozenset[str] = frozenset()
+    """What goes nevertheless, since a person has said so."""
     preempted: Mapping[str, str] = field(default_factory=dict)
     """Services that would be wanted but for something, each with the reason."""
     excluded: Collection[str] = frozenset()

@@ -1,25 +1,35 @@
 """A typing error in a name must stop nothing: what a request, a need or a group of the last good tree names stays as it
-was declared, until a person has confirmed that it goes."""
+was declared, until a person has confirmed that it goes. So does everything if a tree declares no service any more."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 from rorg.core.desired import Desired, desire
 from rorg.core.former import Former, Kept
 from rorg.core.observed import Observed
-from rorg.model.catalog import Catalog, Group, Request, Service
+from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
 
+T = TypeVar("T")
 Withheld = Mapping[str, str]
 """Services and groups whose removal waits for a person's word, each with the reason."""
+EMPTIED = "the manifests declare no service any more"
+
+
+def emptied(catalog: Catalog) -> bool:
+    """Whether a tree has been read that declares no service."""
+    return len(catalog.services) <= 1 and bool(catalog.fingerprint)
 
 
 def withhold(
     kept: Kept, desired: Desired, requests: Collection[Request], observed: Observed, confirmed: Collection[str]
 ) -> tuple[Kept, Desired, Withheld]:
-    """What is desired, with what is withheld still in it. Where nothing at all is declared, nothing is concluded."""
+    """What is desired, with what is withheld still in it. Until a tree has been read, nothing is concluded."""
     catalog = desired.catalog
+    if emptied(catalog):
+        return _withhold_all(kept, desired, observed, confirmed)
     if len(catalog.services) <= 1:
         return kept, desired, {}
     former = {} if catalog.policy.removals == "auto" else _former(kept, catalog, observed, confirmed)
@@ -28,15 +38,55 @@ def withhold(
     found = {name: f.withheld for name, f in held.items()} | _unknown(former, catalog, requests, observed, confirmed)
     if not held:
         return Kept(catalog, former), desired, found
-    merged = kept.merged
-    if merged is None or merged[0] is not catalog or merged[1] != held:
-        merged = catalog, held, desire(_with(catalog, held), contents=desired.contents)
+    merged = _merged(kept, desired, catalog, held)
     return Kept(catalog, former, merged), merged[2], found
+
+
+def _withhold_all(
+    kept: Kept, desired: Desired, observed: Observed, confirmed: Collection[str]
+) -> tuple[Kept, Desired, Withheld]:
+    """The last tree that declared anything stays in force, but for what is confirmed to go. A container of which no
+    tree is known stays as it is."""
+    nothing, last = desired.catalog, kept.catalog or desired.catalog
+    if confirmed and not {*last.services, *last.groups, *kept.former}.isdisjoint(confirmed):
+        last = replace(last, services=_but(last.services, confirmed), groups=_but(last.groups, confirmed))
+    former = _but(kept.former, confirmed) if confirmed else kept.former
+    declared: dict[str, Service | Group] = {**last.services, **last.groups}
+    declared |= {name: f.what for name, f in former.items() if f.withheld}
+    held = {n: Former(what, withheld=EMPTIED) for n, what in declared.items() if n not in nothing.services}
+    there = (name for name in observed.by_service() if name not in confirmed)
+    found = dict.fromkeys((*held, *there), EMPTIED)
+    if not held:
+        return Kept(last, former), desired, found
+    requests = _naming(last.requests, held)
+    base = replace(last, services=nothing.services, groups={}, requests=requests, fingerprint=nothing.fingerprint)
+    merged = _merged(kept, desired, nothing, held, base)
+    return Kept(last, former, merged), merged[2], found
+
+
+def _but(found: Mapping[str, T], names: Collection[str]) -> dict[str, T]:
+    return {name: one for name, one in found.items() if name not in names}
+
+
+def _naming(requests: Iterable[Request], known: Collection[str]) -> tuple[Request, ...]:
+    """What is left of standing requests."""
+    named = (replace(r, services=tuple(n for n in r.services if n in known)) for r in requests)
+    return tuple(r for r in named if r.services and (r.requester == DEVELOPER or r.requester in known))
+
+
+def _merged(
+    kept: Kept, desired: Desired, catalog: Catalog, held: Mapping[str, Former], base: Catalog | None = None
+) -> tuple[Catalog, Mapping[str, Former], Desired]:
+    """With the catalog and what of others is in it, as it was found the last time if both are the same."""
+    merged = kept.merged
+    if merged is not None and merged[0] is catalog and merged[1] == held:
+        return merged
+    return catalog, held, desire(_with(base or catalog, held), contents=desired.contents)
 
 
 def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Observed) -> tuple[str, ...]:
     """Confirmations that have nothing more to say: what they name is gone, or declared again."""
-    if not observed.complete or len(catalog.services) <= 1:
+    if not observed.complete or (len(catalog.services) <= 1 and not emptied(catalog)):
         return ()
     there = observed.by_service()
     return tuple(

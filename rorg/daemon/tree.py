@@ -100,7 +100,7 @@ class Tree:
     @property
     def removals(self) -> bool:
         """Whether the removal of undeclared services may be planned."""
-        return self.loaded and not self.errors and len(self.desired.catalog.services) > 1
+        return self.loaded and not self.errors
 
     @property
     def commit(self) -> Commit | None:

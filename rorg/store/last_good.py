@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rorg.core.former import Former, Kept
-from rorg.model.catalog import Catalog, Group, Idle, Probe, Service, Updating
+from rorg.model.catalog import Catalog, Group, Idle, Probe, Request, Service, Updating
 from rorg.model.diagnostics import Where
 from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
@@ -30,7 +30,7 @@ def write_kept(folder: Path, kept: Kept) -> None:
     ]
     declared: list[Service | Group] = [*kept.catalog.services.values(), *kept.catalog.groups.values()]
     last = [_dump(what) for what in declared]
-    content = {"last": last, "former": former}
+    content = {"last": last, "former": former, "requests": [asdict(r) for r in kept.catalog.requests]}
     write_atomic(folder / NAME, json.dumps({"digest": _digest(content), **content}) + "\n", mode=0o600)
 
 
@@ -42,11 +42,12 @@ def read_kept(folder: Path) -> Kept:
         if content.pop("digest", "") != _digest(content):
             return Kept()
         last, former = _each(content["last"], _load), _each(content["former"], _former)
+        requests = _each(content.get("requests", []), _request)
     except (ValueError, LookupError, TypeError, RecursionError):
         return Kept()
     services = {w.name: w for w in last if isinstance(w, Service)}
     groups = {w.name: w for w in last if isinstance(w, Group)}
-    return Kept(Catalog(services, groups), {f.what.name: f for f in former})
+    return Kept(Catalog(services, groups, requests=tuple(requests)), {f.what.name: f for f in former})
 
 
 def _digest(content: Mapping[str, Any]) -> str:
@@ -70,6 +71,10 @@ def _each(entries: Iterable[Any], read: Callable[[Any], T]) -> list[T]:
 
 def _former(entry: Mapping[str, Any]) -> Former:
     return Former(_load(entry), tuple(entry["needed_by"]), tuple(entry["groups"]), str(entry["withheld"]))
+
+
+def _request(entry: Mapping[str, Any]) -> Request:
+    return Request(**{**entry, "services": tuple(entry["services"]), "where": Where(**entry["where"])})
 
 
 def _load(entry: Mapping[str, Any]) -> Service | Group:
