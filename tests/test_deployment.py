@@ -9,6 +9,7 @@ import ssl
 import subprocess
 import sys
 
+import commands
 import docker
 import pytest
 from conftest import free_port, wait_for
@@ -74,6 +75,48 @@ def test_rorg_runs_in_a_container_and_never_takes_itself_for_a_service(dockerd, 
             assert robot.container("lidar").incarnation == before
         assert made not in {c.id for c in robot.containers()}
         assert api.inspect_container(made)["State"]["Running"]
+    finally:
+        api.remove_container(made, force=True)
+        robot.close()
+
+
+def test_a_robot_that_was_taken_down_stays_down_though_the_engine_restarts_rorg(dockerd, rorg_image, tmp_path):
+    """With the restart policy of docs/how-to/run.md."""
+    api = docker.APIClient(dockerd.host, version="auto")
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    write_tree(robot.tree, {"ra": {"always_on": True}, "rb": {"always_on": True, "needs": ["ra"]}})
+    engine = str(dockerd.folder) if hasattr(dockerd, "folder") else "/var/run"
+    mounts = [f"{engine}:{engine}", f"{tmp_path}:{tmp_path}", "/run/rorg:/run/rorg", "/sys/fs/cgroup:/sys/fs/cgroup:ro"]
+    made = api.create_container(
+        rorg_image,
+        ["run", str(robot.tree), "--engine", "docker"],
+        environment={"RORG_STATE_DIR": str(robot.state.path), "DOCKER_HOST": dockerd.host},
+        host_config=api.create_host_config(
+            network_mode="host", pid_mode="host", binds=mounts, restart_policy={"Name": "unless-stopped"}
+        ),
+    )["Id"]
+
+    def said(*words: str) -> str:
+        return commands.rorg(*words, cwd=tmp_path, RORG_STATE_DIR=str(robot.state.path)).stderr
+
+    try:
+        api.start(made)
+        client = Client(robot.socket(), patience=60)
+        client.wait("rb", timeout=60)
+        assert "the robot is down" in said("down", "--yes", "--timeout", "60s")
+        wait_for(lambda: api.inspect_container(made)["RestartCount"] > 0)
+        for restart in (lambda: None, lambda: api.restart(made, timeout=10)):
+            restart()
+            wait_for(lambda: client.status()["services"])
+            assert client.status()["down"] == "down"
+            assert not robot.containers()
+            assert "rorg up" in said("get")
+        said("up")
+        client.wait("rb", timeout=60)
+        assert robot.active() == {"ra", "rb"}
+    except Exception:
+        print(api.logs(made).decode())
+        raise
     finally:
         api.remove_container(made, force=True)
         robot.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 
 import commands
@@ -31,8 +32,7 @@ def robot(tmp_path):
     wait_for(lambda: client.service("navigation")["state"] == "paused")
     client.request("map", id="look", wait=30)
     yield found
-    if found.state.exists():
-        found.close()
+    found.close()
 
 
 def rorg(robot: RorgProcess, *words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
@@ -46,7 +46,10 @@ def pids(robot: RorgProcess) -> set[int]:
 
 
 def nothing_is_left(robot: RorgProcess, programs: set[int]) -> bool:
-    return not robot.state.exists() and not any(map(runs, programs))
+    """But whose robot it is, and that it is down."""
+    return sorted(p.name for p in robot.state.iterdir()) == ["instance", "requests.yaml"] and not any(
+        map(runs, programs)
+    )
 
 
 def runs(pid: int) -> bool:
@@ -95,7 +98,7 @@ def test_requests_can_be_kept(robot):
     programs = pids(robot)
     rorg(robot, "down", "--yes", "--keep-requests")
     assert not any(map(runs, programs))
-    assert [p.name for p in robot.state.iterdir()] == ["requests.yaml"]
+    assert nothing_is_left(robot, programs)
     robot.start()
     wait_for(lambda: (robot.state / "run/rorg.sock").exists())
     robot.client(patience=10.0).wait("map", timeout=30)
@@ -117,8 +120,45 @@ def test_what_is_begun_is_ended_by_the_next_rorg(tmp_path):
         assert robot.process.wait(30) == 0
         assert nothing_is_left(robot, programs)
     finally:
-        if robot.state.exists():
-            robot.close()
+        robot.close()
+
+
+def test_whoever_restarts_rorg_leaves_it_down(robot):
+    """systemd, say, at the next boot; a person says `run` or `up`, with a running rorg and without."""
+    programs, identity = pids(robot), (robot.state / "instance").read_text()
+    rorg(robot, "down", "--yes")
+    assert nothing_is_left(robot, programs)
+    assert (robot.state / "instance").read_text() == identity, "volumes carry it"
+    for _ in range(2):
+        restarted(robot)
+        view = robot.client(patience=10.0).status()
+        assert (view["down"], pids(robot)) == ("down", set())
+        assert "rorg up" in rorg(robot, "get").stderr
+        assert "rorg up" in rorg(robot, "request", "map", code=5).stderr
+        assert "rorg up" in rorg(robot, "apply", str(robot.tree), "--yes", code=5).stderr
+        robot.stop()
+        assert robot.process.returncode == 0
+    restarted(robot)
+    assert f"pid {robot.process.pid}" in rorg(robot, "up").stderr
+    robot.client(patience=10.0).wait("base", timeout=30)
+    rorg(robot, "down", "--yes")
+    assert robot.process.wait(30) == 0, "it can be taken down again"
+    robot.start()
+    robot.client(patience=10.0).wait("base", timeout=30)
+
+
+def restarted(robot: RorgProcess) -> None:
+    """Its rorg runs again, until it has looked at the robot, though no person has said so."""
+    robot.start(env={**os.environ, "RORG_STAY_DOWN": "1"})
+    wait_for(lambda: (robot.state / "run/rorg.sock").exists())
+    wait_for(lambda: robot.client(patience=10.0).status()["services"])
+
+
+def test_apply_brings_up_what_is_down(robot):
+    rorg(robot, "down", "--yes")
+    rorg(robot, "apply", str(robot.tree), "--yes", "--wait")
+    robot.start(env={**os.environ, "RORG_STAY_DOWN": "1"})
+    robot.client(patience=10.0).wait("base", timeout=30)
 
 
 def test_a_service_may_not(robot):

@@ -18,6 +18,7 @@ import pytest
 import yaml
 from conftest import wait_for
 from robots import RealRobot
+from rorg_process import RorgProcess
 
 from rorg.cli.services import age
 from rorg.cli.watching import Watch
@@ -231,3 +232,23 @@ def test_on_a_terminal_of_few_lines_the_head_stays_on_top(robot):
         lines = [line for line in frame if line.strip("\x1b[0123456789AmJ")]
         assert len(lines) == 4
         assert "NAME" in lines[0]
+
+
+def test_without_any_good_manifests_none_are_said_to_be_in_force(tmp_path):
+    robot = RorgProcess(tmp_path, {"lamp": {"always_on": True}})
+    path = robot.tree / "services/lamp.yaml"
+    good = path.read_text()
+    path.write_text(good.replace("image:", "imag:"))
+    try:
+        robot.start()
+        wait_for(lambda: robot.client(patience=10).status()["tree"]["errors"])
+        said = commands.rorg("get", RORG_STATE_DIR=str(robot.state)).stderr
+        assert "last good" not in said
+        assert "none are in force" in said
+        path.write_text(good)
+        wait_for(lambda: not robot.client().status()["tree"]["errors"])
+        path.write_text(good.replace("image:", "imag:"))
+        wait_for(lambda: robot.client().status()["tree"]["errors"])
+        assert "the last good ones are in force" in commands.rorg("get", RORG_STATE_DIR=str(robot.state)).stderr
+    finally:
+        robot.close()

@@ -41,6 +41,8 @@ def put_request(current: Current, request: Request) -> Change:
     _refuse(request, mistakes(catalog, request))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
+        if document.down:
+            raise Refused(f"request {', '.join(request.services[:MOST_TOLD])}", "the robot is down", "`rorg up`")
         _refuse(request, problems(catalog, document.requests, request))
         full = no_room(document, request)
         if full:
@@ -173,10 +175,15 @@ def down(keep_requests: bool, volumes: bool, suspended: str) -> Change:
         raise Refused("take the robot down", f"rorg is {suspended}", "`rorg suspend --end` first")
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        return replace(document if keep_requests else RequestsDocument(), down=True, purge=volumes)
+        return replace(document if keep_requests else RequestsDocument(), down=True, down_since="", purge=volumes)
 
     told = "the robot is taken down" + (" with its volumes" if volumes else "")
     return Change(edit, "down", told + (", its requests are kept" if keep_requests else ""))
+
+
+def up() -> Change:
+    """Brings a robot up that was taken down."""
+    return Change(RequestsDocument.up, "up", "the robot comes up again")
 
 
 def _about(change: Change) -> Change:

@@ -56,8 +56,14 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
 
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:
-        """Cease and remove everything, in order, whoever requests it; then rorg ends, and forgets this robot."""
+        """Cease and remove everything, in order, whoever requests it; then rorg ends. The robot stays down until
+        somebody runs it again."""
         return accepted(await asyncio.wrap_future(operations.down(caller, body.keep_requests, body.volumes)))
+
+    @app.delete("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
+    async def up(caller: Who) -> Response:
+        """Bring the robot up that was taken down."""
+        return accepted(await asyncio.wrap_future(operations.up(caller)))
 
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:

@@ -249,6 +249,10 @@ class Operations:
         """Takes the robot down; then rorg ends."""
         return self._change(caller, changes.down(keep_requests, volumes, self.decision.situation.suspended))
 
+    def up(self, caller: Caller) -> Future[int]:
+        """Brings the robot up that was taken down."""
+        return self._change(caller, changes.up())
+
     def withheld(self, kind: str, name: str) -> bool:
         """Whether the removal of this Service or Group waits for a person's word."""
         decision = self.decision

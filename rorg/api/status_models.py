@@ -146,6 +146,10 @@ class StatusView(BaseModel):
     )
     engine: EngineView
     suspended: str = Field(description="Why nothing is changed now; empty when it is.")
+    down: str = Field(
+        default="",
+        description="going while the robot is taken down, down from then on until somebody runs it; otherwise empty.",
+    )
     withheld: dict[str, str] = Field(description="What stays though no manifest declares it, with the reason.")
     requests: list[RequestView]
     restarts: list[str] = Field(description="Services whose restart is asked for.")

@@ -10,6 +10,7 @@ from rorg.cli.output import check_form, consent, note, print_rows
 if TYPE_CHECKING:
     from rorg.cli.context import Context
     from rorg.cli.differences import Differences
+    from rorg.store.requests_document import RequestsDocument
 
 
 def command(
@@ -63,6 +64,8 @@ def agree(
 
     if owner is not None:
         _follows(context, owner, shown)
+        if (context.live() or {}).get("down"):
+            raise Refused(what, "the robot is down", "`rorg up`")
     warn_of_other_tree(context, shown)
     note(shown.overview().rstrip())
     if shown.withheld:
@@ -96,13 +99,14 @@ def _fetch(context: Context) -> None:
 
 
 def _confirm_here(context: Context, shown: Differences) -> None:
-    """Writes down that what was shown may be removed, for the loop that begins."""
+    """Writes down, for the loop that begins, that what was shown may be removed, and that the robot is down no more."""
     from dataclasses import replace
 
-    if shown.withheld:
-        context.change(
-            lambda document: replace(document, removals=tuple(dict.fromkeys((*document.removals, *shown.withheld))))
-        )
+    def edit(document: RequestsDocument) -> RequestsDocument:
+        risen = document.up() if document.down_since else document
+        return replace(risen, removals=tuple(dict.fromkeys((*risen.removals, *shown.withheld))))
+
+    context.change(edit)
 
 
 def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: bool, timeout: float) -> None:

@@ -266,12 +266,14 @@ class Context:
         if errors := view.get("tree", {}).get("errors"):
             from rorg.model.units import counted
 
-            kept = "the last good ones are in force; try `rorg validate`"
-            found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}"]
+            good = view["tree"].get("fingerprint")
+            kept = "the last good ones are in force" if good else "none are in force yet, so rorg changes nothing"
+            found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"]
         if error := (view.get("tree", {}).get("git") or {}).get("error"):
             found.append(f"git: {error}")
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
+        found += ["the robot is down; `rorg up` brings it up"] if view.get("down") == "down" else []
         for text in found:
             if text not in self._remarked:
                 self._remarked.add(text)

@@ -105,7 +105,7 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
 
 
 def _until_gone(context: Context, timeout: float) -> None:
-    """Until the running rorg has ended. Raises NotReady."""
+    """Until the running rorg has ended, or a later one says that the robot is down. Raises NotReady."""
     import time
 
     from rorg_client import Error
@@ -115,7 +115,10 @@ def _until_gone(context: Context, timeout: float) -> None:
     client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg still runs"
     while time.monotonic() - began < timeout:
         try:
-            left = ", ".join(row["name"] for row in _rows(client.status()["services"])) or left
+            view = client.status()
+            if view.get("down") == "down":  # something has started rorg again
+                return
+            left = ", ".join(row["name"] for row in _rows(view["services"])) or left
         except Error as error:
             if error.code == "unreachable" and (context.remote or context.state.owner() is None):
                 return
@@ -126,6 +129,7 @@ def _until_gone(context: Context, timeout: float) -> None:
 def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, timeout: float) -> None:
     """Where no rorg runs: the loop runs here until nothing is left."""
     import threading
+    import time
 
     from rorg.api.changes import down
     from rorg.cli.terminal import entry
@@ -152,7 +156,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
     if not loop.is_down:
         context.state.release()
         raise NotReady("take the robot down", f"not done after {timeout:g} s{_left(loop.decision)}", "`rorg describe`")
-    clear(context.state)
+    clear(context.state, time.time())
     context.state.release()
 
 

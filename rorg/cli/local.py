@@ -15,7 +15,7 @@ from rorg.core.observed import Observed
 from rorg.core.schedule import Target
 from rorg.core.supposed import unlocked
 from rorg.daemon.outliving import remembered
-from rorg.daemon.snapshot import restore, snapshot
+from rorg.daemon.snapshot import down_of, restore, snapshot
 from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable
 from rorg.history.database import reading
@@ -140,6 +140,7 @@ def view(place: Place) -> dict[str, Any]:
         {
             "pid": None,
             "engine_name": place.engine_name,
+            "down": down_of(place.document()),
             "tree": {
                 "root": str(place.root),
                 "fingerprint": catalog.fingerprint,

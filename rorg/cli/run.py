@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 GROUP = "rorg"
 """By default, where there is one of that name."""
+STAY_DOWN = "RORG_STAY_DOWN"
+"""The variable by which whatever restarts rorg says that no person does."""
 FETCH = b"f"
 """What the handler of SIGHUP writes."""
 Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
@@ -99,10 +102,13 @@ def command(
     from rorg.store.clearing import clear
 
     context = Context(state_dir, engine, directory, local=True, own=True)
+    if not (git or _restarted()) and _brought_up(context):
+        return
     repository = followed(context.directory or context.root if committed else directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
     tcp = _tcp(listen, tls_cert, tls_key, tls_ca) if listen else None
     context.state.acquire("rorg run")
+    _tell_down(context)
     loop = _loop(context, repository, poll)
     server = make_server(loop, context.state, group)
     server.tcp = tcp
@@ -111,11 +117,10 @@ def command(
     note(f"API on {server.directory / 'rorg.sock'}")
     _run_until_told(loop, server)
     if loop.is_down:
-        clear(context.state)
-        note("the robot is down; only its manifests are left")
+        clear(context.state, loop.wall())
+        note("the robot is down; `rorg up` brings it up")
     context.state.release()
     if loop.hung:
-        import os
         import sys
 
         from rorg.model.units import counted
@@ -123,6 +128,41 @@ def command(
         note(f"{counted(loop.hung, 'unfinished call')} to the engine or of probes: the next rorg sees the outcome")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
+
+
+def _restarted() -> bool:
+    """Whether systemd or an engine runs this, rather than a person: a robot that is down stays down then."""
+    return bool(os.environ.get(STAY_DOWN) or os.environ.get("NOTIFY_SOCKET"))
+
+
+def _brought_up(context: Context) -> bool:
+    """Whether an rorg runs here whose robot is down: then that rorg brings it up. It keeps its tree, so this is for
+    those who name no other one."""
+    from rorg_client import Error
+
+    from rorg.cli.output import note
+
+    client = context.client()
+    if client is None:
+        return False
+    try:
+        view, asked = client.status(), context.directory
+        if view.get("down") != "down" or (asked and str(asked.resolve()) != view["tree"]["root"]):
+            return False
+        client.call("DELETE", "/v1/down")
+    except Error:  # whoever owns the directory is told by acquire()
+        return False
+    note(f"the robot comes up; rorg run (pid {view['pid']}) sees to it")
+    return True
+
+
+def _tell_down(context: Context) -> None:
+    """Says it if the robot stays down; if it was a person who runs rorg, the robot may come up from here on."""
+    from rorg.cli.output import note
+    from rorg.store.clearing import stays_down
+
+    if since := stays_down(context.state, _restarted()):
+        note(f"the robot was taken down at {since}, and stays down; `rorg up` brings it up")
 
 
 def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
@@ -167,7 +207,6 @@ def _check(root: Path | None, group: str) -> None:
 def _run_until_told(loop: Loop, server: Server) -> None:
     """Until SIGINT or SIGTERM; at SIGHUP it looks at the repository that it follows. systemd hears when it begins to
     work, when it ends, and that it goes on."""
-    import os
     import signal
     import threading
 

@@ -176,7 +176,8 @@ class Loop:
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)
         self.learner.note(decision.memory.foresight.learned)
-        self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
+        if not document.down:  # nothing that is down says how its manifests do
+            self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
@@ -223,8 +224,10 @@ class Loop:
 
     @property
     def is_down(self) -> bool:
-        """Whether the robot was taken down, and nothing of it is left."""
-        if self.decision is None or not self.leases.document().down:
+        """Whether the robot has been taken down by now, and nothing of it is left. One that was down before stays so,
+        and this loop with it."""
+        document = self.leases.document()
+        if self.decision is None or not document.down or document.down_since:
             return False
         observed, memory = self.decision.situation.observed, self.decision.memory
         # A network whose removal was refused stays: somebody else uses it.

@@ -17,6 +17,7 @@ from rorg.core.status import statuses
 from rorg.core.update import Update
 from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
+from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import RequestsFile
 
 
@@ -32,8 +33,14 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "errors": [d.as_json() for d in tree.errors],
             "warnings": [d.as_json() for d in tree.warnings],
         },
+        "down": down_of(requests.document),
         "requests_errors": [str(d) for d in requests.diagnostics],
     }
+
+
+def down_of(document: RequestsDocument) -> str:
+    """How far a robot is taken down: going, down, or empty for one that is not."""
+    return "" if not document.down else "down" if document.down_since else "going"
 
 
 def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:

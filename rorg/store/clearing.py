@@ -1,4 +1,5 @@
-"""What is left of a robot that was taken down: nothing but the requests that are kept, and what is not rorg's."""
+"""What is left of a robot that was taken down: whose it is, that it is down, the requests that are kept, and what is
+not rorg's."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import contextlib
 import shutil
 from dataclasses import replace
 
+from rorg.model.units import stamp
 from rorg.store.engine_record import NAME as ENGINE
 from rorg.store.last_good import NAME
 from rorg.store.learned_file import NAME as LEARNED
@@ -26,28 +28,37 @@ FILES = (
     LEARNED,
     SPARE,
 )
-LAST = ("instance", "instance.lock", ".requests.lock", "owner.json", "lock")
-"""What says whose robot this is."""
+LOCKS = ("instance.lock", ".requests.lock", "owner.json", "lock")
 FOLDERS = ("process", "run", "builds", "git")
 SOCKETS = ("services", ".new", "rorg.sock")
 """Below the run directory, which may be one of the machine's."""
 
 
-def clear(state: StateDir) -> None:
-    """Removes all that rorg keeps of a robot. The caller owns it, and has seen that nothing of it runs. Directories of
-    which somebody uses more stay, with that. Raises Invalid for what the disk refuses."""
+def clear(state: StateDir, now: float) -> None:
+    """Removes all that rorg keeps of a robot, and notes that it is down since `now`, in seconds since the epoch. The
+    owner id stays: the robot's volumes carry it. The caller owns the directory, and has seen that nothing of the robot
+    runs. Directories of which somebody uses more stay, with that. Raises Invalid for what the disk refuses."""
     with state.usable():
         for path in (state.run / name for name in SOCKETS):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for name in FOLDERS:
             shutil.rmtree(state.path / name, ignore_errors=True)
-        left = RequestsFile(state.requests).change(lambda d: replace(d, down=False, purge=False), notify=False)
-        if left == RequestsDocument():
-            state.requests.unlink(missing_ok=True)
-        known = {"instance"} if state.homes.exists() else set()  # containers to develop in carry it, and may be there
-        gone = (*FILES, *(name for name in LAST if name not in known))
-        for path in (*state.path.glob("journal.*"), *(state.path / name for name in gone)):
+        down = RequestsFile(state.requests).change
+        down(lambda d: replace(d, down=True, down_since=stamp(now), purge=False), notify=False)
+        for path in (*state.path.glob("journal.*"), *(state.path / name for name in (*FILES, *LOCKS))):
             path.unlink(missing_ok=True)
-    for directory in (state.run, state.path):
-        with contextlib.suppress(OSError):  # of the machine's, or somebody else's
-            directory.rmdir()
+    with contextlib.suppress(OSError):  # of the machine's, or somebody else's
+        state.run.rmdir()
+
+
+def stays_down(state: StateDir, restarted: bool) -> str:
+    """Since when a robot is down and stays so, ISO 8601 in UTC; empty if it may come up. rorg that was `restarted`, by
+    systemd or an engine, leaves it down; a person who runs it brings it up. The caller owns the directory. Raises
+    Invalid."""
+    file = RequestsFile(state.requests)
+    file.read()
+    since = file.document.down_since
+    if since and not restarted:
+        file.change(RequestsDocument.up, notify=False)
+        return ""
+    return since

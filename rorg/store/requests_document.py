@@ -21,7 +21,9 @@ class RequestsDocument:
     removals: tuple[str, ...] = ()
     """What is not declared any more, and confirmed to be removed."""
     down: bool = False
-    """The robot is being taken down: everything is ceased and removed, and then rorg ends."""
+    """The robot is taken down: everything is ceased and removed, and then rorg ends."""
+    down_since: str = ""
+    """When all of it was gone, ISO 8601 in UTC; empty before. From then on it stays down until somebody runs it."""
     purge: bool = False
     """Volumes of the robot go with it, with all that is in them."""
     retries: Mapping[str, str] = field(default_factory=dict)
@@ -33,6 +35,10 @@ class RequestsDocument:
             return replace(self, requests=(*self.requests, request))
         # In its place: who came first is served first, however often it is renewed.
         return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
+
+    def up(self) -> RequestsDocument:
+        """Of a robot that is not down any more."""
+        return replace(self, down=False, down_since="", purge=False)
 
     def without(self, keys: set[tuple[str, str]]) -> RequestsDocument:
         return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))

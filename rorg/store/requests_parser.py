@@ -94,10 +94,18 @@ class _Reader:
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,
             self.removals(value.get("removals") or []),
-            self.truth("down", value),
-            self.truth("purge", value),
-            self.times("retries", value.get("retries") or {}),
+            down=bool(value.get("down")),
+            down_since=self.down_since(value.get("down", False)),
+            purge=self.truth("purge", value),
+            retries=self.times("retries", value.get("retries") or {}),
         )
+
+    def down_since(self, value: Any) -> str:
+        """true while the robot goes down; a time once it is down."""
+        if isinstance(value, bool):
+            return ""
+        at = self.time(("down",), value)
+        return "" if at is None else stamp(at)
 
     def truth(self, key: str, content: Mapping[str, Any]) -> bool:
         value = content.get(key, False)
@@ -192,7 +200,7 @@ def render(document: RequestsDocument) -> str:
         HEADER
         + (f"requests:\n{requests}" if requests else "requests: []\n")
         + (_yaml(content) if content else "")
-        + ("down: true\n" if document.down else "")
+        + (f"down: {document.down_since or 'true'}\n" if document.down else "")
         + ("purge: true\n" if document.purge else "")
     )
 
