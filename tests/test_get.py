@@ -241,7 +241,7 @@ def test_without_any_good_manifests_none_are_said_to_be_in_force(tmp_path):
     path.write_text(good.replace("image:", "imag:"))
     try:
         robot.start()
-        wait_for(lambda: robot.client(patience=10).status()["tree"]["errors"])
+        wait_for(lambda: robot.client(patience=60).status()["tree"]["errors"])
         said = commands.rorg("get", RORG_STATE_DIR=str(robot.state)).stderr
         assert "last good" not in said
         assert "none are in force" in said

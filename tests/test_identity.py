@@ -67,7 +67,7 @@ def test_an_engine_that_made_nothing_binds_nobody(dockerd, tmp_path):
     commands.rorg("diff", str(robot.tree), code=3, RORG_ENGINE="docker", **away)
     try:
         robot.start()
-        wait_for(lambda: any(s["pid"] for s in robot.client(patience=10).services()))
+        wait_for(lambda: any(s["pid"] for s in robot.client(patience=60).services()))
     finally:
         robot.close()
 
@@ -112,11 +112,11 @@ def test_in_the_directory_of_another_robot_that_one_is_run(tmp_path):
     try:
         first.start()
         for place in (second, tmp_path / "home"):
-            wait_for(lambda: any(s["pid"] for s in first.client(patience=10).services()))
+            wait_for(lambda: any(s["pid"] for s in first.client(patience=60).services()))
             first.stop()
             with (tmp_path / "rorg.log").open("ab") as log:
                 first.process = commands.Forked(words, cwd=place, stdout=log, stderr=log)
-            wait_for(lambda: first.client(patience=10).status()["tree"]["root"] == str(second))
+            wait_for(lambda: first.client(patience=60).status()["tree"]["root"] == str(second))
     finally:
         first.close()
 

@@ -102,7 +102,7 @@ def command(
     from rorg.store.clearing import clear
 
     context = Context(state_dir, engine, directory, local=True, own=True)
-    if not (git or _restarted()) and _brought_up(context):
+    if not git and _brought_up(context):
         return
     repository = followed(context.directory or context.root if committed else directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
@@ -136,8 +136,8 @@ def _restarted() -> bool:
 
 
 def _brought_up(context: Context) -> bool:
-    """Whether an rorg runs here whose robot is down: then that rorg brings it up. It keeps its tree, so this is for
-    those who name no other one."""
+    """Whether an rorg runs here whose robot is down: that rorg brings it up. Only a person starts a second rorg. The
+    first one keeps its tree, so this is for those who name no other one."""
     from rorg_client import Error
 
     from rorg.cli.output import note

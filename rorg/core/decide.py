@@ -94,6 +94,8 @@ def decide(inputs: Inputs) -> Decision:
 def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
     """The inputs with what is withheld still desired; what that is; confirmations that are done, or void."""
     memory, catalog, observed = inputs.memory, inputs.desired.catalog, inputs.observed
+    if inputs.down:
+        return inputs, {}, ()
     requests = (*catalog.requests, *inputs.requests)
     kept, desired, withheld = withhold(memory.kept, inputs.desired, requests, observed, inputs.confirmed)
     ended = over(inputs.confirmed, kept, catalog, observed)

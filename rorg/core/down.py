@@ -20,5 +20,6 @@ def taken_down(desired: Desired, last: Catalog | None) -> Desired:
     # A person has said that everything goes: nothing waits for another word.
     policy = replace(catalog.policy, removals="auto")
     # Nor does any network, or a volume where that was said.
-    gone = replace(catalog, services=services, networks={}, volumes={}, requests=(), policy=policy, fingerprint="")
+    told = desired.catalog.fingerprint
+    gone = replace(catalog, services=services, networks={}, volumes={}, requests=(), policy=policy, fingerprint=told)
     return desire(gone, contents=desired.contents)

@@ -53,6 +53,8 @@ class Inputs:
     """What there is of the devices of drivers; nothing is held back for want of one that is not among them."""
     ros: Graphs = field(default_factory=dict)
     """Graphs of ROS 1, as far as their masters answer."""
+    down: bool = False
+    """The robot is taken down: everything goes, and nothing is withheld."""
     purge: bool = False
     """A person has said that volumes of ours go too."""
     learned: Learned | None = None

@@ -220,7 +220,7 @@ class Loop:
         """Of a robot that is taken down: nothing is asked for, and everything may go."""
         if self._down is None or self._down[0] is not inputs.desired:
             self._down = inputs.desired, taken_down(inputs.desired, self.memory.kept.catalog)
-        return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True)
+        return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
 
     @property
     def is_down(self) -> bool:
