@@ -20,6 +20,7 @@ from rorg.api.status_models import GitView
 def add_operating(app: FastAPI, operations: Operations) -> None:
     """The routes."""
     _add_holds(app, operations)
+    _add_down(app, operations)
     _add_suspension(app, operations)
 
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
@@ -54,6 +55,8 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
         """Look at the repository that is followed, now. Answers with how that went; refused where none is followed."""
         return accepted(*await asyncio.to_thread(operations.fetch, seconds))
 
+
+def _add_down(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:
         """Cease and remove everything, in order, whoever requests it; then rorg ends. The robot stays down until

@@ -21,8 +21,8 @@ HEADER = """\
 # (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
 # service was asked for. retries: when another try of a change of it that failed was. holds: services that must not be
 # active until a time. suspended: nothing is changed until then.
-# removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: everything is
-# ceased and removed, whatever else is said here, and then rorg ends.
+# removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: true while
+# everything is removed, whatever else is said here; a time once it is gone, until somebody runs the robot again.
 """
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
 """Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
