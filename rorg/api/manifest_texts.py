@@ -9,8 +9,11 @@ from rorg.core.masking import MASK, Masker
 from rorg.errors import Invalid
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.files import read_bytes
-from rorg.manifest.load import load
+from rorg.manifest.load import Loaded, load
 from rorg.manifest.yaml_source import read_yaml
+
+MOST = 5
+"""Mistakes that one error names."""
 
 
 def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
@@ -37,13 +40,20 @@ def check_name(kind: str, name: str, text: str) -> None:
         raise Invalid(f"change the {kind} '{name}'", "the text is of another kind or name", "its own address")
 
 
-def check_tree(root: Path, path: Path, text: str | None, engine: str, what: str, robot: str = "") -> None:
-    """Raises Invalid for mistakes that a text in the place of a file (None: no file) would bring into a tree that runs
-    on an engine, for a robot."""
-    before = {str(d) for d in load(root, engine=engine, robot=robot).errors}
-    errors = [d for d in load(root, {path: text}, engine=engine, robot=robot).errors if str(d) not in before]
+def check_tree(
+    root: Path, path: Path, text: str | None, engine: str, what: str, robot: str = "", stranger: bool = False
+) -> tuple[Loaded, Loaded]:
+    """A tree that runs on an engine, for a robot, before and after a text comes in the place of a file (None: no file).
+    Raises Invalid for mistakes that it would bring. A `stranger` is told of those in other files only where they are:
+    their texts may cite what it may not read."""
+    before = load(root, engine=engine, robot=robot)
+    after = load(root, {path: text}, engine=engine, robot=robot)
+    known = {str(d) for d in before.errors}
+    errors = [d for d in after.errors if str(d) not in known]
     if errors:
-        raise Invalid(what, "; ".join(str(d).replace(f"{root}/", "") for d in errors[:5]))
+        told = [f"{d.where}: an error" if stranger and d.where.file != str(path) else str(d) for d in errors[:MOST]]
+        raise Invalid(what, "; ".join(told).replace(f"{root}/", ""))
+    return before, after
 
 
 def restored(before: str, text: str, masker: Masker, what: str) -> str:

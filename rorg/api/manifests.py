@@ -21,7 +21,7 @@ from rorg.api.models import ManifestView
 from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
-from rorg.api.vetting import vet
+from rorg.api.vetting import vet, vet_rendered
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
 from rorg.model import image_names
@@ -102,11 +102,19 @@ class Manifests:
                         "renaming that file after what it declares",
                     )
             check_name(kind, name, text)
-            check_tree(self.root, path, text, self._engine, f"change the {kind} '{name}'", self._robot)
-            if caller.kind == "service":
-                vet(caller, name, text, self.operations.catalog, self.root, self._robot)
+            self._check(caller, kind, name, path, before, text)
             message = body.message or f"{kind} {name}: changed through the API"
             return path, digest(text.encode()), self._change(caller, path, content, text, message)
+
+    def _check(self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str) -> None:
+        """Raises Forbidden where a service may not write this text, before anything that it names is read; and Invalid
+        where the tree has mistakes with it."""
+        catalog, root, robot, service = self.operations.catalog, self.root, self._robot, caller.kind == "service"
+        if service:
+            vet(caller, name, path, text, before, catalog, root, robot)
+        old, new = check_tree(root, path, text, self._engine, f"change the {kind} '{name}'", robot, stranger=service)
+        if service:
+            vet_rendered(caller, name, path, old, new, catalog, root, robot)
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)
@@ -114,7 +122,8 @@ class Manifests:
         with self._lock:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
-            check_tree(self.root, path, None, self._engine, f"delete the {kind} '{name}'", self._robot)
+            what, service = f"delete the {kind} '{name}'", caller.kind == "service"
+            check_tree(self.root, path, None, self._engine, what, self._robot, stranger=service)
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, path, content, None, message)
 

@@ -1,17 +1,25 @@
-"""What a service may write into the manifests that it manages: nothing that gives more than it has itself."""
+"""What a service may write into the manifests that it manages: nothing that gives more than it has itself.
+
+`vet` judges the words of a manifest, before rorg reads anything that they name. `vet_rendered` compares what the
+manifest comes to, with its profiles, to what the service has itself."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from rorg.api.permissions import Caller, permitted
-from rorg.errors import Forbidden
+from rorg.api.rights import exceeding, network_of
+from rorg.errors import Forbidden, Invalid, Refused
 from rorg.manifest.documents import read_source
-from rorg.manifest.profiles import built_in_profiles
+from rorg.manifest.load import Loaded, load
+from rorg.manifest.models import API_VERSION
+from rorg.manifest.profiles import COMMON, built_in_profiles
 from rorg.manifest.service import ServiceSpec
-from rorg.manifest.variables import read_variables
-from rorg.model.catalog import Catalog, Service
+from rorg.manifest.variables import Variables, fill, read_variables
+from rorg.manifest.yaml_source import read_yaml
+from rorg.model.catalog import RUN, Catalog, Probe, Service
 
 FIELDS = frozenset(
     {
@@ -61,22 +69,57 @@ OPTIONS = frozenset(
 )
 """Options that reach nothing of the machine. The others come from a profile, which a person writes."""
 
+WITHIN = frozenset(("exec", "file", "log", "delay", "completed", "engine"))
+"""Probes that do not use the network of this machine."""
+MOST_TOLD = 5
+"""Things that one error names."""
 
-def vet(caller: Caller, name: str, text: str, catalog: Catalog, root: Path, robot: str) -> None:
-    """Raises Forbidden when a service, which the caller is, writes more than it may into a manifest that it manages,
-    as that is read in the tree at `root` for a robot."""
+
+def vet(
+    caller: Caller, name: str, path: Path, text: str, before: str, catalog: Catalog, root: Path, robot: str
+) -> None:
+    """Judges the words of a manifest that a service writes at `path`, in place of the text `before`; reads no file that
+    it names. Raises Forbidden for what is not the service's to write, and Invalid for mistakes."""
     variables, _ = read_variables(root, robot)
-    source, _ = read_source(text, Path(f"{name}.yaml"), f"{name}.yaml", Path(), variables)
+    unknown = sorted(_variables_of(text, variables) - _variables_of(before, variables))
+    _refuse(caller, name, [f"the variable {variable}" for variable in unknown])
+    source, mistakes = read_source(text, path, str(path.relative_to(root)), root, variables)
     if source is None or not isinstance(source.spec, ServiceSpec):
-        return  # that it is wrong is told where manifests are checked
+        raise Invalid(f"change the Service '{name}'", "; ".join(map(str, mistakes[:MOST_TOLD])))
     found = list(_beyond(source.spec, catalog.services[caller.service], catalog))
     found += ["labels"] if source.labels else []  # they say, for one, whose ROS nodes these are
+    _refuse(caller, name, found)
+
+
+def vet_rendered(
+    caller: Caller, name: str, path: Path, before: Loaded, after: Loaded, catalog: Catalog, root: Path, robot: str
+) -> None:
+    """Compares what a manifest at `path` comes to in a tree to what the service that writes it has itself, to what the
+    manifest gave before, and to what the profiles give that a person wrote for it. Raises Forbidden."""
+    if after.catalog is None or after.sources is None:
+        raise Refused(f"change the Service '{name}'", "other manifests of the tree have errors", "asking a person")
+    known = before.read.services if before.read else {}
+    manager, service = catalog.services[caller.service], after.catalog.services[name]
+    others = [one for one in (known.get(caller.service), known.get(name)) if one]
+    profiles = [p for p in after.sources["Service"][name].spec.profile or () if p not in built_in_profiles()]
+    grant = _grant(name, path, profiles, root, robot) if profiles else Service(name)
+    _refuse(caller, name, list(_more(service, others, grant, manager, catalog)))
+
+
+def _refuse(caller: Caller, name: str, found: Collection[str]) -> None:
     if found:
         raise Forbidden(
             f"change the Service '{name}'",
-            f"{caller.service} may not give it {'; '.join(found)}",
+            f"{caller.service} may not give it {'; '.join([*found][:MOST_TOLD])}",
             "a profile that a person writes, or asking a person",
         )
+
+
+def _variables_of(text: str, variables: Variables) -> set[str]:
+    """All variables that a manifest names, whether they are declared or not."""
+    document, _ = read_yaml(text, "")
+    filled = fill(document, variables)[0].filled if document else {}
+    return {use.name for uses in filled.values() for use in uses}
 
 
 def _beyond(spec: ServiceSpec, manager: Service, catalog: Catalog) -> Iterator[str]:
@@ -103,3 +146,47 @@ def _names(field: str, names: Iterable[str], allowed: set[str], manager: Service
         members = catalog.members(name) or (name,)
         if not all(m in allowed or manager.manages(m) for m in members):
             yield f"{field} {name}"
+
+
+# -- as it is rendered -----------------------------------------------------------------------------------------
+
+
+def _grant(name: str, path: Path, profiles: list[str], root: Path, robot: str) -> Service:
+    """What these profiles give to a service that says nothing itself."""
+    said = {"image": "none", "profile": profiles}
+    text = json.dumps({"apiVersion": API_VERSION, "kind": "Service", "metadata": {"name": name}, "spec": said})
+    found = load(root, {path: text}, robot=robot).read
+    return found.services.get(name, Service(name)) if found else Service(name)
+
+
+def _granted(grant: Service) -> set[str]:
+    """The options that a person decided on in a profile: those that it sets, and those of the built-in `common` that it
+    leaves out."""
+    if grant.spec is None:
+        return set()
+    shipped: set[str] = built_in_profiles()[COMMON].spec.container.model_fields_set
+    decided = {path.partition(".")[0] for path in grant.origins.keys() - set(grant.defaults)}
+    return decided | (shipped - grant.spec.keys())
+
+
+def _more(service: Service, others: list[Service], grant: Service, manager: Service, catalog: Catalog) -> Iterator[str]:
+    """Rights of a service that none of the others has."""
+    folder = f"{RUN}/services/{service.name}"
+    spec = dict(service.spec or {})
+    spec["volumes"] = [v for v in spec.get("volumes", ()) if v != f"{folder}:{folder}:ro"]
+    specs = [other.spec or {} for other in others]
+    yield from (f"container.{o}" for o in exceeding(spec, specs, grant.spec or {}, _granted(grant)))
+    allowed = permitted(manager, "request", catalog).union(*(other.needs for other in (*others, grant)))
+    yield from (f"needs {need}" for need in service.needs if need not in allowed and not manager.manages(need))
+    held = {resource for other in (*others, grant) for resource in other.exclusive}
+    yield from (f"exclusive {resource}" for resource in service.exclusive if resource not in held)
+    known = {probe for other in (*others, grant) for probe in (other.ready, other.live)}
+    if not any(network_of(one) == "host" for one in specs):
+        for role, probe in (("ready", service.ready), ("live", service.live)):
+            if probe not in known and _asks_outside(probe):
+                yield f"a probe of the network ({role})"
+
+
+def _asks_outside(probe: Probe | None) -> bool:
+    parts = (probe.parts or (probe,)) if probe else ()
+    return any(part.kind not in WITHIN for part in parts)

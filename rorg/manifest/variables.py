@@ -23,6 +23,7 @@ from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import read_plain
 from rorg.manifest.overlay import FOLDER
 from rorg.manifest.template import Refused, interpolate, reference_at
+from rorg.manifest.template import variables as references
 from rorg.manifest.yaml_source import Document, Use
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Where, nearest
@@ -170,6 +171,8 @@ class _Filler:
     def reference(self, text: str, at: int, path: Loc) -> tuple[str, int]:
         """The value of the form in braces that begins there, and where it is over."""
         form = reference_at(text, at)
+        if not isinstance(form, Refused):
+            self._use(path, (form.name, *(inner.name for inner in references(form.argument))))
         filled = form if isinstance(form, Refused) else interpolate(text[at : form.end], self._lookup)
         if isinstance(form, Refused) or isinstance(filled, Refused):
             assert isinstance(filled, Refused)
@@ -182,7 +185,6 @@ class _Filler:
             known = f"{near}, " if near and not near.startswith("one of") else ""
             remedy = f"{known}{name}=value in {FILE}, or $${{{name}}} for that text itself"
             self._refuse(path, f"no variable '{name}' is declared in {FILE}", remedy)
-        self._use(path, filled.used)
         return filled.text, form.end
 
     def bare(self, value: Any, path: Loc, below: tuple[str, ...]) -> Any:
@@ -201,9 +203,8 @@ class _Filler:
         ]
 
     def _of_variable(self, name: str, path: Loc) -> str:
-        if name in self.variables.values:
-            self._use(path, (name,))
-        else:
+        self._use(path, (name,))
+        if name not in self.variables.values:
             message = f"'{name}' has no value, and no variable of that name is declared in {FILE}"
             self._refuse(path, message, f"a value here, or {name}=value in {FILE}")
         return self.variables.values.get(name, "")
