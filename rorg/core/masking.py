@@ -29,19 +29,22 @@ _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
 READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
 """Options of a container's record that rorg itself goes by: they stay as they are."""
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
-_SHORT = {r"(?:mysql|mariadb)[\w-]*|sshpass": "-p", r"redis-cli": "-a", r"curl": "-u"}
+_SHORT = {
+    re.compile(rf"(?:^|(?<=[\s/]))(?:{programs})(?=\s)"): (option, re.compile(rf"(?<=\s){option}"))
+    for programs, option in ((r"(?:mysql|mariadb)[\w-]*+|sshpass", "-p"), (r"redis-cli", "-a"), (r"curl", "-u"))
+}
 """Programs, and their option of one letter that takes a secret, with or without a space. Of others `-p` is a port."""
+_WORD_BEGINS = r"(?<![\w.-])"
 _RULES = (
     (re.compile(r"(\b(?:bearer|basic)\s+)\S+", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), rf"\1{MASK}@"),
     # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header); a colon alone also parts the paths of a mount.
-    (re.compile(rf"({NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
+    (re.compile(rf"({_WORD_BEGINS}{NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(rf"((?:^|\s)--?{NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
-    *(
-        (re.compile(rf"((?:^|[\s/])(?:{programs})\s(?:[^;|&\n]*?\s)?{option}\s*){_VALUE}"), rf"\1{MASK}")
-        for programs, option in _SHORT.items()
-    ),
 )
+"""Each takes time linear in the text, which is anybody's."""
+_ONE_VALUE = re.compile(rf"(\s*){_VALUE}")
+_NEXT_COMMAND = re.compile(r"[;|&\n]")
 
 
 def masked(field: str, value: Any) -> Any:
@@ -61,13 +64,34 @@ def _text(text: str) -> str:
     text = _MARK.sub(MASK, text)
     for pattern, put in _RULES:
         text = pattern.sub(put, text)
+    for program, (_, option) in _SHORT.items():
+        text = _without_short(text, program, option)
     return text
+
+
+def _without_short(text: str, program: re.Pattern[str], option: re.Pattern[str]) -> str:
+    """The text without what stands behind this option of a program, in the same command."""
+    pieces, at = list[str](), 0
+    while found := program.search(text, at):
+        following = _NEXT_COMMAND.search(text, found.end() + 1)
+        end = len(text) if not following else following.start() + 3 * (following[0] == "\n")
+        word = option.search(text, found.end(), end)
+        value = _ONE_VALUE.match(text, word.end()) if word else None
+        if word is None or value is None:
+            behind = word.end() if word else end
+            pieces.append(text[at:behind])
+            at = behind
+        else:
+            pieces += (text[at : word.end()], value[1], MASK)
+            at = value.end()
+    return "".join([*pieces, text[at:]])
 
 
 def _list(items: list[Any]) -> list[Any]:
     """What follows the name of a secret option is its value."""
     words = [item for item in items if isinstance(item, str)]
-    short = tuple(o for p, o in _SHORT.items() if any(re.fullmatch(p, w.rpartition("/")[2]) for w in words))
+    named = [f"{word.rpartition('/')[2]} " for word in words]
+    short = tuple(o for p, (o, _) in _SHORT.items() if any((m := p.match(n)) and m.end() == len(n) - 1 for n in named))
 
     def shown(name: Any, item: Any) -> Any:
         if isinstance(name, str) and name.startswith("-") and (name in short or is_secret_name(name)):

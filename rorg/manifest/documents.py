@@ -16,7 +16,7 @@ from rorg.manifest.model_errors import validated
 from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
 from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
-from rorg.manifest.yaml_source import Document, read_yaml
+from rorg.manifest.yaml_source import MAX_ITEMS, Document, read_yaml
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 UNEXPECTED = "cannot be understood"
@@ -158,7 +158,7 @@ def _written(
             diagnostics.append(Diagnostic(Where(str(path)), what, "fixing or deleting it"))
             continue
         try:
-            found.append(Written(path, text, *read_yaml(text, str(path))))
+            found.append(Written(path, text, *read_yaml(text, str(path), items=MAX_ITEMS)))
         except Exception as bug:
             found.append(Written(path, text, None, [unexpected(Where(str(path)), bug)]))
     return found, diagnostics
@@ -177,7 +177,7 @@ def read_source(
     text: str, path: Path, file: str, root: Path, variables: Variables = NONE
 ) -> tuple[Source | None, list[Diagnostic]]:
     """One file's manifest, or None with the reasons; `variables` are those of the tree."""
-    return check_source(Written(path, text, *read_yaml(text, file)), root, variables)
+    return check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
 
 
 def check_source(written: Written, root: Path, variables: Variables = NONE) -> tuple[Source | None, list[Diagnostic]]:

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from rorg.manifest.template import Lookup, Refused, interpolate
+from rorg.manifest.template import Budget, Lookup, Refused, interpolate
 
 _BLANKS = " \t\v\f\r\x85\xa0"
 _ESCAPE = re.compile(r"\\(0[0-7]{1,3}|[abfnrtv\"\\$])")
@@ -77,7 +77,7 @@ class _Reader:
         self.text, self.at, self.given = text, 0, lookup
         self.entries: list[Entry] = []
         self.mistakes: list[Mistake] = []
-        self.before = dict(before)
+        self.before, self.budget = dict(before), Budget()
         self.line, self.line_at, self.seen = 1, 0, 0
 
     def lookup(self, name: str) -> str | None:
@@ -174,7 +174,7 @@ class _Reader:
         return "".join(chars), at + 1
 
     def filled(self, value: str, begin: int) -> tuple[str, tuple[str, ...]]:
-        found = interpolate(value, self.lookup)
+        found = interpolate(value, self.lookup, self.budget)
         if isinstance(found, Refused):
             raise self.wrong(begin, found.message, found.remedy, found.name)
         return found.text, found.unset

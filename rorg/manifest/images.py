@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import platform
 import re
@@ -17,7 +16,7 @@ from rorg.manifest.dockerfile import Dockerfile, DockerfileError, Use, read
 from rorg.manifest.documents import Source, unexpected
 from rorg.manifest.files import read_text, real
 from rorg.model.catalog import Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Where, close_to, nearest
 from rorg.model.graph import cycles, stands_on
 from rorg.model.image_names import plain
 
@@ -152,8 +151,9 @@ def _misspelt(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
     for name, uses in used.items():
         for use in uses:
             reference = plain(use.reference)
-            near = difflib.get_close_matches(reference, images, 1, ALIKE)
-            if near and reference not in images and not set(reference) & set("/:@"):
+            if reference in images or set(reference) & set("/:@"):
+                continue
+            if near := close_to(reference, images, ALIKE):
                 where = Where(str(_path(images[name])), use.line)
                 message = f"no Image is called '{reference}', so it is pulled"
-                yield Diagnostic(where, message, f"'{near[0]}'", "warning")
+                yield Diagnostic(where, message, f"'{near}'", "warning")

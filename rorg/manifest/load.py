@@ -26,7 +26,7 @@ from rorg.manifest.used_objects import check_default, joined, misspelt, objects_
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Where, few_suggestions, nearest
 from rorg.model.image_names import stems
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
@@ -67,7 +67,8 @@ def load(
     if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
-        loaded = _load(root, edits, found, engine, robot)
+        with few_suggestions():
+            loaded = _load(root, edits, found, engine, robot)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
     except Invalid:
@@ -91,10 +92,21 @@ def _load(
     diagnostics += _validated(catalog, by_kind, refused=any(d.severity == "error" for d in diagnostics))
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
-        return Loaded(None, tuple(sorted(set(diagnostics))), replace(catalog, services={**unread, **catalog.services}))
+        return Loaded(None, _told(diagnostics), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
-    return Loaded(catalog, tuple(sorted(set(diagnostics))), catalog, by_kind)
+    return Loaded(catalog, _told(diagnostics), catalog, by_kind)
+
+
+def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Sorted by place, errors before warnings where they are too many; and how many more there are."""
+    found = sorted(set(diagnostics))
+    if len(found) <= MOST_TOLD:
+        return tuple(found)
+    first = sorted(found, key=lambda d: d.severity)[:MOST_TOLD]
+    last = first[-1]
+    more = f"{len(found) - MOST_TOLD} more mistakes are not listed"
+    return (*sorted(first), Diagnostic(last.where, more, "fixing these first", last.severity))
 
 
 def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
@@ -140,6 +152,8 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     )
 
 
+MOST_TOLD = 200
+"""Mistakes of a tree that are listed."""
 UNTOLD = ("where", "origins", "fingerprint", "joins")
 """What is no part of what a tree declares, or follows from the rest."""
 LATER = (

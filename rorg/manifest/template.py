@@ -26,6 +26,8 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OPERATORS = (":-", ":?", ":+", "-", "?", "+")
 MOST_DEPTH = 50
 """Of variables within each other's texts."""
+MOST_FILLED = 256 << 10
+"""Characters that variables put into the texts of one file: each may name others, and so double what they say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,23 @@ class _Wrong(Exception):
         self.refused = refused
 
 
+class Budget:
+    """What variables may still put into the texts of one file."""
+
+    def __init__(self) -> None:
+        self.left = MOST_FILLED
+
+    def take(self, variable: Variable, value: str) -> str:
+        """The value of a variable, where there is room for it."""
+        self.left -= len(value)
+        if self.left < 0:
+            message = (
+                f"variables put more than {MOST_FILLED} characters into this file, the last of them {variable.name}"
+            )
+            raise _Wrong(Refused(variable.start, message, f"a shorter value of {variable.name}"))
+        return value
+
+
 def parse(text: str) -> tuple[Piece, ...] | Refused:
     """The pieces of a text."""
     try:
@@ -78,8 +97,9 @@ def parse(text: str) -> tuple[Piece, ...] | Refused:
         return wrong.refused
 
 
-def interpolate(text: str, lookup: Lookup) -> Filled | Refused:
-    """The text with its variables filled in, or the first reason why not."""
+def interpolate(text: str, lookup: Lookup, budget: Budget | None = None) -> Filled | Refused:
+    """The text with its variables filled in, or the first reason why not. `budget`: of its file, where it is not the
+    only text of it."""
     if "$" not in text:
         return Filled(text)
     pieces = parse(text)
@@ -87,7 +107,7 @@ def interpolate(text: str, lookup: Lookup) -> Filled | Refused:
         return pieces
     used, unset = dict.fromkeys(v.name for v in variables(pieces)), dict[str, None]()
     try:
-        return Filled(_fill(pieces, lookup, unset), tuple(used), tuple(unset))
+        return Filled(_fill(pieces, lookup, unset, budget or Budget()), tuple(used), tuple(unset))
     except _Wrong as wrong:
         return wrong.refused
 
@@ -186,14 +206,15 @@ def _joined(pieces: list[Piece]) -> Iterator[Piece]:
         yield plain
 
 
-def _fill(pieces: tuple[Piece, ...], lookup: Lookup, unset: dict[str, None]) -> str:
-    return "".join(piece if isinstance(piece, str) else _value(piece, lookup, unset) for piece in pieces)
+def _fill(pieces: tuple[Piece, ...], lookup: Lookup, unset: dict[str, None], budget: Budget) -> str:
+    return "".join(piece if isinstance(piece, str) else _value(piece, lookup, unset, budget) for piece in pieces)
 
 
-def _value(variable: Variable, lookup: Lookup, unset: dict[str, None]) -> str:
+def _value(variable: Variable, lookup: Lookup, unset: dict[str, None], budget: Budget) -> str:
     """Also a text that is not needed is filled in, so that what is required in it is, as in Compose."""
     value, operator = lookup(variable.name), variable.operator
-    argument = _fill(variable.argument, lookup, unset)
+    budget.take(variable, value or "")
+    argument = _fill(variable.argument, lookup, unset, budget)
     there = bool(value) if operator.startswith(":") else value is not None
     match operator[-1:]:
         case "-":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from rorg.manifest.documents import Source
 from rorg.manifest.programs import PROCESS
 from rorg.model.catalog import Service
-from rorg.model.diagnostics import Diagnostic
+from rorg.model.diagnostics import Diagnostic, close_to
 from rorg.model.objects import EngineObject, Kind
 from rorg.model.used import keys_of
 
@@ -108,7 +107,7 @@ def misspelt(
             kind, _, called = key.partition("/")
             declared = networks if kind == "network" else volumes
             known = {*declared, *OWN, *(one.called for one in declared.values())}
-            near = [] if called in known else difflib.get_close_matches(called, known - OWN, 1, ALIKE)
+            near = "" if called in known else close_to(called, known - OWN, ALIKE)
             if near:
                 where = source.where("spec", "container", f"{kind}s")
-                yield Diagnostic(where, f"no {kind.capitalize()} is called '{called}'", f"'{near[0]}'", "warning")
+                yield Diagnostic(where, f"no {kind.capitalize()} is called '{called}'", f"'{near}'", "warning")

@@ -22,7 +22,7 @@ from typing import Any
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import read_plain
 from rorg.manifest.overlay import FOLDER
-from rorg.manifest.template import Refused, interpolate, reference_at
+from rorg.manifest.template import Budget, Refused, interpolate, reference_at
 from rorg.manifest.template import variables as references
 from rorg.manifest.yaml_source import Document, Use
 from rorg.manifest.yaml_source import Path as Loc
@@ -141,7 +141,7 @@ class _Filler:
     """Fills in one document, and notes what it has used where."""
 
     def __init__(self, document: Document, variables: Variables) -> None:
-        self.document, self.variables = document, variables
+        self.document, self.variables, self.budget = document, variables, Budget()
         self.filled: dict[Loc, tuple[Use, ...]] = {}
         self.diagnostics: list[Diagnostic] = []
 
@@ -173,11 +173,12 @@ class _Filler:
         form = reference_at(text, at)
         if not isinstance(form, Refused):
             self._use(path, (form.name, *(inner.name for inner in references(form.argument))))
-        filled = form if isinstance(form, Refused) else interpolate(text[at : form.end], self._lookup)
+        filled = form if isinstance(form, Refused) else interpolate(text[at : form.end], self._lookup, self.budget)
         if isinstance(form, Refused) or isinstance(filled, Refused):
             assert isinstance(filled, Refused)
             literal = "${NAME}, ${NAME:-default}, or a second $ in front for that text itself"
-            remedy = f"{filled.name}=value in {FILE}" if filled.name else literal
+            remedy = f"{filled.name}=value in {FILE}" if filled.name else filled.remedy
+            remedy = literal if isinstance(form, Refused) else remedy
             self._refuse(path, filled.message, remedy)
             return "", len(text)
         for name in filled.unset:
@@ -207,7 +208,11 @@ class _Filler:
         if name not in self.variables.values:
             message = f"'{name}' has no value, and no variable of that name is declared in {FILE}"
             self._refuse(path, message, f"a value here, or {name}=value in {FILE}")
-        return self.variables.values.get(name, "")
+            return ""
+        filled = interpolate(f"${{{name}}}", self._lookup, self.budget)
+        if isinstance(filled, Refused):
+            self._refuse(path, filled.message, filled.remedy)
+        return "" if isinstance(filled, Refused) else filled.text
 
     def _lookup(self, name: str) -> str | None:
         """Names that are not looked for stay as they are, within the braces of another one, too."""

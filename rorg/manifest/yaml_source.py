@@ -20,6 +20,8 @@ MAX_DEPTH = 50
 """The parser's own recursion ends in a crash some ten thousand levels down."""
 MAX_NODES = 100_000
 """An alias bomb grows past any robot's manifest long before this many nodes."""
+MAX_ITEMS = 1000
+"""Items of one list, or keys of one mapping, in a manifest."""
 MOST_NUMBER = (1 << 63) - 1
 """What engines and kernels count with; an infinity is more, and what is no number is not less."""
 
@@ -90,8 +92,8 @@ class Document:
 class _Reader:
     """Turns nodes into plain values, noting positions, duplicate keys and foreign tags."""
 
-    def __init__(self, file: str, nul: bool, most: int) -> None:
-        self.document, self.nul, self.most = Document(file), nul, most
+    def __init__(self, file: str, nul: bool, most: int, items: int) -> None:
+        self.document, self.nul, self.most, self.items = Document(file), nul, most, items
         self.diagnostics: list[Diagnostic] = []
         self.count = 0
 
@@ -104,6 +106,9 @@ class _Reader:
         if self.count > self.most:
             raise yaml.YAMLError(f"more than {self.most} values")
         self.document.values[path] = (node.start_mark.line + 1, node.start_mark.column + 1)
+        if isinstance(node, yaml.CollectionNode) and len(node.value) > self.items:
+            self.error(node, f"{len(node.value)} items, which is more than {self.items}", "fewer")
+            return None
         if isinstance(node, yaml.SequenceNode):
             return [self.read(item, (*path, index)) for index, item in enumerate(node.value)]
         if isinstance(node, yaml.MappingNode):
@@ -182,25 +187,24 @@ def allows(text: str, file: str) -> tuple[Allow, ...]:
     that is no comment."""
     if "rorg:" not in text:
         return ()
-    found, lines = list[Allow](), text.splitlines()
-    for number, line in enumerate(lines, 1):
-        match = _ALLOW.search(line)
-        if match is None:
-            continue
-        last = number
-        if line.lstrip().startswith("#"):
-            rest = enumerate(lines[number:], number + 1)
-            last = next((n for n, after in rest if after.strip() and not after.lstrip().startswith("#")), number)
-        found.append(Allow(Where(file, number, match.start(1) + 1), match[2], match[3].strip(), (number, last)))
-    return tuple(found)
+    found, following = list[Allow](), 0
+    for number, line in reversed([*enumerate(text.splitlines(), 1)]):
+        comment = line.lstrip().startswith("#")
+        if match := _ALLOW.search(line):
+            last = following or number if comment else number
+            found.append(Allow(Where(file, number, match.start(1) + 1), match[2], match[3].strip(), (number, last)))
+        if line.strip() and not comment:
+            following = number
+    return tuple(reversed(found))
 
 
 def read_yaml(
-    text: str, file: str, nul: bool = False, most: int = MAX_NODES
+    text: str, file: str, nul: bool = False, most: int = MAX_NODES, items: int = MAX_NODES
 ) -> tuple[Document | None, list[Diagnostic]]:
     """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened. `nul`:
-    its texts go to no engine and no program, so they may have NUL characters. `most`: values that it may have."""
-    reader = _Reader(file, nul, most)
+    its texts go to no engine and no program, so they may have NUL characters. `most`: values that it may have; `items`:
+    those of one list or mapping."""
+    reader = _Reader(file, nul, most, items)
     try:
         check_depth(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 
 
@@ -53,10 +55,35 @@ class Diagnostic:
         }
 
 
+MOST_SUGGESTIONS = 100
+"""Unknown names of one tree for which a known one is suggested: each is compared to every known name."""
+_LEFT: ContextVar[list[int] | None] = ContextVar("suggestions", default=None)
+
+
+@contextmanager
+def few_suggestions() -> Iterator[None]:
+    """While somebody's tree is read."""
+    token = _LEFT.set([MOST_SUGGESTIONS])
+    try:
+        yield
+    finally:
+        _LEFT.reset(token)
+
+
+def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The known name that is closest; empty if none is close, or if enough were suggested."""
+    left = _LEFT.get()
+    if left is not None:
+        if left[0] <= 0:
+            return ""
+        left[0] -= 1
+    return next(iter(difflib.get_close_matches(name, sorted(known), n=1, cutoff=cutoff)), "")
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """A remedy that names the closest known name, or the known ones where none is close."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    close = close_to(name, names)
     if close:
-        return f"'{close[0]}'"
+        return f"'{close}'"
     return f"one of {', '.join(names)}" if names and len(names) <= 12 else ""

@@ -6,8 +6,9 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-NAME = r"[\w.-]*(?:passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key)[\w.-]*"
-"""Without regard to the case of letters."""
+_PART = r"passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key"
+NAME = rf"(?=[\w.-]*?(?:{_PART}))[\w.-]*+"
+"""Without regard to the case of letters. To be looked for where a word begins: it takes time linear in the word."""
 _NAME = re.compile(NAME, re.IGNORECASE)
 
 

@@ -14,21 +14,19 @@ WITHOUT_REASON, UNKNOWN, UNUSED = "allow-without-reason", "allow-unknown-code", 
 def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
     """What is left, with what is wrong with the comments themselves. `machine`: findings about this machine are among
     them; without them nobody knows whether a comment about one has an effect."""
-    good = {a for a in allows if a.reason and a.code in CODES}
+    good: dict[tuple[str, str], list[Allow]] = {}
+    for allow in allows:
+        if allow.reason and allow.code in CODES:
+            good.setdefault((allow.where.file, allow.code), []).append(allow)
     used: set[Allow] = set()
     left = []
     for diagnostic in found:
-        by = [a for a in good if _covers(a, diagnostic)] if diagnostic.severity == "warning" else []
+        near = good.get((diagnostic.where.file, diagnostic.code), []) if diagnostic.severity == "warning" else []
+        by = [a for a in near if a.lines[0] <= diagnostic.where.line <= a.lines[1]]
         used.update(by)
         if not by:
             left.append(diagnostic)
     return [*left, *_wrong(allows, used, machine)]
-
-
-def _covers(allow: Allow, diagnostic: Diagnostic) -> bool:
-    first, last = allow.lines
-    place = diagnostic.where
-    return allow.code == diagnostic.code and allow.where.file == place.file and first <= place.line <= last
 
 
 def _wrong(allows: Iterable[Allow], used: Collection[Allow], machine: bool) -> Iterator[Diagnostic]:

@@ -12,7 +12,7 @@ from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, texts_of
 
 ACTUATORS = re.compile(
-    r"cmd_vel|\w+_cmd\b|twist_mux|controller_manager|ros2?_control|trajectory_controller|follow_joint_trajectory|"
+    r"cmd_vel|\b\w+_cmd\b|twist_mux|controller_manager|ros2?_control|trajectory_controller|follow_joint_trajectory|"
     r"ackermann|diff_drive|dynamixel|(?<![a-z])(motors?|wheels?|servos?|grippers?|thrusters?|actuators?)(?![a-z])",
     re.IGNORECASE,
 )

@@ -18,7 +18,9 @@ CLI = ("rosnode", "rostopic", "rosservice", "rosparam", "ros2")
 SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_TOKEN)$", re.IGNORECASE)
 PYTHON = re.compile(r"python[0-9.]*")
 WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
-LOOP = re.compile(r"\b(until|while)\b.*\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b.*\bsleep\b", re.S)
+ASKS = r"\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b"
+LOOP = (re.compile(r"\b(until|while)\b"), re.compile(ASKS), re.compile(r"\bsleep\b"))
+"""Words of a loop that waits, one behind another."""
 
 
 def _images(robot: Robot) -> Iterator[Finding]:
@@ -80,13 +82,23 @@ def _cli(text: str) -> str:
     return next((name for name in CLI if name in words), "")
 
 
+def _loops(script: str) -> bool:
+    """Whether a shell asks and sleeps in a loop."""
+    at = 0
+    for word in LOOP:
+        found = word.search(script, at)
+        if found is None:
+            return False
+        at = found.end()
+    return True
+
+
 def _waiting(robot: Robot) -> Iterator[Finding]:
     """Guesses how long another service takes, in place of asking it."""
     for subject in (s for s in robot.subjects if s.script):
         commands = [c for c in subject.commands if c]
         sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())
-        loop = LOOP.search(subject.script)
-        if loop:
+        if _loops(subject.script):
             message = f"'{subject.name}' waits in a loop of its own for what it needs"
             yield Finding("sleep-as-readiness", subject.command(), message)
         elif sleeps and subject.ros and "while" not in subject.script:

@@ -20,6 +20,8 @@ MASTERS = ("roscore", "rosmaster")
 ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
 ROS2_PROGRAMS = frozenset(("ros2",))
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
+MOST_SCRIPT = 128 << 10
+"""Characters of a shell's text that are looked at."""
 
 
 class Mount(NamedTuple):
@@ -81,10 +83,10 @@ class Subject:
 
     @cached_property
     def script(self) -> str:
-        """What a shell is told by `-c`; empty where none is."""
+        """What a shell is told by `-c`, up to a size; empty if it is told nothing."""
         for first, second, text in zip(self.words, self.words[1:], self.words[2:], strict=False):
             if first.rpartition("/")[2] in SHELLS and re.fullmatch("-[a-z]*c", second):
-                return text
+                return text[:MOST_SCRIPT]
         return ""
 
     @cached_property

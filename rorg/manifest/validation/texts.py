@@ -15,8 +15,9 @@ MOST = 128 << 10
 """Bytes of one file that are read."""
 MOST_FILES = 12
 """Files of one service."""
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-_NODE = re.compile(r"""<node\b[^>]*?\bname\s*=\s*["']([A-Za-z][\w/]*)["']""", re.DOTALL)
+# The texts are anybody's: each expression below takes time linear in them.
+_NODE = re.compile(r"<node\b([^<>]*)")
+_NODE_NAME = re.compile(r"""\bname\s*=\s*["']([A-Za-z][\w/]*)["']""")
 _NAMED = re.compile(r"^__name:=(\S+)$")
 _ANSWERS = re.compile(r"(?:http://)?(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})(?![0-9])")
 _CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9]{2,5})(?![0-9])")
@@ -85,7 +86,11 @@ def _files_of(subject: Subject) -> dict[str, str]:
 @lru_cache(maxsize=4096)
 def _said(text: str) -> str:
     """Without comments."""
-    return _COMMENT.sub(" ", text) if "<!--" in text else text
+    pieces, at = list[str](), 0
+    while (begin := text.find("<!--", at)) >= 0 and (end := text.find("-->", begin + 4)) >= 0:
+        pieces.append(text[at:begin])
+        at = end + 3
+    return " ".join([*pieces, text[at:]])
 
 
 def texts_of(subject: Subject) -> tuple[str, ...]:
@@ -118,7 +123,8 @@ def _names_of_nodes(subject: Subject) -> set[str]:
 
 @lru_cache(maxsize=4096)
 def _nodes_in(text: str) -> frozenset[str]:
-    return frozenset(name.strip("/") for name in _NODE.findall(text))
+    found = (_NODE_NAME.search(tag) for tag in _NODE.findall(text))
+    return frozenset(name[1].strip("/") for name in found if name)
 
 
 @lru_cache(maxsize=8192)

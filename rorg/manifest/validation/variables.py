@@ -8,6 +8,7 @@ from functools import lru_cache
 
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
+from rorg.model.diagnostics import close_to
 from rorg.model.image_names import declared, plain
 
 ALIKE = 0.86
@@ -92,10 +93,9 @@ def _images(robot: Robot) -> Iterator[Finding]:
         name = str(subject.options.get("image") or "")
         if not images or declared(name, images) or "/" in name or ":" in plain(name):
             continue
-        close = difflib.get_close_matches(name, images, 1, ALIKE)
-        if close:
+        if close := close_to(name, images, ALIKE):
             message = f"'{name}' is no Image of this tree, and would be pulled"
-            yield Finding("misspelt-image", subject.at("image"), message, f"'{close[0]}'")
+            yield Finding("misspelt-image", subject.at("image"), message, f"'{close}'")
 
 
 CHECKS = (_names, _implementations, _images)
