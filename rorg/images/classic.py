@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import docker_errors
 from rorg.errors import EngineError
@@ -55,7 +56,7 @@ def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:
     """What the engine tells of a build, to its end."""
     what, step, made = f"build {order.name}", "", ""
     for line in lines:
-        told = json.loads(line)
+        told = from_json(line)
         text = str(told.get("stream", ""))
         if "error" in told:
             raise StepFailed(what, str(told["error"]), step)

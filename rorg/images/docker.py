@@ -11,6 +11,7 @@ import requests
 import urllib3
 from docker.errors import APIError, DockerException
 
+from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
 from rorg.errors import EngineError, RorgError, Unreachable
@@ -95,8 +96,8 @@ class DockerBuilder:
                 docker_errors(what),
                 self._client.stream("POST", "/images/create", archive, **query) as stream,
             ):
-                for line in stream.lines():
-                    told = json.loads(line)
+                for line in stream.lines(MOST_ANSWER):
+                    told = from_json(line)
                     if "error" in told:
                         raise EngineError(what, told["error"])
                     made = str(told.get("status", made))

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 from urllib.parse import quote, urlencode, urlsplit
 
+from rorg.engines.docker import answers
 from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.tls import through_tls
 from rorg.errors import EngineError
@@ -53,7 +54,7 @@ class Client:
         """Of the API; the engine's newest."""
         if not self._version:
             with self._answer("GET", "/_ping", None, API_TIMEOUT) as answer:
-                answer.read()
+                answers.whole(answer, self.host)
                 self._version = answer.getheader("Api-Version") or "1.41"
         return self._version
 
@@ -71,7 +72,7 @@ class Client:
     def header(self, path: str, name: str, /, **query: Any) -> str:
         """One header of what a GET would answer; empty where it has none of that name."""
         with self._answer("HEAD", self._url(path, query), None, API_TIMEOUT) as answer:
-            answer.read()
+            answers.whole(answer, self.host)
             return _checked(answer).getheader(name) or ""
 
     def delete(self, path: str, **query: Any) -> None:
@@ -103,14 +104,14 @@ class Client:
             answer = _checked(connection.getresponse())
             taken = connection.sock or answer.fp.raw._sock  # type: ignore[attr-defined]
             taken.settimeout(timeout)
-            yield Stream(answer, taken)
+            yield Stream(answer, taken, self.host)
         finally:
             connection.close()
 
     def _call(self, method: Method, path: str, body: Body, timeout: float, query: Any) -> Any:
         with self._answer(method, self._url(path, query), body, timeout) as answer:
-            text = _checked(answer).read()
-        return json.loads(text) if text else None
+            text = answers.whole(_checked(answer), self.host)
+        return answers.from_json(text) if text else None
 
     def _url(self, path: str, query: Mapping[str, Any]) -> str:
         said = {k: v if isinstance(v, tuple) else _said(v) for k, v in query.items() if v is not None}
@@ -123,7 +124,9 @@ class Client:
         try:
             _ask(connection, method, url, body)
             yield connection.getresponse()
-        except Refused:
+        except Refused as refused:
+            if refused.cut:
+                connection.close()
             raise
         except BaseException:
             connection.close()
@@ -147,8 +150,8 @@ class Client:
 class Stream:
     """What comes of one answer."""
 
-    def __init__(self, answer: http.client.HTTPResponse, taken: socket.socket) -> None:
-        self.answer, self._taken = answer, taken
+    def __init__(self, answer: http.client.HTTPResponse, taken: socket.socket, host: str) -> None:
+        self.answer, self._taken, self._host = answer, taken, host
 
     def close(self) -> None:
         """Ends it, from any thread: whoever reads it sees its end."""
@@ -186,8 +189,9 @@ class Stream:
                     return
                 yield chunk
 
-    def lines(self) -> Iterator[bytes]:
-        yield from self.answer
+    def lines(self, most: int | None = None) -> Iterator[bytes]:
+        """Each line as it comes; `most`: bytes of all of them, where they have an end."""
+        return answers.lines(self.answer, self._host, most)
 
 
 class _Unix(http.client.HTTPConnection):
@@ -244,12 +248,8 @@ def _checked(answer: http.client.HTTPResponse) -> http.client.HTTPResponse:
     """Raises Refused for an answer that says no."""
     if answer.status < 400:
         return answer
-    text = answer.read().decode(errors="replace")
-    try:
-        text = str(json.loads(text)["message"])
-    except (ValueError, KeyError, TypeError):
-        text = text.strip() or answer.reason
-    raise Refused(answer.status, text)
+    text = answers.refusal_text(answer)
+    raise Refused(answer.status, text, cut=not answer.isclosed())
 
 
 def _said(value: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 import time
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rorg.core.found_objects import FoundObjects
 from rorg.core.observed import LABEL_OWNER, LABEL_STATE, Container, from_labels
 from rorg.engines.docker import archive, log, objects
+from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
@@ -93,8 +93,8 @@ class DockerEngine:
         now, found = time.time(), set()
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
-            for line in stream.lines():
-                event = json.loads(line)
+            for line in stream.lines(MOST_ANSWER):
+                event = from_json(line)
                 if not event.get("Action", "").startswith(QUIET):
                     found.add(event["Actor"]["ID"])
         return found
@@ -143,7 +143,7 @@ class DockerEngine:
             threading.Thread(target=close, daemon=True, name="events-closer").start()
             yield "", ""
             for line in found.lines():
-                event = json.loads(line)
+                event = from_json(line)
                 if not event.get("Action", "").startswith(QUIET):
                     yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
         if not stop.is_set():

@@ -11,11 +11,11 @@ from rorg.errors import EngineError, TimedOut, Unreachable
 
 
 class Refused(Exception):
-    """The engine says no: its status of HTTP, and why."""
+    """The engine says no: its status of HTTP, and why. `cut`: it has said more than was read."""
 
-    def __init__(self, status: int, text: str) -> None:
+    def __init__(self, status: int, text: str, cut: bool = False) -> None:
         super().__init__(text)
-        self.status, self.text = status, text
+        self.status, self.text, self.cut = status, text, cut
 
 
 KINDS = (

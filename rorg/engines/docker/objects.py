@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from rorg.core.found_objects import FoundObject, FoundObjects
 from rorg.core.objects import LABELS, found_object
 from rorg.core.observed import LABEL_OWNER
+from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.whose import other_rorg
@@ -54,7 +54,7 @@ def events(client: Client, stop: threading.Event) -> Iterator[None]:
         threading.Thread(target=close, daemon=True, name="object-events-closer").start()
         yield
         for line in found.lines():
-            if json.loads(line).get("Action") in EVENTS:
+            if from_json(line).get("Action") in EVENTS:
                 yield
 
 

@@ -1,0 +1,58 @@
+"""What the engine answers, read up to a size: an engine that never comes to an end takes no memory from the robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from http.client import HTTPException, HTTPResponse
+from typing import Any
+
+MOST_ANSWER = 32 << 20
+"""Bytes of one answer; a list of ten thousand containers has half of that."""
+MOST_LINE = 4 << 20
+"""Bytes of one line in a stream of JSON."""
+MOST_ERROR = 16 << 10
+"""Bytes of an error message; the rest is left out."""
+
+
+class Excessive(HTTPException):
+    """The engine answers with more than rorg reads."""
+
+
+def whole(answer: HTTPResponse, host: str) -> bytes:
+    """All of an answer. Raises Excessive."""
+    text = answer.read(MOST_ANSWER + 1)
+    _check("an answer", len(text), MOST_ANSWER, host)
+    return text
+
+
+def lines(answer: HTTPResponse, host: str, most: int | None = None) -> Iterator[bytes]:
+    """Each line as it comes; `most`: bytes of all lines, if the answer has an end. Raises Excessive."""
+    taken = 0
+    while line := answer.readline(MOST_LINE + 1):
+        taken += len(line)
+        _check("a line", len(line), MOST_LINE, host)
+        _check("an answer", taken, taken if most is None else most, host)
+        yield line
+
+
+def refusal_text(answer: HTTPResponse) -> str:
+    """Why the engine says no."""
+    said = answer.read(MOST_ERROR)
+    try:
+        return str(from_json(said)["message"])
+    except (ValueError, KeyError, TypeError):
+        return said.decode(errors="replace").strip() or answer.reason
+
+
+def from_json(text: bytes) -> Any:
+    """What the engine says in JSON. Raises ValueError."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("the engine's JSON is nested too deep") from error
+
+
+def _check(what: str, length: int, most: int, host: str) -> None:
+    if length > most:
+        raise Excessive(f"the engine at {host} sent {what} of more than {most >> 20} MiB")
