@@ -32,6 +32,7 @@ from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, group_id, peer
 from rorg.api.quick import Quick
 from rorg.api.sockets import BACKLOG, NAME, ServiceSockets, listen, make_directories
+from rorg.api.tls import Tls
 from rorg.daemon.loop import Loop
 from rorg.errors import Invalid
 from rorg.store.state_dir import StateDir
@@ -75,7 +76,7 @@ class Server:
         )
         self.uvicorn = uvicorn.Server(self.config)
         self._thread: threading.Thread | None = None
-        self.tcp: tuple[str, int, ssl.SSLContext] | None = None
+        self.tcp: tuple[str, int, Tls] | None = None
 
     # -- life --------------------------------------------------------------------------------------------------
 
@@ -137,10 +138,10 @@ class Server:
         loop.set_exception_handler(self._odd)
         self._listen(main, lambda connection, _: peer(connection, self.group))
         if self.tcp:
-            host, port, context = self.tcp
+            host, port, tls = self.tcp
             for family, *_, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
                 place = socket.create_server(address, family=family, backlog=BACKLOG)
-                self._listen(place, _certified, context=context)
+                self._listen(place, _certified, context=tls.context)
         self.uvicorn.started = True
         started.set()
         self._look()
@@ -188,7 +189,23 @@ class Server:
         for connection in list(self.uvicorn.server_state.connections):
             if isinstance(connection, Connection) and connection.due < now:
                 connection.transport.abort()
+        self._renew_tls()
         loop.call_later(LOOK, self._look)
+
+    def _renew_tls(self) -> None:
+        """Knows clients by the files of TLS as they are now. Who is connected must show a certificate again."""
+        try:
+            if self.tcp is None or not self.tcp[2].renew():
+                return
+        except Invalid as error:
+            self.operations.loop.recorder.event("tls", f"{error}; clients are known as before")
+            return
+        for listener in self.listeners:
+            listener.context = self.tcp[2].context if listener.context else None
+        for connection in list(self.uvicorn.server_state.connections):
+            if isinstance(connection, Connection) and connection.who is _certified:
+                connection.transport.abort()
+        self.operations.loop.recorder.event("tls", "the certificates, or the list of revoked ones, were read again")
 
     def _odd(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """What no call was the cause of. That a caller hangs up, or speaks no TLS, is nothing to tell."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.options import DIRECTORIES, FILES, Directory, EngineName, Option, OwnStateDirectory, duration
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
+    from rorg.api.tls import Tls
     from rorg.cli.context import Context
     from rorg.daemon.loop import Loop
     from rorg.host.git_cache import Followed
@@ -47,6 +48,10 @@ def command(
     tls_cert: Pem = None,
     tls_key: Pem = None,
     tls_ca: Pem = None,
+    tls_revoked: Annotated[
+        Path | None,
+        Option(names=(), show_default=False, help="PEM list (CRL) of revoked client certificates, for --listen."),
+    ] = None,
     git: Annotated[
         str,
         Option(
@@ -106,7 +111,7 @@ def command(
         return
     repository = followed(context.directory or context.root if committed else directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
-    tcp = _tcp(listen, tls_cert, tls_key, tls_ca) if listen else None
+    tcp = _tcp(listen, (tls_cert, tls_key, tls_ca, tls_revoked)) if listen else None
     context.state.acquire("rorg run")
     _tell_down(context)
     loop = _loop(context, repository, poll)
@@ -238,24 +243,17 @@ def _run_until_told(loop: Loop, server: Server) -> None:
         server.stop()
 
 
-def _tcp(listen: str, cert: Path | None, key: Path | None, authority: Path | None) -> tuple[str, int, Any]:
-    """Where to listen and how to know clients. Raises Invalid without all three files."""
-    import ssl
-
+def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
+    """Where to listen and how to know clients. Raises Invalid without the files that this takes."""
+    from rorg.api.tls import Tls, TlsFiles
     from rorg.errors import Invalid
 
     host, _, port = listen.rpartition(":")
+    cert, key, authority, revoked = files
     if not (cert and key and authority and port.isdigit()):
         raise Invalid(
             f"listen on {listen}",
             "TCP is only served with TLS and client certificates",
             "HOST:PORT with --tls-cert, --tls-key and --tls-ca",
         )
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        context.load_cert_chain(cert, key)
-        context.load_verify_locations(authority)
-    except (OSError, ssl.SSLError) as error:
-        raise Invalid(f"listen on {listen}", f"the certificates cannot be read: {error}") from error
-    context.verify_mode = ssl.CERT_REQUIRED
-    return host or "127.0.0.1", int(port), context
+    return host or "127.0.0.1", int(port), Tls(TlsFiles(cert, key, authority, revoked))

@@ -1,0 +1,65 @@
+"""TLS of the server: who rorg is, and which clients it knows, by files that may change while it runs."""
+
+from __future__ import annotations
+
+import os
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+from rorg.errors import Invalid
+
+
+@dataclass(frozen=True, slots=True)
+class TlsFiles:
+    """Files in PEM: the server's certificate and key, the authorities that sign clients, and the list (CRL) of each of
+    them that says which certificates it has revoked."""
+
+    certificate: Path
+    key: Path
+    authority: Path
+    revoked: Path | None = None
+
+    def context(self) -> ssl.SSLContext:
+        """A context that knows clients by these files. Raises Invalid."""
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        try:
+            context.load_cert_chain(self.certificate, self.key)
+            context.load_verify_locations(self.authority)
+            if self.revoked:
+                context.load_verify_locations(self.revoked)
+                context.verify_flags |= ssl.VERIFY_CRL_CHECK_LEAF
+        except (OSError, ssl.SSLError) as error:
+            raise Invalid("serve TLS", f"the certificates cannot be read: {error}") from error
+        context.verify_mode = ssl.CERT_REQUIRED
+        return context
+
+    def stamp(self) -> tuple[tuple[int, ...] | None, ...]:
+        """Changes with each of the files."""
+        return tuple(map(_stamp, (self.certificate, self.key, self.authority, self.revoked)))
+
+
+def _stamp(path: Path | None) -> tuple[int, ...] | None:
+    try:
+        found = os.stat(path) if path else None
+    except OSError:
+        return None
+    return (found.st_ino, found.st_mtime_ns, found.st_size) if found else None
+
+
+class Tls:
+    """The context of the files as they are. Raises Invalid if they cannot be read at the start."""
+
+    def __init__(self, files: TlsFiles) -> None:
+        self.files, self._stamp = files, files.stamp()
+        self.context = files.context()
+
+    def renew(self) -> bool:
+        """Whether the files have changed since the last call; then the context is a new one. Raises Invalid if they
+        cannot be read: then the context stays as it is."""
+        stamp = self.files.stamp()
+        if stamp == self._stamp:
+            return False
+        self._stamp = stamp
+        self.context = self.files.context()
+        return True
