@@ -22,6 +22,7 @@ from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
 from rorg.api.vetting import vet, vet_rendered
+from rorg.core.masking import Masker
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
 from rorg.model import image_names
@@ -78,6 +79,12 @@ class Manifests:
             raise Missing(f"find the {kind} '{name}'", f"no such {kind}", "GET /v1/manifests for all")
         return found
 
+    def masker(self, caller: Caller, name: str) -> Masker:
+        """Hides the secrets in a manifest. To a service that manages it only those that are the manifest's: by what it
+        writes there itself it would learn those of others."""
+        masker = self.operations.loop.tree.masker
+        return masker.of(name, Masker()) if caller.kind == "service" else masker
+
     def allow(self, caller: Caller, kind: str, name: str) -> None:
         """Raises Forbidden where a service's manifest does not let it."""
         if caller.kind == "service":
@@ -91,8 +98,8 @@ class Manifests:
         with self._lock:
             path, content = self.all().get((kind, name), (None, None))
             self._same(content, body.base, f"change the {kind} '{name}'")
-            before, masker = (content or b"").decode("utf-8", errors="replace"), self.operations.loop.tree.masker
-            text = restored(before, body.text, masker, f"change the {kind} '{name}'")
+            before = (content or b"").decode("utf-8", errors="replace")
+            text = restored(before, body.text, self.masker(caller, name), f"change the {kind} '{name}'")
             if path is None:
                 path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{image_names.stem(name)}.yaml"
                 if path.is_symlink() or path.exists():
@@ -244,4 +251,6 @@ def _add_reading(app: FastAPI, manifests: Manifests, allowed: list[Any]) -> None
         """The text of a manifest. Its digest is the ETag."""
         manifests.allow(caller, kind, name)
         _, content = manifests.one(kind, name)
-        return Response(content, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})
+        text = manifests.masker(caller, name).text(content.decode("utf-8", errors="surrogateescape"))
+        shown = text.encode("utf-8", errors="surrogateescape")
+        return Response(shown, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})

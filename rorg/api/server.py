@@ -60,7 +60,7 @@ class Server:
         self._broken: Exception | None = None
         """Why it could not begin to serve."""
         self.app = make_app(operations, lambda: self._event)
-        quick = Hiding(Quick(self.app, operations), operations.loop.tree.masker)
+        quick = Hiding(Quick(self.app, operations), operations.loop.tree.masker, lambda: operations.catalog)
         self.config = uvicorn.Config(
             Metered(NotBefore(quick, operations, lambda: self._event), operations),
             http=Connection,

@@ -7,11 +7,12 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from urllib.parse import quote
 
 from rorg.model.catalog import SHORTEST_SECRET, Catalog, Spec
+from rorg.model.image_names import declared
 from rorg.model.secret_names import NAME, is_secret_name, secret_texts
 
 MASK = "***"
@@ -105,6 +106,14 @@ def _list(items: list[Any]) -> list[Any]:
 
 # -- by value --------------------------------------------------------------------------------------------------
 
+ASKED = re.compile(
+    r"request '[A-Za-z0-9_.:-]{1,64}'|requested by [\w.-]{1,128} \([A-Za-z0-9_.:-]{1,64}\)|"
+    r"is lost to [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}(?:, [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}){0,100}"
+)
+"""How rorg cites requests. Their ids are callers' own words: to hide one would tell its caller that it is a secret."""
+CITED = frozenset(("id", "request", "requested", "requester", "requests", "service", "services"))
+"""Keys of JSON whose texts are ids of requests and names."""
+
 
 class Masker:
     """Knows values, and puts *** in their place wherever they stand."""
@@ -114,29 +123,53 @@ class Masker:
         """The last ones last."""
         self._forms: tuple[str, ...] = ()
         """All that is looked for, what is longer first."""
+        self._parts: dict[str, Masker] = {}
+        """Of each service one that knows its own secrets."""
+        self._names: tuple[str, ...] = ()
+        """Of services that other services declare: their words, which are shown though there is a secret in them."""
 
     def learn(self, catalog: Catalog | None) -> None:
         """Looks for the secrets of a tree too. One that is part of what rorg has to say, the names of the tree and its
         files among them, cannot be hidden."""
         if catalog is None:
             return
-        said = "\n".join(_said(catalog))
+        managed = {n for n in catalog.services if any(s.manages(n) for s in catalog.services.values())}
+        said = "\n".join(_said(catalog, managed))
         found = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in said}
+        self._look_for(found)
+        for name, own in _own_secrets(catalog).items():
+            self._parts.setdefault(name, Masker())._look_for(own & found)
+        self._names = tuple(name for name in managed if any(form in name for form in self._forms))
+
+    def _look_for(self, found: set[str]) -> None:
         if not found <= self._known.keys():
             rest = [s for s in self._known if s not in found]
             self._known = dict.fromkeys([*rest[-KEPT:], *sorted(found)])
             self._forms = forms(self._known)
 
+    def of(self, service: object, unknown: Masker | None = None) -> Masker:
+        """For texts about one service, which it may have written itself: it knows the secrets of that service alone,
+        or a service could write what it guesses and see whether that is hidden. `unknown`: of a service of no tree."""
+        return self._parts.get(service, unknown or self) if isinstance(service, str) else self
+
     def text(self, text: str) -> str:
         """A text as it may be shown."""
-        return hidden(text, self._forms)
+        if not any(form in text for form in self._forms):
+            return text
+        kept = [found[0] for found in ASKED.finditer(text)] + [name for name in self._names if name in text]
+        for index, words in enumerate(kept):
+            text = text.replace(words, f"\ue000{index}\ue001")
+        text = hidden(text, self._forms)
+        for index, words in reversed([*enumerate(kept)]):
+            text = text.replace(f"\ue000{index}\ue001", words)
+        return text
 
     def value(self, value: Any) -> Any:
         """Plain JSON, likewise: of mappings the values, never the keys."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, Mapping) and self._forms:
-            return {key: self.value(item) for key, item in value.items()}
+            return {key: item if _cited(key, item) else self.value(item) for key, item in value.items()}
         return [self.value(item) for item in value] if isinstance(value, list | tuple) and self._forms else value
 
     def json(self, text: str) -> str:
@@ -153,6 +186,29 @@ class Masker:
     def knows(self) -> bool:
         """Whether there is anything to hide."""
         return bool(self._forms)
+
+
+def _cited(key: Any, item: Any) -> bool:
+    """Whether a value is an id or a name, or several."""
+    items = item if isinstance(item, list) else [item]
+    return key in CITED and all(isinstance(one, str) for one in items)
+
+
+def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
+    """Service -> its secrets, those of the Images that it is made from included."""
+    found = {}
+    for service in catalog.services.values():
+        own = {*secrets_of(service.spec or {}, service.secrets)}
+        pending, seen = [str((service.spec or {}).get("image", ""))], set[str]()
+        while pending:
+            image = catalog.images.get(declared(pending.pop(), catalog.images) or "")
+            if image is not None and image.name not in seen:
+                seen.add(image.name)
+                pending += image.bases
+                own |= {image.args[name] for name in image.secrets}
+        own |= set(secret_texts("", service.ros.values)) if service.ros else set()
+        found[service.name] = own
+    return found
 
 
 def secrets(catalog: Catalog) -> set[str]:
@@ -188,11 +244,14 @@ def hidden(text: str, values: Iterable[str]) -> str:
     return text
 
 
-def _said(catalog: Catalog) -> Iterable[str]:
-    yield from catalog.services
+def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
+    """What rorg has to say of a tree, without what services declare: by that nobody shows a secret of another."""
+    yield from catalog.services.keys() - set(managed)
     yield from catalog.groups
     yield from catalog.images
     for service in catalog.services.values():
+        if service.name in managed:
+            continue
         yield from (service.where.file, service.container_name, str((service.spec or {}).get("image", "")))
     for image in catalog.images.values():
         yield from (image.where.file, image.context or "", image.reference, *image.bases)

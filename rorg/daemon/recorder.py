@@ -76,7 +76,8 @@ class Recorder:
         """`person`: a person did it."""
         with self._lock:
             self.tell(message)
-            self.journal.append(self.wall(), kind, self.masker.text(message), person, **self.masker.value(more))
+            masker = self.masker.of(more.get("service"))
+            self.journal.append(self.wall(), kind, masker.text(message), person, **masker.value(more))
 
     def tell(self, message: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads our output any more
