@@ -35,6 +35,10 @@ WORK = [
 """A program that waits, and ends when told to, also by a signal that comes before it waits."""
 
 
+DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""Properties write thousands of trees: in C where PyYAML has it."""
+
+
 def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) -> Path:
     """A tree of manifests from specs by name. Services get the test image and WORK unless they say otherwise."""
     for folder, kind, specs in (
@@ -54,9 +58,8 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         for name, spec in specs.items():
             if kind == "Service" and spec.get("type") != "meta":
                 spec = {"image": BASE_IMAGE, "command": WORK, **spec}
-            text = yaml.safe_dump(
-                {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}, sort_keys=False
-            )
+            document = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}
+            text = yaml.dump(document, Dumper=DUMPER, sort_keys=False)
             path = root / folder / f"{name}.yaml"
             if not path.exists() or path.read_text() != text:
                 path.write_text(text)

@@ -107,6 +107,8 @@ def _changing(
     pair = candidate(containers, update) if len(containers) > 1 else None
     if pair and fits(pair[0], name, desired):
         return _Changing(name, name in wanted, pair[0].id, update.baked == update.edition)
-    if not containers or any(fits(c, name, desired) for c in containers):
+    new = next((c for c in containers if fits(c, name, desired)), None)
+    if not containers or (new and not containers[0].alive) or new is containers[0]:
         return None
-    return _Changing(name, name in wanted, "", False)
+    # What was changed back while its change was on trial: the container before is there, and not yet in use.
+    return _Changing(name, name in wanted, new.id if new else "", False)

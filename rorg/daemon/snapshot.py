@@ -117,8 +117,10 @@ class Snapshots:
     def _service_texts(self, decision: Decision) -> Iterable[str]:
         situation, stale = decision.situation, self._stale
         if stale is not None and not situation.withheld:
-            late = (n for n, p in situation.memory.progress.items() if p.running_since is not None and not p.ready)
-            stale.update(late)  # with time alone
+            containers = situation.observed.by_service()
+            runs = ((n, p) for n, p in situation.memory.progress.items() if p.running_since is not None)
+            # Time alone makes them late, or ends their trial.
+            stale.update(n for n, p in runs if not p.ready or len(containers.get(n, ())) > 1)
             found = statuses(situation, decision.plan, decision.holds, stale)
         else:
             self._services, found = {}, statuses(situation, decision.plan, decision.holds)
