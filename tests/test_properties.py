@@ -658,9 +658,15 @@ class Watch:
             return
         if name in robot.decision.situation.restarts:
             return
-        if not {*joined_of(found[action.container].joined).values()} <= found.keys():
+        run = found[action.container]
+        if fits(run, name, desired):
+            return  # another node of its device, or another network, is no change of its manifest
+        if not {*joined_of(run.joined).values()} <= found.keys():
             return  # what it is joined to is gone: it cannot go on as it is, nor be gone back to
-        for other in {*desired.sets.get(desired.catalog.services[name].update.atomic, ())} & {*wanted}:
+        members = {*desired.sets.get(desired.catalog.services[name].update.atomic, ())}
+        if run.previous in found and any(robot.memory.of(m).update.failed for m in members):
+            return  # the change of one has failed, and the others go back too
+        for other in members & {*wanted}:
             own = [c for c in found.values() if c.service == other]
             assert not own or any(fits(c, other, desired) for c in own), f"{name} was ended before {other} was made"
 

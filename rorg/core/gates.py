@@ -7,7 +7,7 @@ from typing import Protocol
 
 from rorg.core.digest import rules_of
 from rorg.core.images import held_back
-from rorg.core.joining import awaited
+from rorg.core.joining import awaited, ended
 from rorg.core.memory import Progress
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
 from rorg.core.plan import Part, Waiting
@@ -85,7 +85,7 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
     if isinstance(operation, Create) and service.joins:
         return _join(view, service, earlier)
     if operation.begins or (swap and name in view.s.wanted):
-        passage = _start(view, service, earlier)  # what runs goes on until the new one can begin
+        passage = _start(view, service, step, earlier)  # what runs goes on until the new one can begin
         return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
     if operation.ends and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
@@ -104,14 +104,15 @@ def _join(view: View, service: Service, earlier: Earlier) -> Passage:
     return (), awaited(view, service)
 
 
-def _start(view: View, service: Service, earlier: Earlier) -> Passage:
+def _start(view: View, service: Service, step: Step, earlier: Earlier) -> Passage:
     name, after = service.name, []
+    begun = step.operation.container if step.operation.begins else ""
     for need in service.needs:
         if earlier.moving(need):
             after.append(need)
         reason = earlier.unready(need)
-        if not reason and need not in after and need in ends_with(service.joins) and not _alive(view, need):
-            reason = "has ended, and with it what would be joined"
+        if not reason and need not in after and need in ends_with(service.joins):
+            reason = ended(view, service, need, begun)
         if reason:
             return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
@@ -134,11 +135,6 @@ def _parameters(view: View, service: Service) -> Passage:
         return FREE
     why = view.s.memory.of(service.name).not_set
     return (), Waiting(service.name, "its ROS parameters are not set" + (f": {why}" if why else ""), code=PARAMETERS)
-
-
-def _alive(view: View, name: str) -> bool:
-    current = view.current(name)
-    return current is not None and current.alive
 
 
 def _ready_at(view: View, need: str) -> float | None:

@@ -78,6 +78,20 @@ def awaited(view: View, service: Service) -> Waiting | None:
     return None
 
 
+def ended(view: View, service: Service, name: str, container: str) -> str:
+    """Why a container of the service cannot start now: the container of `name` whose namespace it has does not run.
+    Empty if it can. `container` is an id, empty for the one that is to take the place of what runs."""
+    mine = next((c for c in view.of(service.name) if c.id == container), None)
+    known = joined_of(mine.joined).get(name, "") if mine else _coming(view, service, name)
+    there = next((c for c in view.of(name) if c.id == (known or _current(view, name))), None)
+    if there is not None and there.alive:
+        return ""
+    current = view.current(name)
+    if there is None or current is None or not current.alive:
+        return "has ended, and with it what would be joined"
+    return "runs in another container than the one to join"
+
+
 def tried(view: View, name: str) -> bool:
     """Whether a new container of it is on trial and has not come up: it may yet be that the one before comes back."""
     step = view.s.memory.of(name)
