@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test fuzz lint types bench schemas docs evaluation constraints deb clean
+.PHONY: demo test properties fuzz lint types bench schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -27,6 +27,11 @@ test: lint types
 # All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.
 fuzz: $(VENV)/test-installed
 	FUZZ=$(or $(FUZZ),1) timeout 7200 $(BIN)/pytest -s -m fuzz tests/hostile tests/test_cpp_answers.py $(ARGS)
+
+# Each property of the planner with many random examples, of which `make test` tries a few: EXAMPLES=20000 takes an hour
+# for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
+properties: $(VENV)/test-installed
+	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
 
 bench: $(VENV)/test-installed
 	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)

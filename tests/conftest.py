@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import random
 import shutil
 import signal
 import socket
@@ -38,17 +39,24 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
 
-# How long an example takes says nothing on a busy machine. CI meets the same examples each time, others meet new ones.
-_SLOW = [hypothesis.HealthCheck.too_slow]
-hypothesis.settings.register_profile("rorg", deadline=None, suppress_health_check=_SLOW)
+# Everyone meets new examples in each run, CI too: what a user would find, CI finds first. There is no deadline, because
+# on a busy machine the time of an example means nothing.
 hypothesis.settings.register_profile(
-    "rorg-ci", deadline=None, suppress_health_check=_SLOW, derandomize=True, database=None, print_blob=True
+    "rorg", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow], print_blob=True
 )
-hypothesis.settings.load_profile("rorg-ci" if os.environ.get("CI") else "rorg")
+hypothesis.settings.load_profile("rorg")
 
 
+def _seed(config: pytest.Config) -> str:
+    """How to draw the same random examples again."""
+    return f"RORG_TEST_SEED={config.getoption('hypothesis_seed')}"
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Ended by SIGTERM, as by a CI that has enough, the session is interrupted: it ends its engines."""
+    """Draws the seed of random examples unless somebody names one. SIGTERM interrupts the session: its engines end."""
+    if config.getoption("hypothesis_seed") is None:
+        config.option.hypothesis_seed = os.environ.get("RORG_TEST_SEED") or str(random.SystemRandom().getrandbits(32))
 
     def end(number: int, frame: object) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -320,6 +328,8 @@ def pytest_runtest_makereport(item, call):
     if report.failed:
         report.sections.append(("machine", f"load average {' '.join(map(str, os.getloadavg()))} on {os.cpu_count()}"))
         report.sections += witnesses.told()
+        if hypothesis.is_hypothesis_test(getattr(item, "obj", None)):
+            report.sections.append(("random examples", f"the same again: {_seed(item.config)} pytest '{item.nodeid}'"))
     if call.when == "teardown":
         witnesses.forget_closed()
     if call.when == "call" and report.passed:
@@ -349,6 +359,7 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
         with Path(path).open("a") as file:
             file.writelines(f"{cause}\t{test}\n" for test, cause in sorted(causes.items()))
     counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
+    terminalreporter.write_line(f"random examples: {_seed(terminalreporter.config)}")
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
     if not _ran["docker"] and terminalreporter.config.option.markexpr != "not docker":
         terminalreporter.write_line("NO TEST RAN ON DOCKER", red=True, bold=True)
