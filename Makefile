@@ -28,8 +28,8 @@ test: lint types
 fuzz: $(VENV)/test-installed
 	FUZZ=$(or $(FUZZ),1) timeout 7200 $(BIN)/pytest -s -m fuzz tests/hostile tests/test_cpp_answers.py $(ARGS)
 
-# Each property of the planner with many random examples, of which `make test` tries a few: EXAMPLES=20000 takes an hour
-# for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
+# Each property of the planner with many random examples, of which `make test` tries a few: EXAMPLES=20000 takes 30 to 45
+# minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
 
