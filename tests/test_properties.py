@@ -870,3 +870,18 @@ def test_that_a_trial_went_well_is_told_while_another_change_waits(tmp_path):
 
     robot.sim.run(told, 20)
     assert "OnTrial" in reasons
+
+
+def test_a_need_that_is_restarted_during_a_start_restarts_what_starts(tmp_path):
+    """The engine dates a run at the end of its start, so its times do not tell which run of the need it counts on."""
+    need = {"service": "base", "restart": True}
+    robot = SimRobot(load_or_raise(write_tree(tmp_path, {"base": {}, "scan": {"always_on": True, "needs": [need]}})))
+    robot.faults.hang["start", "scan"] = 10.0
+    robot.at(3.0, lambda: robot.engine.kill(next(c.id for c in robot.engine.list() if c.service == "base")))
+    robot.settle()
+    assert [verb for _, verb, service in robot.engine.calls if service == "scan"] == [
+        "create",
+        "start",
+        "stop",
+        "start",
+    ]
