@@ -6,6 +6,7 @@ import contextlib
 import re
 import socket
 import threading
+import time
 
 
 class Forwarder:
@@ -14,6 +15,10 @@ class Forwarder:
 
     def __init__(self, host: str, pid: int = 0) -> None:
         self.path, self.pid = host.removeprefix("unix://"), pid
+        self.silent = False
+        """Streams of events stay open and say nothing."""
+        self.slow_start = 0.0
+        """Seconds by which the answer to the start of a container is late."""
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.host = f"tcp://127.0.0.1:{self.listener.getsockname()[1]}"
         threading.Thread(target=self._accept, daemon=True).start()
@@ -27,14 +32,29 @@ class Forwarder:
                 client, _ = self.listener.accept()
                 engine = socket.socket(socket.AF_UNIX)
                 engine.connect(self.path)
-                threading.Thread(target=self._pass, args=(client, engine, False), daemon=True).start()
-                threading.Thread(target=self._pass, args=(engine, client, True), daemon=True).start()
+                asked: list[bytes] = []
+                threading.Thread(target=self._ask, args=(client, engine, asked), daemon=True).start()
+                threading.Thread(target=self._answer, args=(engine, client, asked), daemon=True).start()
 
-    def _pass(self, here: socket.socket, there: socket.socket, answer: bool) -> None:
+    def _ask(self, client: socket.socket, engine: socket.socket, asked: list[bytes]) -> None:
+        """`asked` holds the path of the last request of the connection."""
         with contextlib.suppress(OSError):
-            while data := here.recv(1 << 16):
-                there.sendall(re.sub(rb'"Pid":([1-9][0-9]*)', self._other, data) if answer and self.pid else data)
-            there.shutdown(socket.SHUT_WR)
+            while data := client.recv(1 << 16):
+                if found := re.match(rb"[A-Z]+ (?:/v[0-9.]+)?(/[^ ?]*)", data):
+                    asked[:] = [found[1]]
+                engine.sendall(data)
+            engine.shutdown(socket.SHUT_WR)
+
+    def _answer(self, engine: socket.socket, client: socket.socket, asked: list[bytes]) -> None:
+        with contextlib.suppress(OSError):
+            while data := engine.recv(1 << 16):
+                path = asked[0] if asked else b""
+                if path == b"/events" and self.silent:
+                    continue
+                if path.endswith(b"/start"):
+                    time.sleep(self.slow_start)
+                client.sendall(re.sub(rb'"Pid":([1-9][0-9]*)', self._other, data) if self.pid else data)
+            client.shutdown(socket.SHUT_WR)
 
     def _other(self, found: re.Match[bytes]) -> bytes:
         """As long as before, so that the length of the answer stays true."""

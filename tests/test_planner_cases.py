@@ -3,7 +3,8 @@ and of its overview where the case has one.
 
 Each file of cases/planner is one case. A running service is ready unless `memory` says otherwise; containers are named
 like their service, with their name as id unless that is said, and were created from the declared spec unless `spec`
-says what differed.
+says what differed. Each was looked at just now, unless `looked` says when. `answers` say when probes were asked last,
+which say yes unless it is said how often they said no.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ KEYS = {
     "found",
     "purge",
     "ros",
+    "answers",
 }
 STARTED = "2026-01-01T00:00:00Z"
 UNDER_WAY: Mapping[str, Operation] = {
@@ -199,6 +201,16 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
     return Memory(progress, flights, pressure=Pressure(**pressure, shed=shed))
 
 
+def answers_of(case: dict, containers: list[Container]) -> dict[tuple[str, str], ProbeResult]:
+    """What probes have said of runs."""
+    runs = {c.service: c.incarnation for c in containers if c.state == "running"}
+    return {
+        (name, role): ProbeResult(runs[name], "no" not in said, said["at"], "no answer", said.get("no", 0))
+        for name, roles in case.get("answers", {}).items()
+        for role, said in roles.items()
+    }
+
+
 @pytest.mark.parametrize("path", CASES, ids=lambda p: p.stem)
 def test_plan(path, tmp_path):
     case = read_case(path)
@@ -222,6 +234,7 @@ def test_plan(path, tmp_path):
     results = {
         (n, "interlock"): ProbeResult("", said == "allows", now, said) for n, said in case.get("interlocks", {}).items()
     }
+    results |= answers_of(case, containers)
     known = case.get("devices", {})
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
     desired = desire(catalog, contents=case.get("contents"))
@@ -231,7 +244,13 @@ def test_plan(path, tmp_path):
             requests=requests,
             restarts=case.get("restarts", {}),
             observed=Observed(
-                tuple(containers), complete=case.get("complete", True), objects=objects_of(case, desired)
+                tuple(containers),
+                complete=case.get("complete", True),
+                objects=objects_of(case, desired),
+                looked={
+                    c.id: entry.get("looked", now)
+                    for c, entry in zip(containers, case.get("observed", []), strict=True)
+                },
             ),
             results=results,
             memory=memory_of(case, containers, desired.editions),

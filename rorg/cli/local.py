@@ -58,7 +58,8 @@ def decision_for(place: Place, desired: Desired) -> Decision:
     """The same for what a tree declares, now or once."""
     engine = place.engine()
     objects = engine.find_objects(desired.keys) if isinstance(engine, Objects) else None
-    observed = Observed(tuple(engine.list()), objects=objects)
+    containers = tuple(engine.list())
+    observed = Observed(containers, objects=objects, looked=dict.fromkeys((c.id for c in containers), 0.0))
     first = _look(place, desired, observed)
     return _look(place, desired, observed, _ready(place, first, desired))
 

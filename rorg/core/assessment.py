@@ -148,7 +148,7 @@ def _followed(
     memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
 ) -> tuple[Memory, Followed | None]:
     if not inputs.observed.complete:
-        return renew_all(memory, inputs.desired), None
+        return renew_all(memory, inputs.desired, inputs.now), None
     return follow(
         cache.followed if cache else None,
         memory,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rorg.core.backoff import STALLED_AFTER
 from rorg.core.memory import Progress
 from rorg.core.pausing import risks
-from rorg.core.rollout import came_up_at, candidate
+from rorg.core.rollout import candidate, has_come_up
 from rorg.core.ros_graph import master_of
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link
@@ -49,9 +49,9 @@ def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
         remedy = f"change it again, or `rorg retry {name}`"
         return (Condition("Updated", "False", "Quarantined", f"{step.update.failed}; {remedy}"),)
     if containers and containers[0].active and candidate(containers, step.update):
-        up = came_up_at(step, situation.desired.catalog.services[name])
-        reason = "OnTrial" if up is None or up > situation.now else "Baking"
-        return (Condition("Updated", "Unknown", reason),)
+        service, looked = situation.desired.catalog.services[name], situation.observed.looked.get(containers[0].id)
+        up = has_come_up(step, service, looked, situation.now)
+        return (Condition("Updated", "Unknown", "Baking" if up else "OnTrial"),)
     return ()
 
 

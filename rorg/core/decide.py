@@ -38,6 +38,8 @@ class Decision:
     """When to look again though nothing wakes the loop; None for never."""
     to_probe: Mapping[tuple[str, str], Target] = field(default_factory=dict)
     """By (service, role)."""
+    to_look: Mapping[str, float] = field(default_factory=dict)
+    """Container id -> the moment after which a look at it must begin, since a verdict waits for that."""
     holds: Mapping[str, str] = field(default_factory=dict)
     """Services that a person holds now, each with the reason."""
     served: Mapping[str, str] = field(default_factory=dict)
@@ -81,6 +83,7 @@ def decide(inputs: Inputs) -> Decision:
         violations=violations,
         deadline=_deadline(situation, due, inputs, assessed.warm.look),
         to_probe=due.targets,
+        to_look=dict(due.looks.values()),
         holds=assessed.holds,
         served=assessed.served,
         retried=inputs.retries,

@@ -73,6 +73,7 @@ def follow(
             now=now,
             booted_at=booted_at,
             unplugged=name in unplugged,
+            looked=observed.looked,
         )
         step = _one(parameters_noted(before, results.get((name, ROLE))), service, desired, seen)
         if not (same := step is before and name in memory.progress):
@@ -94,9 +95,9 @@ def follow(
     return memory, followed
 
 
-def renew_all(memory: Memory, desired: Desired) -> Memory:
+def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:
     """While it is not known what is there: only what the manifests say is taken note of."""
-    progress = {name: renewed(memory.of(name), edition) for name, edition in desired.editions.items()}
+    progress = {name: renewed(memory.of(name), edition, now) for name, edition in desired.editions.items()}
     return replace(memory, progress={**memory.progress, **progress})
 
 
@@ -114,7 +115,7 @@ def _to_look_at(
 
 def _one(step: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
     name = service.name
-    step = advanced(freed(renewed(step, desired.editions[name]), service, desired), service, seen)
+    step = advanced(freed(renewed(step, desired.editions[name], seen.now), service, desired), service, seen)
     current = seen.current(name)
     if name in desired.contents and current is not None:
         step = noted(step, current, desired.contents[name])
@@ -125,7 +126,7 @@ def _changes_by_itself(step: Progress, service: Service, seen: Seen) -> bool:
     """As far as advanced() and judged() look at the time."""
     if step.exits or step.doubted_since is not None or len(seen.containers.get(service.name, ())) > 1:
         return True
-    if seen.wanted and step.well_since is not None and step.update.baked != step.update.edition:
+    if seen.wanted and step.running_since is not None and step.update.baked != step.update.edition:
         return True
     by_time = service.ready is not None and service.ready.delay is not None
     return by_time and step.running_since is not None and not step.ready

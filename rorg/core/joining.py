@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate
+from rorg.core.rollout import came_up_at, candidate, has_come_up
 from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import resolved
@@ -95,10 +95,11 @@ def ended(view: View, service: Service, name: str, container: str) -> str:
 def tried(view: View, name: str) -> bool:
     """Whether a new container of it is on trial and has not come up: it may yet be that the one before comes back."""
     step = view.s.memory.of(name)
-    if candidate(view.of(name), step.update) is None:
+    pair = candidate(view.of(name), step.update)
+    if pair is None:
         return False
-    up = came_up_at(step, view.desired.catalog.services[name])
-    return up is None or up > view.now
+    looked = view.s.observed.looked.get(pair[0].id)
+    return not has_come_up(step, view.desired.catalog.services[name], looked, view.now)
 
 
 def _together(view: View, service: Service, other: str) -> bool:

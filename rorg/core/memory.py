@@ -90,6 +90,9 @@ class Progress:
     """This run was ready once."""
     well_since: float | None = None
     """Since when this run is ready and answers its `live` probe, without a break."""
+    unproven_since: float | None = None
+    """The moment of which its next verdict speaks, once that has passed: the verdict waits for a look at its container,
+    and for answers of its probes, that begin after it."""
     probe: str = ""
     """What the last probe said."""
     answered: float | None = None

@@ -118,6 +118,9 @@ class Observed:
     error: str = ""
     objects: FoundObjects | None = None
     """Networks and volumes; None where the engine has none to be made."""
+    looked: Mapping[str, float] = field(default_factory=dict, compare=False)
+    """Container id -> when the last look at it began that the engine answered, by the loop's clock. A verdict on a run
+    needs a look that began after the moment of which it speaks."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:

@@ -12,6 +12,7 @@ from rorg.core.digest import rules_of
 from rorg.core.memory import Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.onward import Planned, busy
+from rorg.core.rollout import bake_ends_at, is_late_at
 from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
 from rorg.core.transitions import doubt_ends
@@ -28,7 +29,7 @@ class Target:
     every: float
     container: Container | None = field(default=None, compare=False)
     asked: float | None = field(default=None, compare=False)
-    """Somebody waits for an answer that was asked for since then."""
+    """Somebody, or a verdict, waits for an answer that was asked for since then."""
     values: Mapping[str, Any] = field(default_factory=dict, compare=False)
     """Of ROS parameters; which ones these are, the probe tells too."""
     anew: bool = False
@@ -65,6 +66,8 @@ class Schedule:
     times: Mapping[str, tuple[float, ...]]
     """Service -> times at which something may be due, by the loop's clock."""
     targets: Targets
+    looks: Mapping[str, tuple[str, float]]
+    """Service -> the container of which a verdict waits for a look that begins after that moment."""
     asked: Mapping[str, float]
     engaged: bool
     """Measures against pressure were in force, or what was shed."""
@@ -79,9 +82,9 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
     engaged = situation.memory.pressure.engaged
     names: Collection[str] = planned.looked_at
     if kept is None or planned.whole or kept.engaged != engaged:
-        times, targets, names = {}, {}, planned.names
+        times, targets, looks, names = {}, {}, {}, planned.names
     else:
-        times, targets = {**kept.times}, {**kept.targets}
+        times, targets, looks = {**kept.times}, {**kept.targets}, {**kept.looks}
         names = {
             *names,
             *(n for n in {*asked, *kept.asked} if asked.get(n) != kept.asked.get(n) and n in planned.places),
@@ -95,7 +98,12 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
         for role in ("ready", "live", "interlock", ROLE):
             targets.pop((name, role), None)
         targets |= {(name, role): target for role, target in targets_of(planned, name, asked.get(name)).items()}
-    return Schedule(times=times, targets=targets, asked=asked, engaged=engaged)
+        looks.pop(name, None)
+        current = next(iter(situation.observed.by_service().get(name, ())), None)
+        since = situation.memory.of(name).unproven_since
+        if current is not None and since is not None:
+            looks[name] = current.id, since
+    return Schedule(times=times, targets=targets, looks=looks, asked=asked, engaged=engaged)
 
 
 def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, ...]:
@@ -104,11 +112,14 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     times = [w.until for w in (*plan.waitings, *plan.notes) if w.until is not None]
     times += [] if plan.alarm is None else [plan.alarm]
     service = situation.desired.catalog.services.get(name)
-    if service and service.ready and step.running_since is not None and not step.ready:
-        ready = service.ready
-        times.append(step.running_since + (ready.timeout if ready.delay is None else ready.delay))
-    if service and step.well_since is not None and step.update.baked != step.update.edition:
-        times.append(float(ceil(step.well_since + service.update.bake)))  # nobody waits for it: one pass for many
+    delay = service.ready.delay if service and service.ready else None
+    if delay is not None and step.running_since is not None and not step.ready:
+        times.append(step.running_since + delay)
+    unproven = step.update.baked != step.update.edition
+    if service and (unproven or not step.ready) and (late_at := is_late_at(step, service)) is not None:
+        times.append(late_at)
+    if service and unproven and (over := bake_ends_at(step, service)) is not None:
+        times.append(float(ceil(over)))  # nobody waits for it: one pass for many
     if service and (end := doubt_ends(step, service)) is not None:
         times.append(end)
     return tuple(times)
@@ -130,11 +141,12 @@ def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Ta
         current = next(iter(situation.observed.by_service().get(name, ())), None)
         if service.ready and service.ready.delay is None:
             since = asked if step.answered is not None and not told_since(step, asked) else None
+            since = max((at for at in (since, step.unproven_since) if at is not None), default=None)
             if not step.ready or since is not None or service.ready.failures:
                 every = max(service.ready.interval, 1.0) if step.ready and since is None else service.ready.interval
                 found["ready"] = Target(service.ready, run, every, current, since)
         if service.live and step.was_ready:
-            found["live"] = Target(service.live, run, service.live.interval, current)
+            found["live"] = Target(service.live, run, service.live.interval, current, step.unproven_since)
     if wanted and (target := _parameters(planned, name)):
         found[ROLE] = target
     lock = situation.desired.interlocks.get(name) or _left(situation, name)

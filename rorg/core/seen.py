@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rorg.core.memory import ProbeResult
 from rorg.core.observed import Container
@@ -13,7 +13,7 @@ from rorg.core.observed import Container
 class Seen:
     """`containers` are those of all services, of each the one that counts first; `ready` and `live` are its probe
     results; `busy`: a call of it is under way; `unplugged`: a device of it is not there; `now` is of the loop's
-    clock, seconds."""
+    clock, seconds; `looked` is that of Observed."""
 
     wanted: bool
     containers: Mapping[str, Sequence[Container]]
@@ -23,6 +23,11 @@ class Seen:
     now: float
     booted_at: str
     unplugged: bool = False
+    looked: Mapping[str, float] = field(default_factory=dict)
 
     def current(self, service: str) -> Container | None:
         return next(iter(self.containers.get(service, ())), None)
+
+    def looked_since(self, container: Container, moment: float) -> bool:
+        """Whether a look at a container has begun since."""
+        return self.looked.get(container.id, -1.0) >= moment

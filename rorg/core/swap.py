@@ -92,4 +92,6 @@ class Swap:
             return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit if up is None else up)
         if since + limit > self.view.now:
             return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit, BAKING)
+        if step.unproven_since is not None:
+            return Waiting(self.service.name, f"{kept} is known to be well", code=BAKING)
         return Waiting(self.service.name, f"{kept} and those that go together with it are well", code=BAKING)

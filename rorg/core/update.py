@@ -15,6 +15,8 @@ class Update:
 
     edition: str = ""
     """The one that is desired; what failed of another one holds back nothing."""
+    since: float = 0.0
+    """When that came to be desired, by the loop's clock; 0 if this rorg found it so."""
     quarantined: Mapping[str, str] = field(default_factory=dict)
     """Edition that did not come up or stay well, so that the container before was gone back to -> why. It is not tried
     again by itself. The last ones, oldest first."""

@@ -172,6 +172,7 @@ class Loop:
             # What is left of this pass can wait; a worker that has to share the interpreter with it begins later.
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
+        self.observer.look(decision.to_look)
         if self.engine.local:  # who refuses connections on this machine is no node of another one
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)

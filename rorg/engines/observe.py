@@ -16,13 +16,23 @@ from rorg.errors import RorgError
 
 RETRY = (0.2, 0.5, 1.0, 2.0)
 """Seconds between attempts to reach an engine that does not answer; the last one repeats."""
+PROMPT = 1.0
+"""Seconds for an answer that tells how things are: an engine that took longer may have stood still, and have answered
+before it noticed what happened meanwhile."""
 
 
 class Observer:
     """Keeps the cache in a thread of its own, so that a pass never waits for the engine."""
 
-    def __init__(self, engine: Observation, wake: Callable[[], None], resync: Callable[[], float]) -> None:
-        self.engine, self.wake, self.resync = engine, wake, resync
+    def __init__(
+        self,
+        engine: Observation,
+        wake: Callable[[], None],
+        resync: Callable[[], float],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`clock` is the loop's, seconds."""
+        self.engine, self.wake, self.resync, self.clock = engine, wake, resync, clock
         self.objects = ObjectObserver(engine, wake) if isinstance(engine, Objects) else None
         """Of networks and volumes; None where the engine makes none."""
         self._lock = threading.Lock()
@@ -30,6 +40,11 @@ class Observer:
         self._clock = itertools.count(1)
         self._began: dict[str, int] = {}
         """When, by that clock, the look at each container began that the cache shows: answers may overtake."""
+        self._looked: dict[str, float] = {}
+        """When, by the loop's clock, the last look at each container began that was answered promptly."""
+        self._looks: dict[str, float] = {}
+        """Containers to look at, each until a look began after that moment."""
+        self._to_look = threading.Event()
         self._acting: dict[str, list[str]] = {}
         """Containers with a call under way, and the states that events told of them meanwhile."""
         self._snapshot = Observed(complete=False)
@@ -41,7 +56,7 @@ class Observer:
         """Full lists made so far."""
 
     def start(self) -> None:
-        for target in (self._follow, self._resync_now_and_then):
+        for target in (self._follow, self._resync_now_and_then, self._look_as_told):
             thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
             thread.start()
             self._threads.append(thread)
@@ -53,6 +68,7 @@ class Observer:
             self.objects.stop()
         self._stop.set()
         self._doubt.set()
+        self._to_look.set()
 
     def snapshot(self) -> Observed:
         """Complete once both are known: containers, and networks and volumes where the engine makes any."""
@@ -60,7 +76,8 @@ class Observer:
         with self._lock:
             if self._changed or self._snapshot.objects is not objects:
                 told, self._changed = self._snapshot, False
-                self._snapshot = Observed(tuple(self._containers.values()), told.complete, told.error, objects)
+                containers, looked = tuple(self._containers.values()), {**self._looked}
+                self._snapshot = Observed(containers, told.complete, told.error, objects, looked)
             found = self._snapshot
         return Observed((), False, found.error) if objects and not objects.complete else found
 
@@ -81,7 +98,7 @@ class Observer:
     def refresh(self, container: str) -> None:
         """Asks for one container now, so that the next pass sees what an action did. Without an answer nothing is
         known of it, and so of all, until a full list has been made."""
-        began = next(self._clock)
+        began, since = next(self._clock), self.clock()
         try:
             found = self.engine.inspect(container)
         except RorgError as error:
@@ -97,6 +114,7 @@ class Observer:
                 self._containers.pop(container, None)
             else:
                 self._containers[container] = found
+            self._note_look([container] if found else [], since)
             if old != found:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
@@ -144,12 +162,13 @@ class Observer:
         containers are taken as they were seen where the engine has nothing new to say of them."""
         if self.objects:
             self.objects.check()
-        began = next(self._clock)
+        began, since = next(self._clock), self.clock()
         with self._lock:
             before = {**self._containers} if self._snapshot.complete and not anew else {}
         found = {c.id: c for c in self.engine.list(before)}
         self.lists += 1
         with self._lock:
+            self._note_look([c for c, new in found.items() if not new.brief and new is not before.get(c)], since)
             found = {c: self._seen(new, before) for c, new in found.items()}
             for container in [c for c, at in self._began.items() if at > began]:
                 found.pop(container, None)
@@ -164,10 +183,43 @@ class Observer:
             # What is as it was stays the same object, by which a pass tells that it has nothing to look at.
             found = {c: known if (known := self._containers.get(c)) == new else new for c, new in found.items()}
             self._containers = found
+            self._looked = {c: at for c, at in self._looked.items() if c in found}
             if changed:
                 self._publish(True, "")
         if changed:
             self.wake()
+
+    def _note_look(self, containers: Collection[str], since: float) -> None:
+        """These were looked at: the engine was asked then, and has answered just now."""
+        if self.clock() - since <= PROMPT:
+            self._looked.update((c, since) for c in containers if since > self._looked.get(c, 0.0))
+            self._changed = self._changed or bool(containers)
+
+    def look(self, looks: Mapping[str, float]) -> None:
+        """Each of these containers is looked at, unless a look at it began after that moment. Looks that are not told
+        any more are not taken."""
+        with self._lock:
+            self._looks = {c: at for c, at in looks.items() if self._looked.get(c, -1.0) < at}
+            if self._looks:
+                self._to_look.set()
+
+    def _look_as_told(self) -> None:
+        attempt = 0
+        while not self._stop.is_set():
+            self._to_look.wait()
+            self._to_look.clear()
+            with self._lock:
+                looks = {**self._looks}
+            for container in looks:
+                self.refresh(container)
+            with self._lock:
+                left = {c for c in looks if c in self._looks and self._looked.get(c, -1.0) < looks[c]}
+            if len(left) < len(looks):
+                attempt = 0
+                self.wake()
+            if left and not self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
+                attempt += 1
+                self._to_look.set()
 
     def _seen(self, found: Container, before: Mapping[str, Container]) -> Container:
         """A container of which the engine told no more than its state, or nothing new, is still the one that was seen

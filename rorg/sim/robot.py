@@ -156,7 +156,8 @@ class SimRobot:
         if not self.faults.unreachable:
             self._seen, self._found = tuple(self.engine.list()), self.engine.find_objects(self.desired.keys)
         unanswered = "the engine does not answer" if self.faults.unreachable else ""
-        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found)
+        looked = {c.id: self.now for c in self._seen}
+        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found, looked)
         return Inputs(
             desired=self.desired,
             requests=self.document.requests,
@@ -211,7 +212,8 @@ class SimRobot:
             and (answer.ok or key[1] != "ready")
             and (told := self._told.get(key)) is not None
             and (told.incarnation, told.ok) == (answer.incarnation, answer.ok)
-            for key in self._asked
+            and told.at >= (target.asked or 0.0)
+            for key, target in self._asked.items()
         )
         return min(target.every for target in self._asked.values()) if steady else OFTEN
 
