@@ -6,7 +6,6 @@ import contextlib
 import re
 import socket
 import threading
-import time
 
 
 class Forwarder:
@@ -17,8 +16,6 @@ class Forwarder:
         self.path, self.pid = host.removeprefix("unix://"), pid
         self.silent = False
         """Streams of events stay open and say nothing."""
-        self.slow_start = 0.0
-        """Seconds by which the answer to the start of a container is late."""
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.host = f"tcp://127.0.0.1:{self.listener.getsockname()[1]}"
         threading.Thread(target=self._accept, daemon=True).start()
@@ -48,11 +45,8 @@ class Forwarder:
     def _answer(self, engine: socket.socket, client: socket.socket, asked: list[bytes]) -> None:
         with contextlib.suppress(OSError):
             while data := engine.recv(1 << 16):
-                path = asked[0] if asked else b""
-                if path == b"/events" and self.silent:
+                if self.silent and asked == [b"/events"]:
                     continue
-                if path.endswith(b"/start"):
-                    time.sleep(self.slow_start)
                 client.sendall(re.sub(rb'"Pid":([1-9][0-9]*)', self._other, data) if self.pid else data)
             client.shutdown(socket.SHUT_WR)
 

@@ -187,6 +187,8 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             said, edition = dict(known["update"]), editions[name]  # an error is that of what the manifest says now
             quarantined = {edition: said.pop("error")} if "error" in said else {}
             known = {**known, "update": Update(edition=edition, quarantined=quarantined, **said)}
+        if "stopped" in known:
+            known = {**known, "stopped": tuple(known["stopped"])}
         tried = {verb: Attempt(**attempt) for verb, attempt in known.get("attempts", {}).items()}
         known = {**known, "attempts": tried} if tried else known
         if "counted_on" in known:
@@ -235,6 +237,7 @@ def test_plan(path, tmp_path):
         (n, "interlock"): ProbeResult("", said == "allows", now, said) for n, said in case.get("interlocks", {}).items()
     }
     results |= answers_of(case, containers)
+    looked = [entry.get("looked", now) for entry in case.get("observed", [])]
     known = case.get("devices", {})
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)
     desired = desire(catalog, contents=case.get("contents"))
@@ -247,10 +250,7 @@ def test_plan(path, tmp_path):
                 tuple(containers),
                 complete=case.get("complete", True),
                 objects=objects_of(case, desired),
-                looked={
-                    c.id: entry.get("looked", now)
-                    for c, entry in zip(containers, case.get("observed", []), strict=True)
-                },
+                looked=dict(zip((c.id for c in containers), looked, strict=True)),
             ),
             results=results,
             memory=memory_of(case, containers, desired.editions),

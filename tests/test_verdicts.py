@@ -31,7 +31,7 @@ def behind(forwarder, tmp_path):
     """A robot whose engine is reached through the forwarder."""
     found = RealRobot(tmp_path, "docker", forwarder.host)
     yield found
-    forwarder.silent, forwarder.slow_start = False, 0.0
+    forwarder.silent = False
     found.close()
 
 
@@ -79,11 +79,32 @@ def test_silent_events_prove_nothing(behind, forwarder):
     goes_back(behind, before)
 
 
-def test_a_bake_does_not_count_while_the_start_is_not_answered(behind, forwarder):
-    """The container dies while the answer of its start is under way."""
-    behind.declare({"arm": ON})
-    behind.settle()
-    before = identity(behind, "arm")
-    forwarder.silent, forwarder.slow_start = True, 1.0
-    behind.declare({"arm": {**ON, "command": dies_after(1.5), "update": {"bake": "1s"}}})
-    goes_back(behind, before)
+# -- what rorg stopped is no crash -----------------------------------------------------------------------------
+
+
+def test_changes_and_reverts_during_a_bake_are_no_crashes(real_robot):
+    robot = real_robot
+    stops = {"always_on": True, "command": ["sh", "-c", "trap 'exit 130' INT; while :; do sleep .05; done"]}
+    stops |= {"container": {"stop_signal": "SIGINT"}, "update": {"bake": "1h"}}
+    robot.declare({"arm": stops})
+    robot.settle()
+    for n in (1, 2, 0, 3, 0):  # 0 is a revert
+        more = {"environment": {"N": str(n)}} if n else {}
+        robot.declare({"arm": {**stops, "container": {**stops["container"], **more}}})
+        robot.wait(lambda more=more: serves(robot, "arm", more.get("environment", {})))
+    step = robot.loop.memory.of("arm")
+    assert (step.crashes, step.exits, step.error) == (0, 0, "")
+    assert not [line for line in robot.lines if "unexpected" in line]
+
+
+def serves(robot, name: str, environment: dict[str, str]) -> bool:
+    """What is declared has been read and runs, and rorg has nothing under way."""
+    desired, step = robot.loop.tree.desired, robot.loop.memory.of(name)
+    said = desired.catalog.services[name].spec.get("environment", {})
+    return (
+        said.get("N") == environment.get("N")
+        and robot.container(name).digest == desired.digests[name]
+        and step.well_since is not None
+        and step.update.edition == desired.editions[name]
+        and not robot.loop.memory.in_flight
+    )

@@ -18,6 +18,8 @@ from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.model.catalog import Probe, Service
 
+MOST_STOPPED = 16
+"""Runs of a service of which it is remembered that we stopped them."""
 DEFAULT_GRACE = 5.0
 """Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
 
@@ -101,8 +103,9 @@ class Progress:
     """Exits in a row while wanted, short of a stable run."""
     exited: str = ""
     """The incarnation whose exit was counted last."""
-    stopped: str = ""
-    """The incarnation that we stopped ourselves, or that ended while nobody wanted it: its exit is no failure."""
+    stopped: tuple[str, ...] = ()
+    """The incarnations, the newest last, that we stopped ourselves, or that ended while nobody wanted them: their exit
+    is no failure. Of containers that are there, a run each: the one that is kept may come back after others."""
     doubted_since: float | None = None
     """Since when a run goes on that was being stopped, by an rorg that was killed or by a call that failed."""
     counted_on: CountedOn = CountedOn()
@@ -120,6 +123,13 @@ class Progress:
     not_set: str = ""
     """Why the last attempt to set them failed."""
     update: Update = Update()
+
+    def with_stopped(self, run: str) -> Progress:
+        """From now on the end of this run is our doing."""
+        if run in self.stopped:
+            return self
+        others = [known for known in self.stopped if known.partition("@")[0] != run.partition("@")[0]]
+        return replace(self, stopped=(*others[-(MOST_STOPPED - 1) :], run))
 
     def spent(self, container: Container) -> bool:
         """The engine will not start it again."""

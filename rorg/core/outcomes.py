@@ -60,7 +60,7 @@ def _begun(step: Progress, action: Action, containers: Sequence[Container]) -> P
         step = replace(step, begun=operation.counts_on, update=replace(step.update, begun=operation.content))
     if isinstance(operation, Stop):
         # From now on its end is our doing, even if this rorg does not live to see it.
-        step = replace(step, stopped=operation.incarnation)
+        step = step.with_stopped(operation.incarnation)
     return step
 
 

@@ -25,7 +25,7 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
     counted_on = counts_on(step.counted_on, service, current, seen.containers, step.begun)
     step = step if counted_on is step.counted_on else replace(step, counted_on=counted_on, begun=None)
     if not seen.wanted and current is not None and current.state == "exited":
-        step = replace(step, stopped=current.incarnation) if step.stopped != current.incarnation else step
+        step = step.with_stopped(current.incarnation)
     step = _doubt(step, service, None if seen.busy else current, now)
     if seen.wanted and not seen.busy:
         step = _ended_with_another(step, service, seen)
@@ -93,11 +93,14 @@ def doubt_ends(step: Progress, service: Service) -> float | None:
 
 def _doubt(step: Progress, service: Service, current: Container | None, now: float) -> Progress:
     """Nothing is said of a run that may end at any moment, until its time to do so is over."""
-    if current is None or not current.alive or not step.stopped or step.stopped != current.incarnation:
+    if current is None or not current.alive or current.incarnation not in step.stopped:
         return replace(step, doubted_since=None) if step.doubted_since is not None else step
     if step.doubted_since is None:
         return replace(step, doubted_since=now)
-    return replace(step, stopped="", doubted_since=None) if now >= (doubt_ends(step, service) or 0.0) else step
+    if now < (doubt_ends(step, service) or 0.0):
+        return step
+    left = tuple(run for run in step.stopped if run != current.incarnation)
+    return replace(step, stopped=left, doubted_since=None)
 
 
 def _ended_with_another(step: Progress, service: Service, seen: Seen) -> Progress:
@@ -109,7 +112,7 @@ def _ended_with_another(step: Progress, service: Service, seen: Seen) -> Progres
     for name in (n for n, options in service.joins.items() if "pid" in options):
         other = seen.current(name)
         if other is None or not other.alive or step.counted_on.lost(name, current, other):
-            return step if step.stopped == current.incarnation else replace(step, stopped=current.incarnation)
+            return step.with_stopped(current.incarnation)
     return step
 
 
@@ -117,7 +120,7 @@ def _exit(step: Progress, current: Container | None, now: float, booted_at: str)
     if current is None or current.state != "exited" or not current.started_at:
         return step
     run = current.incarnation
-    if run in (step.exited, step.stopped):
+    if run == step.exited or run in step.stopped:
         return step
     if current.started_at < booted_at and step.incarnation != run and step.begun is None:
         return step  # the machine's boot ended it; unless we saw or began it, and the clock was set since

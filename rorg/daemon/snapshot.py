@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
-from rorg.core.memory import Attempt, Memory, Progress
+from rorg.core.memory import MOST_STOPPED, Attempt, Memory, Progress
 from rorg.core.object_status import object_views
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
@@ -167,7 +167,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
     return {
         "run": step.counted_on.run,
         "needs": dict(step.counted_on.needs),
-        "stopped": step.stopped,
+        "stopped": list(step.stopped),
         **{k: v for k, v in more.items() if v},
     }
 
@@ -195,10 +195,16 @@ def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
             found[name] = Progress(
                 counted_on=CountedOn(str(known.get("run", "")), needs),
                 update=update,
-                stopped=str(known.get("stopped", "")),
+                stopped=_stopped(known.get("stopped")),
                 attempts={} if now is None else _tries(known.get("attempts"), now),
             )
     return Memory(found)
+
+
+def _stopped(known: Any) -> tuple[str, ...]:
+    """An older rorg remembered one run, "" for none."""
+    runs = known if isinstance(known, list) else [known]
+    return tuple(run for run in runs if isinstance(run, str) and run)[-MOST_STOPPED:]
 
 
 def _texts(known: Any) -> dict[str, str]:
