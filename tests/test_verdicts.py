@@ -8,9 +8,11 @@ import signal
 from contextlib import contextmanager
 
 import pytest
+from commands import rorg
 from forwarder import Forwarder
-from robots import RealRobot
-from test_updates import failed, identity
+from robots import RealRobot, VirtualRobot
+from test_safe_updates import stands
+from test_updates import failed, identity, later
 
 ON = {"always_on": True}
 
@@ -77,6 +79,97 @@ def test_silent_events_prove_nothing(behind, forwarder):
     forwarder.silent = True
     behind.declare({"arm": {**ON, "command": dies_after(1), "update": {"bake": "2s"}}})
     goes_back(behind, before)
+
+
+# -- whoever changes probes changes what is proven -------------------------------------------------------------
+
+
+@pytest.fixture
+def virtual(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+def test_a_change_of_ready_alone_is_proven_by_its_answers(virtual):
+    virtual.declare({"nav": {**ON, "ready": {"tcp": 1}}})
+    virtual.settle()
+    later(virtual, 10)
+    assert stands(virtual) == "good"
+    run = virtual.container("nav").incarnation
+    virtual.sim.ready_after["nav"] = 1e9
+    virtual.declare({"nav": {**ON, "ready": {"tcp": 2, "timeout": "20s"}}})
+    later(virtual, 19)
+    assert stands(virtual) == "baking"
+    assert virtual.sim.memory.of("nav").ready, "it has the time of its probe to answer it"
+    later(virtual, 2)
+    assert stands(virtual) == "failed"
+    assert not virtual.sim.memory.of("nav").ready
+    assert virtual.container("nav").incarnation == run
+    virtual.sim.ready_after.clear()
+    virtual.declare({"nav": {**ON, "ready": {"tcp": 3}}})
+    later(virtual, 5)
+    assert stands(virtual) == "good"
+    assert virtual.container("nav").incarnation == run
+
+
+def test_a_change_of_live_alone_is_proven_by_its_answers(virtual):
+    virtual.declare({"nav": {**ON, "ready": {"tcp": 1}}})
+    virtual.settle()
+    later(virtual, 10)
+    virtual.sim.hung.add(virtual.container("nav").incarnation)
+    virtual.declare({"nav": {**ON, "ready": {"tcp": 1}, "live": {"tcp": 1}}})
+    seen = []
+    virtual.wait(lambda: seen.append(stands(virtual)) or virtual.sim.memory.of("nav").crashes)
+    assert "good" not in seen
+    virtual.sim.hung.clear()
+    later(virtual, 10)
+    assert stands(virtual) == "good"
+
+
+def standings(robot) -> list[tuple[str, str]]:
+    """Of all revisions, the newest last, each with why."""
+    found = robot.loop.recorder.historian.revisions.list(10)
+    return [(r.standing, r.reason) for r in reversed(found)]
+
+
+@pytest.fixture(params=["docker", "process"])
+def served(request, tmp_path):
+    """A robot whose rorg commands can ask."""
+    host = request.getfixturevalue("dockerd").host if request.param == "docker" else None
+    found = RealRobot(tmp_path, request.param, host, with_server=True)
+    yield found
+    found.close()
+
+
+def test_a_revision_that_breaks_ready_bakes_until_that_has_answered_and_fails(served, tmp_path):
+    robot = served
+    mark = tmp_path / "mark" if robot.kind == "process" else "/mark"
+    robot.declare({"arm": {**ON, "ready": {"exec": ["sh", "-c", "true"]}}})
+    robot.wait(lambda: standings(robot)[-1:] == [("good", "")])
+    before = identity(robot, "arm")
+    waits = {"exec": ["sh", "-c", f"test -e {mark}"], "interval": "100ms", "timeout": "1h"}
+    robot.declare({"arm": {**ON, "ready": waits}})
+    robot.wait(lambda: standings(robot)[-1] == ("baking", "not yet known to stay well: arm"))
+    robot.wait(lambda: (robot.status()["tree"]["standing"] or {})["code"] == "baking")
+    told = rorg("get", RORG_SOCKET=robot.socket()).stderr
+    assert "manifests are baking: not yet known to stay well: arm" in told
+    robot.engine.exec(robot.container("arm").id, ["python3", "-c", f"open({str(mark)!r}, 'w')"], 10)
+    robot.wait(lambda: standings(robot)[-1] == ("good", ""))
+    robot.declare({"arm": {**ON, "ready": {"exec": ["sh", "-c", "false"], "timeout": "2s"}}})
+    robot.wait(lambda: standings(robot)[-1][0] == "failed")
+    assert [code for code, _ in standings(robot)] == ["good", "good", "failed"]
+    assert "not ready within 2 s" in standings(robot)[-1][1]
+    assert identity(robot, "arm") == before
+
+
+def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
+    robot = real_robot
+    robot.declare({"arm": ON})
+    robot.wait(lambda: standings(robot)[-1:] == [("good", "")])
+    robot.declare({"arm": {**ON, "command": dies_after(0.1), "update": {"bake": "20s"}}})
+    robot.wait(lambda: robot.loop.memory.of("arm").update.quarantined)
+    robot.declare({"arm": ON})
+    robot.wait(lambda: len(standings(robot)) == 3 and standings(robot)[-1][0] == "good")
+    assert standings(robot)[1] == ("failed", "arm: ended with exit code 7")
 
 
 # -- what rorg stopped is no crash -----------------------------------------------------------------------------

@@ -30,6 +30,13 @@ class GitView(BaseModel):
     error: str = Field(description="Why it cannot be reached, or its last commit is refused; empty when all is well.")
 
 
+class StandingView(BaseModel):
+    """How a state of the manifests has done so far."""
+
+    code: str = Field(description="applying, baking, good or failed.")
+    reason: str = Field(description="For people; empty for good.")
+
+
 class TreeView(BaseModel):
     """The tree of manifests that is in force."""
 
@@ -44,6 +51,9 @@ class TreeView(BaseModel):
         description="While there are any, the last good tree is in force and nothing is removed on its word."
     )
     warnings: list[DiagnosticView] = Field(default=[], description="What is wrong with it, though it is in force.")
+    standing: StandingView | None = Field(
+        default=None, description="How it has done so far; missing until rorg knows what runs."
+    )
 
 
 class EngineView(BaseModel):

@@ -271,6 +271,8 @@ class Context:
             found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"]
         if error := (view.get("tree", {}).get("git") or {}).get("error"):
             found.append(f"git: {error}")
+        if (standing := view.get("tree", {}).get("standing") or {}).get("code") == "baking":
+            found.append(f"manifests are baking: {standing['reason']}")
         found += view.get("requests_errors") or []
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         found += ["the robot is down; `rorg up` brings it up"] if view.get("down") == "down" else []

@@ -79,7 +79,7 @@ def desire(
         keys=frozenset(one.key for one in objects.values()),
         digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
         editions={
-            name: digest({"spec": s.spec, "ready": s.ready and _said(s.ready), "content": contents.get(name)})
+            name: digest({"spec": s.spec, **_probes(s), "content": contents.get(name)})
             for name, s in services.items()
             if s.spec is not None
         },
@@ -100,6 +100,12 @@ def desire(
         contents=contents,
         ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
     )
+
+
+def _probes(service: Service) -> dict[str, Any]:
+    """What tells how a service is. Without `live` it is as it was before that counted, for the same reason as below."""
+    live = {"live": _said(service.live)} if service.live else {}
+    return {"ready": service.ready and _said(service.ready), **live}
 
 
 def _said(probe: Probe) -> dict[str, Any]:

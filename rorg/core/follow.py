@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from rorg.core.atomic import freed, judged_together, sets_of
 from rorg.core.changes import changed_keys
@@ -62,18 +63,15 @@ def follow(
     progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     restless = set(kept.restless) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
+    look = partial(Seen, containers=by_service, now=now, booted_at=booted_at, looked=observed.looked)
     for name in names:
         service, before = services[name], memory.of(name)
-        seen = Seen(
+        seen = look(
             wanted=name in wanted,
-            containers=by_service,
             ready=results.get((name, "ready")),
             live=results.get((name, "live")),
             busy=name in memory.in_flight,
-            now=now,
-            booted_at=booted_at,
             unplugged=name in unplugged,
-            looked=observed.looked,
         )
         step = _one(parameters_noted(before, results.get((name, ROLE))), service, desired, seen)
         if not (same := step is before and name in memory.progress):

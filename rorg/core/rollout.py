@@ -120,7 +120,8 @@ def _judged_alone(step: Progress, service: Service, current: Container, desired:
     step = _awaiting(step, verdict.since)
     if verdict.passed:
         return _baked(step, service, current, desired)
-    if verdict.error and step.running_since is not None and update.since > step.running_since and not update.failed:
+    goes_on = step.running_since is not None and step.hung != step.incarnation
+    if verdict.error and goes_on and update.since > (step.running_since or 0.0) and not update.failed:
         return replace(failed(step, verdict.error), ready=False, was_ready=False, well_since=None)
     return step
 

@@ -5,6 +5,7 @@ Whoever keeps revisions adds what is not seen here: `superseded` by a later one,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rorg.core.plan import Action, Plan
@@ -30,19 +31,23 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
     tried until now makes them fail: what else goes wrong later is not their doing.
 
     Wanted services must have stayed well once for their bake; of others it is enough that their containers are there.
+    A change that has failed counts from then on, and not only when what it did has been undone.
     While something is under way nothing else is looked at, so it costs nothing while a robot comes up.
     """
+    undone = _undone(situation)
+    if undone:
+        return _told(undone)
     if not situation.observed.complete:
         return Standing(GOOD) if good else Standing(APPLYING, "the engine does not answer")
     flights = situation.memory.in_flight.values()
     doing = next((str(a) for a in (*(f.action for f in flights), *plan.actions) if _of_tree(a)), "")
     if doing and not good:
         return Standing(APPLYING, doing)
-    failed = _failed(situation, plan, good)
-    if failed:
-        return Standing(FAILED, "; ".join(f"{name}: {why}" for name, why in failed.items()))
     if good:
         return Standing(GOOD)
+    failed = _failed(situation, plan)
+    if failed:
+        return _told(failed)
     waits = _waits(situation, plan)
     if waits:
         return Standing(APPLYING, waits)
@@ -69,21 +74,28 @@ def _baked(situation: Situation, name: str) -> bool:
     return update.baked == update.edition
 
 
-def _failed(situation: Situation, plan: Plan, good: bool) -> dict[str, str]:
+def _told(failed: Mapping[str, str]) -> Standing:
+    return Standing(FAILED, "; ".join(f"{name}: {why}" for name, why in failed.items()))
+
+
+def _undone(situation: Situation) -> dict[str, str]:
+    """Services whose change is in quarantine, each with why."""
     memory = situation.memory
-    found = {name: why for name in _services(situation) if (why := memory.of(name).update.failed)}
-    if not good:
-        found |= {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
-        found |= {
-            name: step.error
-            for name in situation.wanted
-            if name in situation.desired.editions
-            and name not in situation.prewarmed
-            and (step := memory.of(name)).stalled
-            and name not in found
-            and not _baked(situation, name)
-        }
-    return found
+    return {name: why for name in _services(situation) if (why := memory.of(name).update.failed)}
+
+
+def _failed(situation: Situation, plan: Plan) -> dict[str, str]:
+    memory = situation.memory
+    found = {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
+    return found | {
+        name: step.error
+        for name in situation.wanted
+        if name in situation.desired.editions
+        and name not in situation.prewarmed
+        and (step := memory.of(name)).stalled
+        and name not in found
+        and not _baked(situation, name)
+    }
 
 
 def _waits(situation: Situation, plan: Plan) -> str:

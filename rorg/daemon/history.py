@@ -14,12 +14,12 @@ from rorg.core.digest import canonical, declared_fields
 from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
-from rorg.core.standing import GOOD, standing
+from rorg.core.standing import FAILED, GOOD, Standing, standing
 from rorg.daemon.outliving import outliving, remembered
 from rorg.daemon.tree import Tree
 from rorg.history.asked import Asked
 from rorg.history.database import Database
-from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.revisions import UNDER_WAY, Made, Revision, Revisions
 from rorg.history.runs import Runs
 from rorg.model.catalog import Catalog, Request
 
@@ -30,6 +30,8 @@ class Historian:
     def __init__(self, database: Database, wall: Callable[[], str], masker: Masker) -> None:
         self.wall, self.masker = wall, masker
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
+        self.standing: Standing | None = None
+        """Of the manifests in force, as of the last pass; None before it is known."""
         self._revision: Revision | None = None
         """The one in force."""
         self._imageless: set[str] = set()
@@ -63,7 +65,7 @@ class Historian:
             self._refuse(tree)
         elif tree.loaded and decision.situation.observed.complete:
             self._refused = None
-            self._note_revision(decision, tree)
+            self._note_revision(decision, memory, tree)
 
     # -- what outlives the loop --------------------------------------------------------------------------------
 
@@ -97,16 +99,16 @@ class Historian:
             last = self.revisions.begin(replace(found, settled_at=found.at))
         self._refused = last
 
-    def _note_revision(self, decision: Decision, tree: Tree) -> None:
+    def _note_revision(self, decision: Decision, memory: Memory, tree: Tree) -> None:
         seen = (tree.desired, tree.commit)
         if len(self._seen) != len(seen) or any(a is not b for a, b in zip(self._seen, seen, strict=True)):
             self._seen = seen
-            self._begin(decision.plan, tree)
+            self._begin(decision.plan, memory, tree)
         revision = self._revision
         if revision is None:
             return
         self._note_images(decision, revision.number)
-        found = standing(decision.situation, decision.plan, revision.standing == GOOD)
+        self.standing = found = standing(decision.situation, decision.plan, revision.standing == GOOD)
         if found.code != revision.standing:
             self._revision = replace(revision, standing=found.code, reason=found.reason)
             self.revisions.settle(revision.number, found.code, self.masker.text(found.reason), self.wall())
@@ -124,7 +126,7 @@ class Historian:
             self.revisions.note_images(number, found)
             self._imageless -= found.keys()
 
-    def _begin(self, plan: Plan, tree: Tree) -> None:
+    def _begin(self, plan: Plan, memory: Memory, tree: Tree) -> None:
         """Writes a state of the manifests down, unless it is the one in force."""
         if not self._looked:
             self._revision, self._looked = self.revisions.in_force(), True
@@ -140,10 +142,24 @@ class Historian:
             robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
+            self._settle_failed(last, memory)
             services = made(tree.desired, last.services if last else {}, self.masker)
             self._revision = self.revisions.begin(replace(found, plan=self.masker.text(plan.text()), services=services))
         known = self._revision.services if self._revision else {}
         self._imageless = {name for name, made in known.items() if not made.image_id}
+
+    def _settle_failed(self, last: Revision | None, memory: Memory) -> None:
+        """One whose failure is found in the pass that finds the next one too has failed all the same."""
+        if last is None or last.standing not in UNDER_WAY:
+            return
+        failed = {
+            name: why
+            for name, made in last.services.items()
+            if (why := memory.of(name).update.quarantined.get(made.edition))
+        }
+        if failed:
+            reason = "; ".join(f"{name}: {why}" for name, why in failed.items())
+            self.revisions.settle(last.number, FAILED, self.masker.text(reason), self.wall())
 
 
 def _identity(revision: Revision) -> tuple[object, ...]:

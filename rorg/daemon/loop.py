@@ -179,6 +179,7 @@ class Loop:
         self.learner.note(decision.memory.foresight.learned)
         if not document.down:  # nothing that is down says how its manifests do
             self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
+        self.tree.standing = self.recorder.historian.standing
         self.recorder.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()

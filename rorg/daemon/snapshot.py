@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from rorg.core.changes import changed_keys
@@ -30,6 +31,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "revision": tree.revision,
             "robot": tree.robot,
             "git": tree.git_json(),
+            "standing": asdict(tree.standing) if tree.standing else None,
             "errors": [d.as_json() for d in tree.errors],
             "warnings": [d.as_json() for d in tree.warnings],
         },

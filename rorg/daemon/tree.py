@@ -14,6 +14,7 @@ from typing import Any
 
 from rorg.core.desired import Desired, desire
 from rorg.core.masking import Masker
+from rorg.core.standing import Standing
 from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
 from rorg.host.contents import Contents
@@ -77,6 +78,8 @@ class Tree:
         """How the repository's head was when it was read last."""
         self.loaded = False
         """Whether any tree has been good yet."""
+        self.standing: Standing | None = None
+        """Of what it declares, as the last pass has found it."""
         self._inputs = Inputs()
         self._stamp: Stamp | None = None
         """Of what was read last."""
