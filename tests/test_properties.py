@@ -10,8 +10,10 @@ import copy
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from hypothesis import HealthCheck, Phase, example, given, reject, settings
 from hypothesis import strategies as st
@@ -394,13 +396,18 @@ def live_through(specs, policy, events, uses=None, learned=None):
 
 
 class Reader(SimRobot):
-    """Keeps what the last pass has read."""
+    """Keeps what the last pass has read. Looks at a container only when it is new, or when a verdict asks for it."""
+
+    looked: Mapping[str, float] = MappingProxyType({})
 
     patience = 0.0
     """Seconds between passes at least, while all probes say what they said before."""
 
     def inputs(self) -> Inputs:
-        self.read = super().inputs()
+        found, asked = super().inputs(), self.decision.to_look if self.cache else {}
+        new = {c.id: self.now for c in found.observed.containers if c.id in asked or c.id not in self.looked}
+        self.looked = {**self.looked, **new}
+        self.read = replace(found, observed=replace(found.observed, looked=self.looked))
         return self.read
 
     def _until_asked_again(self) -> float:
@@ -568,6 +575,7 @@ class Watch:
         """When the last call that started a service began."""
         self.passes, self.snapshots = 0, Snapshots()
         self.repeated, self.before = 0, ()
+        self.baked: dict[str, str] = {}
 
     def invariants(self) -> bool:
         if self.eventful():
@@ -575,6 +583,7 @@ class Watch:
             if self.robot.learned:
                 requested_as_without(self.robot.read, self.robot.decision)
         self.published()
+        self.proven()
         robot, services = self.robot, self.robot.desired.catalog.services
         situation = robot.decision.situation
         told = (
@@ -606,6 +615,21 @@ class Watch:
         self.repeated = self.repeated + 1 if now == self.before else 0
         self.before = now
         return self.repeated % UNEVENTFUL == 0
+
+    def proven(self) -> None:
+        """Who is found just now to have stayed well was looked at, and has answered, since its bake ended."""
+        read, robot = self.robot.read, self.robot
+        for name, step in robot.memory.progress.items():
+            before, self.baked[name] = self.baked.get(name), step.update.baked
+            service = robot.desired.catalog.services.get(name)
+            if step.update.baked in ("", before) or step.well_since is None or service is None:
+                continue
+            run = read.observed.by_service()[name][0]
+            over = step.well_since + service.update.bake
+            asked = [r for r, p in (("ready", service.ready), ("live", service.live)) if p and p.delay is None]
+            assert robot.now >= over
+            assert read.observed.looked[run.id] >= over, f"nobody has looked at {name}"
+            assert all((said := read.results[name, r]).ok and said.at >= over for r in asked), f"{name} was not asked"
 
     def published(self) -> None:
         """Now and then, as a loop does it. What is kept of it says the same as what is written anew."""

@@ -115,7 +115,10 @@ class RunView(BaseModel):
 
     run: str = Field(description="The run that counts on runs of what it needs.")
     needs: dict[str, str] = Field(description="Service that it needs, and the run of it that it counts on.")
-    stopped: str = Field(description="The run that rorg ended itself.")
+    stopped: str = Field(description="The last run that rorg ended itself.")
+    stopped_before: list[str] | None = Field(
+        default=None, description="Earlier ones, of other containers that are kept."
+    )
     edition: str | None = Field(default=None, description="What was declared when its container was taken into use.")
     quarantined: dict[str, str] | None = Field(
         default=None, description="Editions that did not come up, or did not stay well, and why."

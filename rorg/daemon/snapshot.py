@@ -163,13 +163,14 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "proven": update.proven,
         "baked": update.baked,
         "loaded": update.run,
+        "stopped_before": list(step.stopped[:-1]),
         "content": dict(update.content),
         "attempts": {verb: [t.at, t.error] for verb, t in step.attempts.items() if t.at > now},
     }
     return {
         "run": step.counted_on.run,
         "needs": dict(step.counted_on.needs),
-        "stopped": list(step.stopped),
+        "stopped": step.stopped[-1] if step.stopped else "",
         **{k: v for k, v in more.items() if v},
     }
 
@@ -197,15 +198,16 @@ def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
             found[name] = Progress(
                 counted_on=CountedOn(str(known.get("run", "")), needs),
                 update=update,
-                stopped=_stopped(known.get("stopped")),
+                stopped=_stopped(known),
                 attempts={} if now is None else _tries(known.get("attempts"), now),
             )
     return Memory(found)
 
 
-def _stopped(known: Any) -> tuple[str, ...]:
-    """An older rorg remembered one run, "" for none."""
-    runs = known if isinstance(known, list) else [known]
+def _stopped(known: Mapping[str, Any]) -> tuple[str, ...]:
+    """An older rorg remembered only the last one."""
+    before = known.get("stopped_before")
+    runs = [*(before if isinstance(before, list) else ()), known.get("stopped")]
     return tuple(run for run in runs if isinstance(run, str) and run)[-MOST_STOPPED:]
 
 

@@ -247,6 +247,7 @@ class SimRobot:
             times = [self._events[0][0]] if self._events else []
             times += [decision.deadline] if decision.deadline is not None else []
             times += [self.now + self._until_asked_again()] if decision.to_probe else []
+            times += [self.now + OFTEN] if decision.to_look else []
             limits = self.desired.catalog.policy.pressure
             times += [self.now + limits.step] if limits else []
             if not times or min(times) > end:
