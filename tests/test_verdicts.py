@@ -18,7 +18,7 @@ ON = {"always_on": True}
 
 
 def dies_after(seconds: float) -> list[str]:
-    return ["sh", "-c", f"sleep {seconds}; exit 7"]
+    return ["python3", "-S", "-c", f"import time; time.sleep({seconds}); raise SystemExit(7)"]
 
 
 @pytest.fixture
@@ -64,11 +64,11 @@ def test_an_engine_that_is_stopped_during_a_bake_proves_nothing(dockerd, docker_
     robot.declare({"arm": ON})
     robot.settle()
     before = identity(robot, "arm")
-    robot.declare({"arm": {**ON, "command": dies_after(1), "update": {"bake": "2s"}}})
+    robot.declare({"arm": {**ON, "command": dies_after(2), "update": {"bake": "4s"}}})
     robot.wait(lambda: on_trial(robot, before))
     since = robot.loop.clock()
     with stopped(dockerd):
-        robot.wait(lambda: robot.loop.clock() > since + 5)
+        robot.wait(lambda: robot.loop.clock() > since + 6)
     goes_back(robot, before)
 
 
@@ -177,7 +177,8 @@ def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
 
 def test_changes_and_reverts_during_a_bake_are_no_crashes(real_robot):
     robot = real_robot
-    stops = {"always_on": True, "command": ["sh", "-c", "trap 'exit 130' INT; while :; do sleep .05; done"]}
+    ends = "import os, signal\nsignal.signal(2, lambda *_: os._exit(130))\nwhile True: signal.pause()"
+    stops = {**ON, "command": ["python3", "-S", "-c", ends]}
     stops |= {"container": {"stop_signal": "SIGINT"}, "update": {"bake": "1h"}}
     robot.declare({"arm": stops})
     robot.settle()
