@@ -10,7 +10,11 @@ import pytest
 from conftest import ROOT
 from robots import RealRobot
 
-TREE = {"camera": {"idle": {"action": "pause"}}, "lidar": {}, "arm": {"driver": {}, "conflicts": ["lidar"]}}
+TREE = {
+    "camera": {"idle": {"action": "pause"}, "ready": {"exec": ["true"], "interval": "50ms"}},
+    "lidar": {},
+    "arm": {"driver": {}, "conflicts": ["lidar"]},
+}
 CLIENT = ROOT / "clients/cpp"
 
 

@@ -16,7 +16,11 @@ from test_deployment import certificate
 
 from rorg.client import Client
 
-TREE = {"camera": {"idle": {"action": "pause"}}, "lidar": {}, "arm": {"driver": {}, "conflicts": ["lidar"]}}
+TREE = {
+    "camera": {"idle": {"action": "pause"}, "ready": {"exec": ["true"], "interval": "50ms"}},
+    "lidar": {},
+    "arm": {"driver": {}, "conflicts": ["lidar"]},
+}
 BOTH = pytest.mark.parametrize("kind", SANITIZERS)
 
 

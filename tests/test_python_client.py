@@ -23,6 +23,7 @@ SERVICES = {
     "arm": {"needs": ["lidar"]},
     "slow": {"ready": {"delay": "2s"}},
     "never": {"ready": {"file": "/nowhere/at/all", "timeout": "600s"}},
+    "probed": {"ready": {"exec": ["true"], "interval": "50ms"}},
     "low": {"exclusive": ["gpu"], "priority": 10},
     "high": {"exclusive": ["gpu"], "priority": 90},
     "behaviour": {"may_request": ["camera", "lidar", "arm"], "may_restart": ["camera"], "may_manage": ["lab-*"]},
@@ -257,6 +258,26 @@ def test_readiness_of_each_and_as_a_future(robot):
             held.ready(timeout=0.1).result(20)
         assert error.value.services["camera"]["ready"]
         assert "never" in error.value.cause
+
+
+def test_a_service_with_a_probe_is_told_ready_without_waiting_for_it(robot):
+    client = robot.client()
+
+    async def main() -> list[bool]:
+        other = AsyncClient(robot.socket())
+        found = [(await other.readiness("probed"))["probed"]["ready"] for _ in range(20)]
+        async with other.request("probed", wait=0):
+            pass
+        await other.close()
+        return found
+
+    assert not client.readiness("probed")["probed"]["ready"], "nobody requests it"
+    with client.request("probed", wait=60) as held:
+        assert [held.readiness()["probed"]["ready"] for _ in range(20)] == [True] * 20
+        assert asyncio.run(main()) == [True] * 20
+        with client.request("probed", wait=0):
+            pass
+        commands.rorg("wait", "probed", "--timeout", "0s", "--state-dir", str(robot.state))
 
 
 # -- losses ----------------------------------------------------------------------------------------------------

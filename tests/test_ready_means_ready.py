@@ -205,3 +205,54 @@ def test_who_waits_while_rorg_is_stopped_is_told_to_come_again(robot):
     ] * 5
     assert raw(robot).ask("PUT", "/v1/requests/late", {"services": ["cam"]})[0] == 503
     robot.server.operations.ending = False
+
+
+def test_a_question_without_time_is_answered_from_the_last_probe_of_this_run(robot, tmp_path):
+    """Yes as long as the service is held and well, whether its probe goes on or ended with its first yes."""
+    yes = tmp_path / "yes" if robot.kind == "process" else "/yes"
+    check = {"exec": ["python3", "-c", f"import os, sys; sys.exit(not os.path.exists('{yes}'))"], "interval": "50ms"}
+    begin = ["python3", "-c", f"import signal\nopen('{yes}', 'w').close()\nsignal.pause()"]
+    service = {**STOPPED, "command": begin}
+    cam = {**service, "ready": {**check, "failures": 1000}}
+    declare(robot, {"cam": cam, "arm": {**service, "ready": check, "needs": ["cam"]}})
+    api, question = raw(robot), "/v1/wait?services=arm&timeout=0"
+    assert api.ask("GET", question)[0] == 504, "nobody requests it"
+    api.ask("PUT", "/v1/requests/a", {"services": ["arm"]})
+    assert api.ask("GET", "/v1/wait?services=arm&timeout=60")[0] == 200
+    runs = {name: robot.container(name).incarnation for name in ("arm", "cam")}
+    for _ in range(20):
+        status, _, told = api.ask("GET", question)
+        assert status == 200, told
+        assert {name: one["incarnation"] for name, one in told["services"].items()} == runs
+
+    def make(name: str, what: str) -> None:
+        code, said = robot.engine.exec(robot.container(name).id, ["python3", "-c", f"import os; {what}"], 10)
+        assert code == 0, said
+
+    for name in {"arm", "cam"} if robot.kind == "docker" else {"arm"}:  # processes share the file
+        make(name, f"os.unlink('{yes}')")
+        wait_for(lambda: api.ask("GET", question)[0] == 504, what="the last probe says no")
+        for _ in range(5):
+            status, _, told = api.ask("GET", question)
+            assert status == 504
+            assert "exits 1" in told["services"][name]["reason"]
+        make(name, f"open('{yes}', 'w')")
+        wait_for(lambda: api.ask("GET", question)[0] == 200, what="the last probe says yes")
+
+
+def test_a_question_without_time_does_not_wait_for_a_probe_that_hangs(robot, tmp_path):
+    hang = tmp_path / "hang" if robot.kind == "process" else "/hang"
+    check = ["python3", "-c", f"import os, time\nif os.path.exists('{hang}'): time.sleep(600)"]
+    declare(robot, {"cam": {**STOPPED, "ready": {"exec": check, "interval": "50ms"}}})
+    api = raw(robot)
+    api.ask("PUT", "/v1/requests/a", {"services": ["cam"]})
+    assert api.ask("GET", "/v1/wait?services=cam&timeout=60")[0] == 200
+    code, said = robot.engine.exec(robot.container("cam").id, ["python3", "-c", f"open('{hang}', 'w')"], 10)
+    assert code == 0, said
+    answered = robot.loop.memory.of("cam").answered
+    wait_for(lambda: robot.loop.clock() > answered + 0.05)
+    began = time.monotonic()
+    status, _, told = api.ask("GET", "/v1/wait?services=cam&timeout=0")
+    assert status == 504
+    assert told["services"]["cam"]["reason"] == "its probe has not answered yet"
+    assert time.monotonic() - began < 9, "one attempt of a probe may take ten seconds"

@@ -134,12 +134,13 @@ class Operations:
         return readiness(self.decision, self.statuses(), question)
 
     @contextlib.contextmanager
-    def question(self, names: tuple[str, ...]) -> Iterator[Question]:
-        """While the block runs somebody waits for these services: every change accepted until now counts, and probes
-        are asked anew."""
-        question, services = Question(names, self.loop.clock(), self.loop.generations.latest), self.catalog.services
-        asked = tuple({*names, *closure(services, names)})
-        self.loop.questions[question] = asked, question.since
+    def question(self, names: tuple[str, ...], waits: bool = True) -> Iterator[Question]:
+        """While the block runs somebody asks for these services: every change accepted until now counts, and the loop
+        asks their probes again, as far as their last answers do not count."""
+        services = self.catalog.services
+        question = Question(names, self.loop.clock(), self.loop.generations.latest, waits)
+        asked = {*names, *closure(services, names)}
+        self.loop.questions[question] = {name: question.since_of(services[name]) for name in asked}
         if any(services[name].ready for name in asked):
             self.loop.wake()
         try:

@@ -7,19 +7,28 @@ from dataclasses import dataclass
 from typing import Any
 
 from rorg.core.decide import Decision
-from rorg.core.schedule import told_since
+from rorg.core.memory import Progress
+from rorg.core.schedule import denied_since, told_since
 from rorg.core.status import Status
+from rorg.model.catalog import Service
 from rorg.model.codes import BLOCKED, NO_IMAGE
 from rorg.model.graph import closure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """Somebody waits for services: since when (`clock` of the loop), and knowing of which change."""
+    """Somebody asks for services: when (`clock` of the loop), and knowing of which change. Whoever `waits` gets an
+    answer of probes that were asked since; whoever does not, one of the last probes, if they are recent."""
 
     names: tuple[str, ...]
     since: float
     generation: int
+    waits: bool = True
+
+    def since_of(self, service: Service) -> float:
+        """From when on the answer of a service's probe counts."""
+        interval = service.ready.interval if service.ready and not self.waits else 0.0
+        return self.since - interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +39,8 @@ class Ready:
     incarnation: str
     reason: str = ""
     hopeless: bool = False
+    asking: bool = False
+    """All that is missing is the answer of its probe, which is being asked."""
 
     def as_json(self) -> dict[str, Any]:
         return {"ready": self.ready, "incarnation": self.incarnation, "reason": self.reason}
@@ -51,6 +62,11 @@ class Readiness:
         return not self.suspended and any(r.hopeless for r in self.services.values())
 
     @property
+    def asking(self) -> bool:
+        """Whether the answers of probes decide."""
+        return not self.ready and all(r.ready or r.asking for r in self.services.values())
+
+    @property
     def reason(self) -> str:
         """What is said of the first one that is not ready."""
         first = next((f"{n}: {r.reason}" for n, r in self.services.items() if not r.ready), "")
@@ -58,7 +74,8 @@ class Readiness:
 
 
 def readiness(decision: Decision, found: Mapping[str, Status], question: Question) -> Readiness:
-    """The services asked for come first, then what they need. What a probe said before the question does not count."""
+    """The services asked for come first, then what they need. A probe's answer from before the question does not count,
+    unless the caller does not wait and the answer is younger than the probe's interval."""
     services = decision.situation.desired.catalog.services
     names = [n for n in question.names if n in services]
     closed = (*question.names, *sorted(closure(services, names) - set(question.names)))
@@ -73,9 +90,8 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     if status.state == "meta":
         return Ready(True, "")
     if status.wanted and ready.status == "True":
-        step = situation.memory.of(name)
-        fresh = step.answered is None or told_since(step, question.since)
-        return Ready(fresh, status.incarnation, "" if fresh else step.probe or "its probe has not answered yet")
+        since = question.since_of(situation.desired.catalog.services[name])
+        return _probed(situation.memory.of(name), since, status.incarnation, question.waits)
     waitings = [w for w in decision.plan.waitings if w.service == name]
     waiting = next((w.reason for w in waitings), "")
     why = (
@@ -93,3 +109,12 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     missing = situation.memory.of(name).missing or any(w.code in (NO_IMAGE, BLOCKED) for w in waitings)
     failing = stalled or over or missing
     return Ready(False, status.incarnation, why, hopeless=failing or bool(status.held))
+
+
+def _probed(step: Progress, since: float, incarnation: str, waits: bool) -> Ready:
+    """Of a run that is ready as far as the loop knows: what its probe has said since."""
+    told, denied = step.answered is None or told_since(step, since), denied_since(step, since)
+    if told and (waits or not denied):
+        return Ready(True, incarnation)
+    reason = step.probe if denied else "its probe has not answered yet"
+    return Ready(False, incarnation, reason, asking=not denied)

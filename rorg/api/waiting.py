@@ -18,6 +18,10 @@ from rorg.api.operations import Operations
 from rorg.api.readiness import Question
 from rorg.errors import NotReady
 
+PROMPT = 2.0
+"""Seconds that a caller without time waits for one attempt of probes whose last answers are too old, or for the loop to
+act on its last change."""
+
 
 async def gone(receive: Receive) -> None:
     """Returns when the caller has closed the connection."""
@@ -34,7 +38,7 @@ async def _ready(
     allowed: Callable[[], object],
 ) -> Response:
     clock = asyncio.get_running_loop().time
-    deadline = clock() + timeout
+    deadline = clock() + (timeout if question.waits else PROMPT)
     while not hangup.done():
         event = changed()
         allowed()
@@ -44,7 +48,8 @@ async def _ready(
         left = deadline - clock()
         if known and found.ready:
             return JSONResponse({"ready": True, "services": services})
-        if (known and found.hopeless) or left <= 0:
+        settled = known and (found.hopeless or not (question.waits or found.asking))
+        if settled or left <= 0:
             raise NotReady(
                 f"wait for {', '.join(question.names)}",
                 found.reason or "the loop is busy",
@@ -66,11 +71,12 @@ def add_waiting(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         services: Annotated[list[str], Query(min_length=1, max_length=300)],
         timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0,
     ) -> Response:
-        """Answers when these services and all that they need are ready: wanted, running, their readiness told by this
-        run since the question was asked, and nothing under way that ends it. Every change that was accepted before
-        counts. With the reason when they do not get so."""
+        """Answers when these services and all that they need are ready: wanted, running, their probes answered since
+        the question was asked, and nothing under way that ends this run. If they do not become ready, the answer has
+        the reason. With a timeout of 0, the last answer of a probe counts if it is younger than the probe's interval;
+        otherwise the probe is asked once. Every change that was accepted before the question counts."""
         names = tuple(dict.fromkeys(m for s in services for m in operations.members(s)))
-        with operations.question(names) as question:
+        with operations.question(names, waits=timeout > 0) as question:
             hangup = asyncio.ensure_future(gone(request.receive))
             try:
                 return await _ready(operations, question, timeout, changed, hangup, lambda: still(request, "read"))

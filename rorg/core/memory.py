@@ -99,6 +99,8 @@ class Progress:
     """What the last probe said."""
     answered: float | None = None
     """When the last readiness probe of this run began that said yes."""
+    denied: float | None = None
+    """The same of one that said no after a yes."""
     exits: int = 0
     """Exits in a row while wanted, short of a stable run."""
     exited: str = ""

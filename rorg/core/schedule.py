@@ -130,6 +130,11 @@ def told_since(step: Progress, asked: float | None) -> bool:
     return asked is None or (step.answered is not None and step.answered >= asked)
 
 
+def denied_since(step: Progress, asked: float) -> bool:
+    """Whether a readiness probe has said no since somebody asked, and none has said yes since then."""
+    return step.denied is not None and step.denied >= asked and step.denied > (step.answered or 0.0)
+
+
 def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Target]:
     """Readiness of a wanted service that runs, until it is ready (or always, where it can be lost, and once more for
     whoever begins to wait for it); life of one that is; the interlock of one that the plan wants to touch, or that

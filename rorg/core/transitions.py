@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 from rorg.core.backoff import STABLE, delay
 from rorg.core.memory import DEFAULT_GRACE, ProbeResult, Progress
@@ -13,6 +13,15 @@ from rorg.core.propagation import counts_on
 from rorg.core.seen import Seen
 from rorg.model.catalog import Service
 
+UNANSWERED: dict[str, Any] = {
+    "ready": False,
+    "was_ready": False,
+    "well_since": None,
+    "probe": "",
+    "answered": None,
+    "denied": None,
+}
+"""Of a run that no probe has answered for yet."""
 MARGIN = 4.0
 """Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
 
@@ -62,17 +71,13 @@ def _run(step: Progress, current: Container | None, now: float) -> Progress:
     if current is None or current.state != "running":
         if step.running_since is None and not step.ready:
             return step
-        return replace(step, running_since=None, ready=False, was_ready=False, well_since=None, probe="", answered=None)
+        return replace(step, running_since=None, **UNANSWERED)
     if step.running_since is None or step.incarnation != current.incarnation:
         return replace(
             step,
             incarnation=current.incarnation,
             running_since=now,
-            ready=False,
-            was_ready=False,
-            well_since=None,
-            probe="",
-            answered=None,
+            **UNANSWERED,
         )
     if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
         return replace(step.start_forgotten(), exits=0, error="")
@@ -149,11 +154,19 @@ def _ready(step: Progress, service: Service, found: ProbeResult | None, now: flo
     if found.ok and found.at != step.answered:
         step = replace(step, answered=found.at)
     if step.ready:
-        lost = service.ready.failures and found.failures >= service.ready.failures
-        return replace(step, ready=False, probe=found.message) if lost else step
+        return _still_ready(step, found, service.ready.failures)
     if found.ok:
         return replace(step, ready=True, was_ready=True, probe="")
     return replace(step, probe=found.message) if found.message != step.probe else step
+
+
+def _still_ready(step: Progress, found: ProbeResult, failures: int) -> Progress:
+    """Whether enough probes in a row said no for readiness to be lost; 0 failures: it is never lost."""
+    if found.ok:
+        return replace(step, probe="") if step.probe else step
+    if failures and found.failures >= failures:
+        return replace(step, ready=False, probe=found.message)
+    return replace(step, denied=found.at, probe=found.message) if found.at != step.denied else step
 
 
 def _live(step: Progress, service: Service, found: ProbeResult | None, now: float) -> Progress:

@@ -52,8 +52,9 @@ class Loop:
         self.images, self.devices, self.shm = parts.images, parts.devices, parts.shm
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.learner = Learner(parts.state.path, self.recorder.journal, clock, wall())
-        self.questions: dict[object, tuple[tuple[str, ...], float]] = {}
-        """Who waits for services: their names, and since when (`clock`). Their readiness is asked for anew."""
+        self.questions: dict[object, Mapping[str, float]] = {}
+        """What somebody asks or waits for: services, each with the time (`clock`) from which on its probe's answers
+        count. Without such an answer the probe is asked again."""
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
         self.recorder.begin(found)
         self.memory = replace(found, kept=read_kept(self.state.path))
@@ -250,10 +251,10 @@ class Loop:
             self.recorder.when_new("last-good", str(error), "last-good-not-written", str(error))
 
     def _asked_for(self) -> dict[str, float]:
-        """Service -> when somebody last asked whether it is ready, and waits for the answer."""
+        """Service -> from when on an answer of its probe counts for all who ask."""
         found: dict[str, float] = {}
-        for names, since in sorted(list(self.questions.values()), key=lambda q: q[1]):
-            found.update(dict.fromkeys(names, since))
+        for asked in list(self.questions.values()):
+            found.update({name: max(since, found.get(name, since)) for name, since in asked.items()})
         return found
 
     def _read_files(self, upto: int) -> None:

@@ -70,6 +70,7 @@ void calls() {
     check(client.requests().size() >= 1 && client.why("camera")[0]["wanted"].flag, "why");
     auto found = client.readiness({"camera", "lidar"});
     check(found["camera"].ready && !found["lidar"].ready && !found["lidar"].reason.empty(), "readiness of each");
+    for (int i = 0; i < 20; ++i) check(client.readiness({"camera"})["camera"].ready, "readiness while it is held");
     const auto before = request.wait()["camera"].incarnation;
     client.restart("camera", false, rorg::Seconds(20));
     check(request.wait()["camera"].incarnation != before && !before.empty(), "restarted, and waited for the new run");
