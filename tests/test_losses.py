@@ -7,6 +7,7 @@ from robots import VirtualRobot
 from test_pressure import POLICY, service
 
 from rorg.core.losses import losses, ready_runs
+from rorg.history.journal import Filter
 
 
 class Watched(VirtualRobot):
@@ -69,3 +70,40 @@ def test_a_crash_is_told_once(robot):
     robot.kill("aa")
     robot.wait(lambda: robot.lost and "aa" in robot.ready)
     assert robot.lost == [("aa", "crashed")]
+
+
+PROBED = {
+    "command": ["python3", "-c", "import signal; signal.pause()"],
+    "ready": {"exec": ["python3", "-c", ""], "interval": "50ms"},
+    "container": {"stop_grace_period": "1s"},
+}
+CHANGED = {**PROBED, "container": {"stop_grace_period": "1s", "environment": {"NEW": "1"}}}
+
+
+@pytest.mark.parametrize("happens", ["changed", "killed", "held", "nothing"])
+def test_a_loss_while_rorg_is_away_is_told_with_its_cause(real_robot, happens):
+    robot = real_robot
+    robot.declare({"aa": PROBED, "bb": {**PROBED, "needs": ["aa"]}})
+    robot.request("bb")
+    robot.wait(lambda: robot.loop.decision is not None and set(ready_runs(robot.loop.decision)) >= {"aa", "bb"})
+    runs = {name: robot.run_of(name) for name in ("aa", "bb")}
+    robot.stop()
+    if happens == "killed":
+        robot.kill("aa")
+        robot.wait(lambda: robot.container("aa").state == "exited")
+    if happens == "held":
+        robot.hold("aa", 600, "cleaning")
+    robot.declare({"aa": CHANGED if happens == "changed" else PROBED, "bb": {**PROBED, "needs": ["aa"]}})
+    if happens == "held":
+        robot.wait(lambda: not robot.active() & {"aa", "bb"})
+    else:
+        robot.wait(lambda: all(robot.loop.memory.of(name).ready for name in runs))
+        robot.settle()
+    told = robot.loop.recorder.journal.select(Filter(kinds=frozenset({"lost"})), 100)
+    found = {(e["service"], e["cause"], e["incarnation"]) for e in told}
+    first = {"changed": "replaced", "killed": "crashed", "held": "held", "nothing": ""}[happens]
+    expected = {("aa", first, runs["aa"])} if first else set()
+    expected |= {("bb", "held", runs["bb"])} if happens == "held" else set()
+    assert found == expected
+    assert len(told) == len(found), "each is told once"
+    assert all(e["requests"] == ["developer/test"] for e in told)

@@ -122,6 +122,8 @@ def _one(step: Progress, service: Service, desired: Desired, seen: Seen) -> Prog
 
 def _changes_by_itself(step: Progress, service: Service, seen: Seen) -> bool:
     """As far as advanced() and judged() look at the time."""
+    if step.relied_on and not step.ready:
+        return True
     if step.exits or step.doubted_since is not None or len(seen.containers.get(service.name, ())) > 1:
         return True
     if seen.wanted and step.running_since is not None and step.update.baked != step.update.edition:

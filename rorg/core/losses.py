@@ -27,11 +27,10 @@ class Loss:
 
 
 def ready_runs(decision: Decision) -> dict[str, str]:
-    """The runs that are wanted and ready, and that nothing is about to end."""
-    situation, memory = decision.situation, decision.memory
-    ending = _ending(decision)
+    """The runs that requests rely on, and that nothing is about to end."""
+    memory, ending = decision.memory, _ending(decision)
     return {
-        name: step.incarnation for name in situation.wanted if (step := memory.of(name)).ready and name not in ending
+        name: run for name in decision.situation.wanted if (run := memory.of(name).relied_on) and name not in ending
     }
 
 
@@ -90,7 +89,7 @@ def _by_itself(step: Progress, run: str, action: Action | None) -> tuple[str, st
         return ("hung" if run == step.hung else "crashed"), step.error
     if action is not None:
         return "ceased", action.reason
-    if step.incarnation != run:
+    if step.incarnation not in ("", run):
         return "restarted", "another run has begun"
     if step.running_since is not None:
         return "unready", step.probe or "its probe says no"

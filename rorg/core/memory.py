@@ -101,6 +101,9 @@ class Progress:
     """When the last readiness probe of this run began that said yes."""
     denied: float | None = None
     """The same of one that said no after a yes."""
+    relied_on: str = ""
+    """The incarnation that is wanted and ready; also one that was ready under the last rorg and has not yet answered
+    this one. Requests lose it when it goes."""
     exits: int = 0
     """Exits in a row while wanted, short of a stable run."""
     exited: str = ""

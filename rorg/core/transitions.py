@@ -41,6 +41,7 @@ def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
         step = _exit(step, current, now, seen.booted_at)
     step = _ready(step, service, seen.ready, now)
     step = _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
+    step = _relied_on(step, service, seen.wanted, now)
     return _patient(_well(step, now)) if seen.unplugged else _well(step, now)
 
 
@@ -158,6 +159,19 @@ def _ready(step: Progress, service: Service, found: ProbeResult | None, now: flo
     if found.ok:
         return replace(step, ready=True, was_ready=True, probe="")
     return replace(step, probe=found.message) if found.message != step.probe else step
+
+
+def _relied_on(step: Progress, service: Service, wanted: bool, now: float) -> Progress:
+    """Keeps the run that was ready under the last rorg until its probe answers this one, or is late."""
+    if not wanted or step.running_since is None:
+        run = ""
+    elif step.ready:
+        run = step.incarnation
+    else:
+        late = service.ready is not None and now >= step.running_since + service.ready.timeout
+        unasked = step.relied_on == step.incarnation and not step.was_ready and not late
+        run = step.relied_on if unasked else ""
+    return step if run == step.relied_on else replace(step, relied_on=run)
 
 
 def _still_ready(step: Progress, found: ProbeResult, failures: int) -> Progress:

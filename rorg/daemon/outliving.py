@@ -29,6 +29,7 @@ def outliving(step: Progress, epoch: float) -> dict[str, Any]:
         "exits": step.exits,
         "exited": step.exited,
         "hung": step.hung,
+        "relied_on": step.relied_on,
         "said": step.error,
         "tries": attempts,
     }
@@ -49,6 +50,7 @@ def _with_times(step: Progress, known: Mapping[str, Any], now: float, epoch: flo
         crashes=_count(known.get("crashes")),
         exited=_text(known.get("exited")),
         hung=_text(known.get("hung")),
+        relied_on=_text(known.get("relied_on")),
         unwanted_since=_past(known.get("unwanted_since"), now, epoch),
         ceased_since=_past(known.get("ceased_since"), now, epoch),
     )

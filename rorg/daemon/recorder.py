@@ -56,7 +56,7 @@ class Recorder:
         self._ros = RosEvents(self.event)
         self._said: dict[str, Any] = {}
         self._ready: dict[str, str] = {}
-        """Service -> the run that was ready at the last pass."""
+        """Service -> the run that requests relied on at the last pass."""
         self._progress: Mapping[str, Progress] = {}
         """Of the last pass."""
         self._observed: Observed | None = None
@@ -66,8 +66,9 @@ class Recorder:
         self._lock = threading.Lock()
 
     def begin(self, memory: Memory) -> None:
-        """What the last rorg has told of is not told again."""
+        """What the last rorg has told of is not told again, and what was ready under it can be lost."""
         self._progress = memory.progress
+        self._ready = {name: step.relied_on for name, step in memory.progress.items() if step.relied_on}
         for name, step in memory.progress.items():
             known = {"crashes": step.crashes, "stalled": step.stalled, "update": step.update.failed}
             self._said.update({f"{word} {name}": value for word, value in known.items()})
@@ -149,6 +150,7 @@ class Recorder:
         self._when_new("suspended", bool(decision.situation.suspended), self._suspended, decision)
         if observed.complete:
             self._passages.note(decision)
+        if observed.complete and tree.loaded:
             self._lost(decision)
         self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
 
