@@ -3,6 +3,7 @@ is lost, and TLS."""
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from pathlib import Path
 from signal import SIGKILL, SIGTERM
@@ -103,6 +104,26 @@ def test_a_restart_of_rorg_is_no_more_than_a_longer_wait(sanitized, tmp_path, ki
                 rorg = begin()
                 Client(str(tmp_path / "state/run/rorg.sock")).services()
                 print("again", file=running.stdin, flush=True)
+
+
+@pytest.mark.parametrize("cause", ["replaced", "crashed"])
+def test_it_is_told_what_it_lost_while_rorg_was_away(sanitized, tmp_path, cause):
+    write_tree(tmp_path / "tree", TREE)
+    socket = str(tmp_path / "state/run/rorg.sock")
+    with daemon(tmp_path) as begin:
+        rorg = begin()
+        with program(sanitized["address"], "away", cause, RORG_SOCKET=socket) as running:
+            heard(running, "go")
+            pid = Client(socket).service("camera")["pid"]
+            rorg.send_signal(SIGTERM)
+            rorg.wait(30)
+            if cause == "crashed":
+                os.killpg(os.getpgid(pid), SIGKILL)
+            else:
+                changed = {**TREE["camera"], "container": {"environment": {"NEW": "1"}}}
+                write_tree(tmp_path / "tree", {**TREE, "camera": changed})
+            begin()
+            print("again", file=running.stdin, flush=True)
 
 
 @BOTH

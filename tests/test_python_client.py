@@ -13,7 +13,7 @@ import time
 import commands
 import pytest
 from conftest import ROOT, free_port, wait_for
-from rorg_client import AsyncClient, Client, Error, Forbidden, Loss, NotReady, Request, Unreachable
+from rorg_client import AsyncClient, Client, Error, Forbidden, Invalid, Loss, NotReady, Request, Unreachable
 from rorg_process import RorgProcess
 from test_deployment import certificate
 
@@ -344,8 +344,75 @@ def test_what_was_lost_while_rorg_was_away_is_told_too(robot):
     assert [loss.service for loss in asyncio.run(main())] == ["camera"]
 
 
+@pytest.mark.parametrize("cause", ["replaced", "crashed"])
+def test_why_it_was_lost_while_rorg_was_away_is_told_once(robot, cause):
+    people = robot.client()
+    spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "ready": {"exec": ["true"], "interval": "50ms"}}
+    people.put_service("away", spec)
+    heard: list[Loss] = []
+
+    async def main(run: str) -> list[Loss]:
+        client, told = AsyncClient(robot.socket()), []
+        async with client.request("away", wait=60, on_lost=told.append) as other:
+            assert other.runs["away"] == run
+            pid = people.service("away")["pid"]
+            await asyncio.to_thread(robot.stop)
+            if cause == "crashed":
+                await asyncio.to_thread(robot.kill_service, pid)
+            else:
+                file = robot.tree / "services/away.yaml"
+                file.write_text(file.read_text().replace("sleep 1000", "sleep 1001"))
+            robot.start()
+            await asyncio.wait_for(other.lost.wait(), 60)
+            await other.wait(60)
+        await client.close()
+        return told
+
+    with people.request("away", wait=60, on_lost=heard.append) as held:
+        run = held.runs["away"]
+        found = asyncio.run(main(run))
+        wait_for(lambda: heard)
+        held.wait(60)
+        assert [(loss.cause, loss.incarnation) for loss in found] == [(cause, run)]
+        assert [(loss.cause, loss.incarnation) for loss in heard] == [(cause, run)]
+    people.remove_service("away")
+
+
+def test_a_release_ends_what_waits_for_its_services(robot):
+    held = robot.client().request("never")
+    future = held.ready(timeout=3600)
+    held.release()
+    with pytest.raises(NotReady, match="was released"):
+        future.result(60)
+    with pytest.raises(NotReady, match="was released"):
+        held.ready(timeout=3600).result(60)
+
+    async def main() -> None:
+        other = await AsyncClient(robot.socket()).request("never")
+        task = other.ready(timeout=3600)
+        await asyncio.sleep(0)
+        await other.release()
+        with pytest.raises(NotReady, match="was released"):
+            await asyncio.wait_for(task, 60)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("call", ["request", "wait", "readiness"])
+def test_a_list_of_services_is_told_to_be_an_argument_too_many(robot, call):
+    with pytest.raises(Invalid, match=r"argument 1 is a list.*named one by one"):
+        getattr(robot.client(), call)(["camera", "lidar"])
+
+    async def main() -> None:
+        with pytest.raises(Invalid, match="argument 2 is a tuple"):
+            await getattr(AsyncClient(robot.socket()), call)("slow", ("camera",))
+
+    asyncio.run(main())
+
+
 def test_a_loss_that_overtakes_the_answer_is_not_forgotten():
     held = Request(Client("/nowhere"), ["camera"], "mine", None, "", None, None)
+    assert Loss("camera", "held", "by a person").message == Loss("camera", "held", "by a person").reason
     old, new = Loss("camera", "held", "", "run 1"), Loss("camera", "crashed", "", "run 2")
     told = {"camera": {"ready": True, "incarnation": "run 2", "reason": ""}}
     held.note(old)

@@ -210,11 +210,11 @@ def test_who_waits_while_rorg_is_stopped_is_told_to_come_again(robot):
 def test_a_question_without_time_is_answered_from_the_last_probe_of_this_run(robot, tmp_path):
     """Yes as long as the service is held and well, whether its probe goes on or ended with its first yes."""
     yes = tmp_path / "yes" if robot.kind == "process" else "/yes"
-    check = {"exec": ["python3", "-c", f"import os, sys; sys.exit(not os.path.exists('{yes}'))"], "interval": "50ms"}
+    check = {"file": str(yes), "interval": "50ms"}
     begin = ["python3", "-c", f"import signal\nopen('{yes}', 'w').close()\nsignal.pause()"]
     service = {**STOPPED, "command": begin}
     cam = {**service, "ready": {**check, "failures": 1000}}
-    declare(robot, {"cam": cam, "arm": {**service, "ready": check, "needs": ["cam"]}})
+    declare(robot, {"idle": STOPPED, "cam": cam, "arm": {**service, "ready": check, "needs": ["cam"]}})
     api, question = raw(robot), "/v1/wait?services=arm&timeout=0"
     assert api.ask("GET", question)[0] == 504, "nobody requests it"
     api.ask("PUT", "/v1/requests/a", {"services": ["arm"]})
@@ -224,6 +224,10 @@ def test_a_question_without_time_is_answered_from_the_last_probe_of_this_run(rob
         status, _, told = api.ask("GET", question)
         assert status == 200, told
         assert {name: one["incarnation"] for name, one in told["services"].items()} == runs
+    wait_for(lambda: robot.loop.clock() > robot.loop.memory.of("arm").answered + 0.05, what="its answer is old")
+    status, _, told = api.ask("GET", "/v1/wait?services=arm&services=idle&timeout=0")
+    assert status == 504, "nobody requests all of them"
+    assert {name: one["ready"] for name, one in told["services"].items()} == {"arm": True, "cam": True, "idle": False}
 
     def make(name: str, what: str) -> None:
         code, said = robot.engine.exec(robot.container(name).id, ["python3", "-c", f"import os; {what}"], 10)
@@ -235,7 +239,7 @@ def test_a_question_without_time_is_answered_from_the_last_probe_of_this_run(rob
         for _ in range(5):
             status, _, told = api.ask("GET", question)
             assert status == 504
-            assert "exits 1" in told["services"][name]["reason"]
+            assert "No such file" in told["services"][name]["reason"]
         make(name, f"open('{yes}', 'w')")
         wait_for(lambda: api.ask("GET", question)[0] == 200, what="the last probe says yes")
 

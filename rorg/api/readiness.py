@@ -63,8 +63,8 @@ class Readiness:
 
     @property
     def asking(self) -> bool:
-        """Whether the answers of probes decide."""
-        return not self.ready and all(r.ready or r.asking for r in self.services.values())
+        """Whether a probe is being asked on whose answer alone it depends whether its service is ready."""
+        return any(r.asking for r in self.services.values())
 
     @property
     def reason(self) -> str:

@@ -18,7 +18,7 @@ from rorg.api.operations import Operations
 from rorg.api.readiness import Question
 from rorg.errors import NotReady
 
-PROMPT = 2.0
+PROMPT = 3.0
 """Seconds that a caller without time waits for one attempt of probes whose last answers are too old, or for the loop to
 act on its last change."""
 
@@ -48,7 +48,7 @@ async def _ready(
         left = deadline - clock()
         if known and found.ready:
             return JSONResponse({"ready": True, "services": services})
-        settled = known and (found.hopeless or not (question.waits or found.asking))
+        settled = known and (found.hopeless if question.waits else not found.asking)
         if settled or left <= 0:
             raise NotReady(
                 f"wait for {', '.join(question.names)}",

@@ -116,6 +116,7 @@ int main(int argc, char** argv) {
     else if (word == "outages") faults::outages(count);
     else if (word == "cycles") faults::cycles(count, argc > 3 ? argv[3] : "camera");
     else if (word == "losses") faults::losses();
+    else if (word == "away") faults::away(argv[2]);
     else if (word == "nonsense") faults::nonsense(count);
     else if (word == "scripted") scripts::scripted();
     else if (word == "secured") scripts::secured();

@@ -38,6 +38,14 @@ inline void lifetimes() {
     ready.get();
   } catch (const rorg::NotReady&) {
   }
+  client.call("PUT", "/v1/suspension", R"({"duration":"60s","reason":"nothing becomes ready"})");
+  auto never = client.request({"lidar"}, "never");
+  auto pending = never.wait_async(Seconds(60));
+  check(pending.wait_for(std::chrono::milliseconds(300)) == std::future_status::timeout, "it waits");
+  never.release();
+  check(pending.wait_for(std::chrono::seconds(30)) == std::future_status::ready, "a release ends its waits");
+  throws<rorg::NotReady>([&] { pending.get(); }, "released", "and they say why");
+  client.call("DELETE", "/v1/suspension");
   auto made = client.request_async({"camera"}, Seconds(30), "later");
   check(made.get().id() == "later", "a future of a request");
   check(within(10, [&] { return !known(client, "later"); }), "dropped with what was got");
@@ -188,6 +196,25 @@ inline void losses() {
   (*ending)->wait();
   client.restart("camera");
   check(ended->get_future().wait_for(std::chrono::seconds(30)) == std::future_status::ready, "ended by its callback");
+}
+
+// Told, once, of what became of a held service while rorg was away: by the cause that the test says.
+inline void away(const std::string& cause) {
+  Client client;
+  auto request = client.request({"camera"}, "held", Seconds(60));
+  std::mutex mutex;
+  std::vector<std::string> told;
+  request.on_lost([&](const rorg::Loss& loss) {
+    std::lock_guard<std::mutex> guard(mutex);
+    told.push_back(loss.cause + " " + loss.service + " " + loss.incarnation);
+  });
+  const auto run = request.wait()["camera"].incarnation;
+  say("go");
+  hear();
+  check(within(60, [&] { return request.lost().has_value(); }), "it is told");
+  for (int i = 0; i < 20; ++i) client.service("camera");  // what more there is would come meanwhile
+  std::lock_guard<std::mutex> guard(mutex);
+  check(told == std::vector<std::string>{cause + " camera " + run}, "told: " + (told.empty() ? "" : told.back()));
 }
 
 // Against a server that answers nonsense: any error is fine, and each call ends.

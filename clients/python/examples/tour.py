@@ -11,7 +11,7 @@ def drive(held: rorg.Request) -> None:
     """Stands for the work; ends early when something is lost."""
     if held.lost.wait(timeout=0.2):
         loss = held.losses[0]
-        print(f"stopped: {loss.service} was {loss.cause}: {loss.message}")
+        print(f"stopped: {loss.service} was {loss.cause}: {loss.reason}")
         held.wait(timeout=30)  # it may come back
 
 

@@ -14,10 +14,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Callable
 
 from rorg_client.address import Address, default_address
-from rorg_client.calls import PATIENCE, TTL, check_id, manifest_text
+from rorg_client.calls import PATIENCE, TTL, manifest_text
 from rorg_client.client import Client
 from rorg_client.errors import Error, Forbidden, Invalid, NotFound, NotReady, Refused, Unreachable
 from rorg_client.loss import Loss
+from rorg_client.names import check_id
 from rorg_client.request import Request
 
 if TYPE_CHECKING:

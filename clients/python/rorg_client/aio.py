@@ -13,8 +13,10 @@ from rorg_client.aio_connection import AsyncConnection, events_of
 from rorg_client.aio_request import AsyncRequest
 from rorg_client.aio_watch import AsyncWatcher
 from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
-from rorg_client.client import RESTART_PAUSE, not_restarted, readiness_of
-from rorg_client.errors import Error, NotReady, Unreachable, invalid, unreachable
+from rorg_client.client import RESTART_PAUSE
+from rorg_client.errors import Error, NotReady, Unreachable, unreachable
+from rorg_client.names import check_id, check_names
+from rorg_client.readiness import not_restarted, readiness_of
 from rorg_client.types import (
     Event,
     GroupView,
@@ -90,9 +92,8 @@ class AsyncClient:
     ) -> AsyncRequest:
         """As Client.request: `async with client.request(...)`, or `held = await client.request(...)`. When its task is
         cancelled while it waits, the request is released at once."""
-        if not services:
-            raise invalid("cannot request", "no service is named", "one at least")
-        calls.check_id(id or "request")
+        check_names("request", services)
+        check_id(id or "request")
         return AsyncRequest(self, services, id, ttl, reason, priority, requester, wait, on_lost)
 
     async def wait(self, *services: str, timeout: float = 30.0) -> dict[str, Readiness]:

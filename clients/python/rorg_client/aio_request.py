@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Callable, Generator, Sequence
 
 from rorg_client import calls
 from rorg_client.errors import Error, NotFound
-from rorg_client.request import Kept, new_id, tell, unknown
+from rorg_client.request import Kept, new_id, released, tell, unknown
 from rorg_client.types import Loss, Readiness, RequestView
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class AsyncRequest(Kept):
         self._sending: asyncio.Task[RequestView] | None = None
         """The last time that it was sent: what is on its way must have arrived before it can be taken back."""
         self._beat: asyncio.Task[None] | None = None
+        self._waiting: set[asyncio.Future[dict[str, Readiness]]] = set()
 
     def __await__(self) -> Generator[object, None, AsyncRequest]:
         return self._begin().__await__()
@@ -93,9 +94,19 @@ class AsyncRequest(Kept):
     # -- readiness and loss ------------------------------------------------------------------------------------
 
     async def wait(self, timeout: float = 30.0) -> AsyncRequest:
-        """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
+        """Returns when its services and all that they need are ready; raises NotReady with what is missing, also when
+        it is released meanwhile."""
         known = len(self.losses)
-        lost = self.ready_now(await self.client.wait(*self.services, timeout=timeout), known)
+        waiting = asyncio.ensure_future(self.client.wait(*self.services, timeout=timeout))
+        self._waiting.add(waiting)
+        try:
+            await asyncio.wait({waiting})
+        finally:
+            self._waiting.discard(waiting)
+            waiting.cancel()
+        if waiting.cancelled():
+            raise released(self.id, self.services)
+        lost = self.ready_now(waiting.result(), known)
         if self._lost is not None and not lost:
             self._lost.clear()
         return self
@@ -139,6 +150,8 @@ class AsyncRequest(Kept):
             await asyncio.shield(self._ending())
 
     def _ending(self) -> asyncio.Task[None]:
+        for waiting in self._waiting:
+            waiting.cancel()
         if self._beat is not None:
             self._beat.cancel()
         if self.client._watcher is not None:
@@ -164,6 +177,8 @@ class AsyncRequest(Kept):
     def abandon(self) -> None:
         """Lets go of it without releasing: for a request that another one with the same id has replaced."""
         self._given_up = True
+        for waiting in self._waiting:
+            waiting.cancel()
         if self._beat is not None:
             self._beat.cancel()
         if self.client._watcher is not None:

@@ -9,7 +9,7 @@ from rorg_client import calls
 from rorg_client.aio_connection import AsyncConnection, events_of
 from rorg_client.errors import Error, Forbidden, Invalid, NotFound
 from rorg_client.types import Loss
-from rorg_client.watch import PAUSE, loss_of, lost_meanwhile
+from rorg_client.watch import LATELY, PAUSE, loss_of, losses_of, lost_meanwhile
 
 if TYPE_CHECKING:
     from rorg_client.aio import AsyncClient
@@ -72,5 +72,8 @@ class AsyncWatcher:
                 except NotFound:
                     loss = Loss(name, "ceased", f"{name} is no longer declared", run)
                 if loss:
+                    only = losses_of(name)
+                    async for event in self._client.events(tail=LATELY, mine=True, requester=requester, only=only):
+                        loss = loss_of(event, request) or loss
                     request.runs.pop(name, None)
                     request.note(loss)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, Mapping, Sequence, TypeVar
 from urllib.parse import quote, urlencode
 
 from rorg_client.errors import Error, Unreachable, invalid, problem, unreachable
+from rorg_client.names import check_names
 from rorg_client.wire import Answer
 
 if TYPE_CHECKING:
@@ -169,8 +170,7 @@ def release(id: str, requester: str | None, force: bool = True) -> Call[None]:
 
 
 def wait(services: Any, timeout: float) -> Call[dict[str, Any]]:
-    if not services:
-        raise invalid("cannot wait", "no service is named", "one at least")
+    check_names("wait", services)
     return Call("GET", f"/v1/wait?{urlencode([('services', s) for s in services])}", wait=timeout)
 
 
@@ -276,16 +276,6 @@ def logs(
 def duration(seconds: float) -> str:
     """As rorg reads it."""
     return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"
-
-
-def check_id(id: str) -> None:
-    """Raises Invalid for what cannot be the id of a request."""
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}", id):
-        raise invalid(
-            f"cannot request as '{id}'",
-            "an id begins with a letter or digit, and has at most 64 of letters, digits and _ . : -",
-            "another id",
-        )
 
 
 def digest_of(found: list[ManifestView], kind: str, name: str) -> str | None:

@@ -12,7 +12,9 @@ from rorg_client import calls
 from rorg_client.address import Address
 from rorg_client.calls import PATIENCE, TTL, Attempts, Call, Failed, Newest
 from rorg_client.connection import Connection
-from rorg_client.errors import Error, NotReady, Unreachable, invalid, problem, unreachable
+from rorg_client.errors import Error, NotReady, Unreachable, problem, unreachable
+from rorg_client.names import check_id, check_names
+from rorg_client.readiness import not_restarted, readiness_of
 from rorg_client.request import Request, new_id
 from rorg_client.watch import Watcher
 from rorg_client.wire import Answer, asking, reading, reading_body, reading_chunk, reading_head
@@ -58,6 +60,8 @@ class Client:
         self._newest = Newest()
         self._local = threading.local()
         self._watcher: Watcher | None = None
+        self._latest: Connection | None = None
+        self._hung_up = False
 
     def close(self) -> None:
         """Closes this thread's connection; the next call makes another."""
@@ -70,6 +74,12 @@ class Client:
         """This thread's; a child after fork() must not speak on that of its parent."""
         pid, connection = getattr(self._local, "kept", None) or (0, None)
         return connection if pid == os.getpid() else None
+
+    def hang_up(self) -> None:
+        """Ends the call under way and those to come: they raise Unreachable. For a client that one thread uses."""
+        self._hung_up = True
+        if self._latest is not None:
+            self._latest.abort()
 
     def like(self, timeout: float, patience: float) -> Client:
         """Another client of the same rorg that knows of the same changes."""
@@ -97,9 +107,8 @@ class Client:
         and then only release() ends it (or the end of the container that asked). `on_lost`: called, in a thread of the
         client, when a service that was ready is so no more.
         """
-        if not services:
-            raise invalid("cannot request", "no service is named", "one at least")
-        calls.check_id(id or "request")
+        check_names("request", services)
+        check_id(id or "request")
         made = Request(self, services, id or new_id(services[0]), ttl, reason, priority, requester)
         try:
             made.put()
@@ -288,6 +297,8 @@ class Client:
             try:
                 answer = self._once(call, deadline - time.monotonic())
             except Failed as failed:
+                if self._hung_up:
+                    raise unreachable(str(self.address), failed.error) from failed
                 time.sleep(attempts.again(failed, time.monotonic()))
                 continue
             self._newest.note(call, answer)
@@ -301,8 +312,10 @@ class Client:
             connection = connection or Connection(self.address, timeout)
         except OSError as error:
             raise Failed(error, sent=False) from error
-        whole = False
+        whole, self._latest = False, connection
         try:
+            if self._hung_up:  # it may have come too early for this connection
+                connection.abort()
             connection.send(asking(call.method, call.at(left), call.body, call.headers(self._newest)), timeout)
             answer = connection.drive(reading())
             whole = True
@@ -319,21 +332,3 @@ class Client:
         if failed := calls.not_now(answer):
             raise failed
         return answer
-
-
-def readiness_of(service: ServiceView) -> Readiness:
-    """From how a service is, where rorg says no more."""
-    ready = next((c for c in service["conditions"] if c["type"] == "Ready"), None)
-    fine = service["state"] == "meta" or bool(service["wanted"] and ready and ready["status"] == "True")
-    why = "" if fine else service["held"] or (ready and (ready["message"] or ready["reason"])) or "not ready"
-    return {"ready": fine, "incarnation": service["incarnation"], "reason": why}
-
-
-def not_restarted(name: str, seconds: float) -> NotReady:
-    return NotReady(
-        f"cannot wait for the restart of {name}",
-        f"{name} has not started again after {seconds:g} s",
-        "`rorg why` for the reasons",
-        "not-ready",
-        504,
-    )

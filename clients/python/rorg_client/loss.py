@@ -12,6 +12,12 @@ class Loss(NamedTuple):
     service: str
     """Empty where the request itself is gone."""
     cause: str
-    message: str
+    reason: str
+    """Why, for people."""
     incarnation: str = ""
     """The run that was lost."""
+
+    @property
+    def message(self) -> str:
+        """The older name of `reason`."""
+        return self.reason

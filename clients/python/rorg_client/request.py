@@ -9,7 +9,7 @@ import threading
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from rorg_client import calls
-from rorg_client.errors import Error, NotFound
+from rorg_client.errors import Error, NotFound, NotReady
 from rorg_client.loss import Loss
 
 if TYPE_CHECKING:
@@ -68,8 +68,11 @@ class Kept:
         return bool(self.losses)
 
     def takes(self, loss: Loss) -> bool:
-        """Whether it is news, and then keeps it in mind. That it was dropped is told by two ways."""
-        known = loss.cause == "dropped" and any(one.cause == "dropped" for one in self.losses)
+        """Whether it is news, and then keeps it in mind: events and a look at the service may both tell of one loss."""
+        known = any(
+            one.cause == loss.cause if loss.cause == "dropped" else one[::3] == loss[::3] and one.incarnation
+            for one in self.losses
+        )
         if not known:
             self.losses.append(loss)
         return not known
@@ -77,6 +80,12 @@ class Kept:
 
 def unknown(id: str) -> Loss:
     return Loss("", "dropped", f"rorg no longer knew the request '{id}'")
+
+
+def released(id: str, services: Sequence[str]) -> NotReady:
+    """What a wait of a request ends with when the request is released meanwhile."""
+    cause = f"the request '{id}' was released"
+    return NotReady(f"cannot wait for {', '.join(services)}", cause, "a new request", "not-ready")
 
 
 def tell(call: Callable[[Loss], None], loss: Loss) -> None:
@@ -107,6 +116,8 @@ class Request(Kept):
         self._over, self._lost, self._guard = threading.Event(), threading.Event(), threading.Lock()
         self._callbacks: list[Callable[[Loss], None]] = []
         self._beat: threading.Thread | None = None
+        self._waiting: list[Client] = []
+        """Of futures that are pending."""
 
     def put(self) -> None:
         """Sends it, and keeps it alive from now on."""
@@ -136,15 +147,18 @@ class Request(Kept):
 
     def wait(self, timeout: float = 30.0) -> Request:
         """Returns when its services and all that they need are ready; raises NotReady with what is missing."""
+        return self._wait(self.client, timeout)
+
+    def _wait(self, client: Client, timeout: float) -> Request:
         known = len(self.losses)
-        found = self.client.wait(*self.services, timeout=timeout)
+        found = client.wait(*self.services, timeout=timeout)
         with self._guard:
             if not self.ready_now(found, known):
                 self._lost.clear()
         return self
 
     def ready(self, timeout: float = 30.0) -> Future[Request]:
-        """The same as a future: it holds the request when all are ready, else NotReady."""
+        """The same as a future: it holds the request when all are ready, else NotReady, also when it is released."""
         from concurrent.futures import Future
 
         future: Future[Request] = Future()
@@ -152,12 +166,17 @@ class Request(Kept):
         def run() -> None:
             if not future.set_running_or_notify_cancel():
                 return
+            client = self.client.like(self.client.timeout, self.client.patience)
+            self._waiting.append(client)
             try:
-                future.set_result(self.wait(timeout))
+                if self._over.is_set():  # whoever sets it later finds the client, and makes it hang up
+                    raise released(self.id, self.services)
+                future.set_result(self._wait(client, timeout))
             except BaseException as error:
-                future.set_exception(error)
+                future.set_exception(released(self.id, self.services) if self._over.is_set() else error)
             finally:
-                self.client.close()
+                self._waiting.remove(client)
+                client.close()
 
         threading.Thread(target=run, name=f"rorg-ready-{self.id}", daemon=True).start()
         return future
@@ -214,6 +233,8 @@ class Request(Kept):
 
     def _stop(self) -> None:
         self._over.set()
+        for client in list(self._waiting):
+            client.hang_up()
         if self.client._watcher is not None:
             self.client._watcher.remove(self)
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 PAUSE = 0.5
 """Seconds until it attempts again to follow."""
+LATELY = 20
+"""The last losses of a service among which that of a run is looked for."""
 
 
 class Watcher:
@@ -105,6 +107,8 @@ class Watcher:
                 except NotFound:
                     loss = Loss(name, "ceased", f"{name} is no longer declared", run)
                 if loss:
+                    told = client.events(tail=LATELY, mine=True, requester=requester, only=losses_of(name))
+                    loss = next((known for event in told if (known := loss_of(event, request))), loss)
                     request.runs.pop(name, None)
                     request.note(loss)
 
@@ -116,21 +120,23 @@ class Watcher:
                 request.note(loss)
 
 
+def losses_of(service: str) -> dict[str, list[str]]:
+    """Selects the events that say why a service was lost."""
+    return {"kind": ["lost"], "service": [service]}
+
+
 def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
-    """Whether another run, or none, is there now. Raises Unreachable while that is not known."""
+    """Whether another run, or none, is there now, and what seems to have happened; the journal may know better. Raises
+    Unreachable while rorg does not know what runs."""
     if view["sync"] == "Unknown":
         raise Unreachable(f"cannot look at {name}", "the engine has not reported yet what runs", "again in a moment")
     if view["incarnation"] == run and view["state"] == "running":
         return None
-    cause = "restarted" if view["incarnation"] and view["incarnation"] != run else "held" if view["held"] else "ceased"
-    return Loss(
-        name,
-        cause,
-        f"{name} is {view['state']}, in another run than before"
-        if cause == "restarted"
-        else f"{name} is {view['state']}",
-        run,
-    )
+    if view["incarnation"] not in ("", run):
+        return Loss(name, "restarted", f"{name} is {view['state']}, in another run than before", run)
+    crashed = view["state"] == "exited" and view["wanted"]
+    cause = "held" if view["held"] else "crashed" if crashed else "ceased"
+    return Loss(name, cause, f"{name} is {view['state']}", run)
 
 
 def loss_of(event: Event, request: Kept) -> Loss | None:

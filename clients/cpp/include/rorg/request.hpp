@@ -1,7 +1,11 @@
 // A request that this program holds: kept by a heartbeat, released when it is destroyed.
 #pragma once
 
+#include <sys/eventfd.h>
+#include <unistd.h>
+
 #include <condition_variable>
+#include <cstdint>
 #include <functional>
 #include <future>
 #include <memory>
@@ -45,7 +49,8 @@ class Request {
   }
   std::string id() const { return state_ ? state_->id : ""; }
 
-  // Returns when its services and all that they need are ready; throws NotReady with what is missing.
+  // Returns when its services and all that they need are ready; throws NotReady with what is missing, also when the
+  // request is released meanwhile.
   Readiness wait(Seconds timeout = Seconds(30)) { return held().wait(timeout); }
   // The same as a future, which may be dropped.
   std::future<Readiness> wait_async(Seconds timeout = Seconds(30)) {
@@ -75,9 +80,20 @@ class Request {
     std::mutex mutex;
     std::condition_variable changed;
     bool over = false;
+    const int released = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);  // ends the waits that are under way
     std::thread beat;
 
+    State() = default;
+    State(const State&) = delete;
+    State& operator=(const State&) = delete;
+    ~State() {
+      if (released >= 0) ::close(released);
+    }
     void stop() {
+      const std::uint64_t one = 1;
+      if (::write(released, &one, sizeof(one)) < 0) {
+        // Then they end at their time.
+      }
       listener->hear({});
       {
         std::lock_guard<std::mutex> guard(mutex);
@@ -87,9 +103,13 @@ class Request {
       if (beat.joinable()) beat.join();
     }
     Readiness wait(Seconds timeout) {
-      auto found = detail::wait(*session, services, timeout);
-      if (process == ::getpid()) listener->mended(found);
-      return found;
+      try {
+        auto found = detail::wait(*session, services, timeout, released);
+        if (process == ::getpid()) listener->mended(found);
+        return found;
+      } catch (const detail::Stopped&) {
+        throw NotReady("cannot wait for " + services.front(), "the request '" + id + "' was released", "a new request");
+      }
     }
     detail::Answer tell(const std::string& method, const std::string& more, Seconds timeout, Seconds patience) {
       const bool put = method == "PUT";

@@ -36,6 +36,7 @@ struct Call {
   bool repeatable;                   // else only when it surely did not arrive
   std::uint64_t not_before = 0;      // a generation
   std::optional<Time> until = {};    // of a wait: what is left is sent as its timeout
+  int stop = -1;                     // a descriptor; once it can be read the call throws Stopped
 };
 
 // Time in which nobody answers, from the first failure on.
@@ -80,6 +81,8 @@ class Session {
   Answer call(const Call& call) {
     Outage outage(call.patience);
     for (;;) {
+      pollfd end{call.stop, POLLIN, 0};
+      if (call.stop >= 0 && ::poll(&end, 1, 0) > 0) throw Stopped();
       bool kept = false;
       const Time began = std::chrono::steady_clock::now();
       const auto lasted = [began] { return Seconds(std::chrono::steady_clock::now() - began); };
@@ -157,6 +160,7 @@ class Session {
     }
     kept = connection != nullptr;
     if (!kept) connection = connect(deadline);
+    connection->stop_at(call.stop);
     std::string headers;
     if (call.not_before != 0) headers = "rorg-not-before: " + std::to_string(call.not_before) + "\r\n";
     const std::string path = call.path + (call.until ? "&timeout=" + written(left(*call.until)) : "");

@@ -13,12 +13,12 @@
 namespace rorg::detail {
 
 // Until services and all that they need are ready. Its time goes on while rorg is away; who is there again is asked
-// once more, with what is left.
-inline Readiness wait(Session& session, const std::vector<std::string>& services, Seconds timeout) {
+// once more, with what is left. Throws Stopped once the descriptor `stop` can be read.
+inline Readiness wait(Session& session, const std::vector<std::string>& services, Seconds timeout, int stop = -1) {
   std::string query;
   for (const auto& service : services) query += (query.empty() ? "services=" : "&services=") + escaped(service);
   const auto answer = session.call({"GET", "/v1/wait?" + query, "", session.timeout, session.patience, true,
-                                    session.changed(), in(timeout)});
+                                    session.changed(), in(timeout), stop});
   if (answer.status >= 300) raise(answer.status, answer.body);
   auto found = readiness(parsed(answer.body));
   if (found.empty())

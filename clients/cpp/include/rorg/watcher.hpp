@@ -10,6 +10,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <utility>
@@ -45,6 +46,8 @@ class Listener {
       std::lock_guard<std::mutex> guard(mutex_);
       // Both the events and the heartbeat may see that the request went.
       if (loss.cause == "dropped" && loss_ && loss_->cause == "dropped") return;
+      // So do the events and a look at the service.
+      if (!loss.incarnation.empty() && std::exchange(lost_[loss.service], loss.incarnation) == loss.incarnation) return;
       loss_ = loss;
       runs_.erase(loss.service);
     }
@@ -63,6 +66,7 @@ class Listener {
   void mended(const Readiness& services) {
     std::lock_guard<std::mutex> guard(mutex_);
     loss_.reset();
+    lost_.clear();
     runs_.clear();
     for (const auto& [name, one] : services)
       if (!one.incarnation.empty()) runs_[name] = one.incarnation;
@@ -91,6 +95,7 @@ class Listener {
   mutable std::mutex mutex_;
   std::optional<Loss> loss_;
   std::map<std::string, std::string> runs_;  // of each service, the one that it was told is ready
+  std::map<std::string, std::string> lost_;  // and the one that it was told is lost
   std::recursive_mutex calling_;
   std::function<void(const Loss&)> callback_;
 };
@@ -162,30 +167,45 @@ class Watcher {
       }
     }
     void tell(const std::string& line) {
-      json::Value event;
-      try {
-        event = json::parse(line);
-      } catch (const json::Error&) {
-        return;
-      }
+      const auto event = read(line);
       const double seq = event["seq"].number;
       if (seq >= 1 && seq < 9e15) cursor = static_cast<std::uint64_t>(seq);
       for (const auto& one : all())
         if (const auto loss = one->loss_of(event)) one->tell(*loss);
     }
+    static json::Value read(const std::string& line) {
+      try {
+        return json::parse(line);
+      } catch (const json::Error&) {
+        return {};
+      }
+    }
+    Answer ask(const std::string& path) {
+      return session->call({"GET", path, "", std::min(session->timeout, Seconds(2)), Seconds(0), true});
+    }
+    // What the journal says of the loss of a service in the run that a request was told is ready.
+    std::optional<Loss> told(const Listener& request, const std::string& name) {
+      const auto answer = ask("/v1/events?mine=true&tail=20&kind=lost&service=" + escaped(name));
+      std::istringstream lines(answer.status < 300 ? answer.body : "");
+      for (std::string line; std::getline(lines, line);)
+        if (auto loss = request.loss_of(read(line))) return loss;
+      return std::nullopt;
+    }
     // What was lost while nobody told: another run, or none, is there now.
     void look() {
       for (const auto& one : all()) {
         for (const auto& [name, run] : one->runs()) {
-          const auto answer = session->call({"GET", "/v1/services/" + escaped(name), "",
-                                             std::min(session->timeout, Seconds(2)), Seconds(0), true});
+          const auto answer = ask("/v1/services/" + escaped(name));
           if (answer.status >= 300) continue;
           const auto now = parsed(answer.body);
           const auto &state = now["state"].text(), &incarnation = now["incarnation"].text();
           if (state.empty() || (state == "running" && incarnation == run)) continue;
           const bool other = !incarnation.empty() && incarnation != run;
-          const char* cause = other ? "restarted" : now["held"].text().empty() ? "ceased" : "held";
-          one->tell({name, cause, name + " is " + state + (other ? ", in another run than before" : ""), run});
+          const bool crashed = state == "exited" && now["wanted"].flag;
+          const char* cause =
+              other ? "restarted" : !now["held"].text().empty() ? "held" : crashed ? "crashed" : "ceased";
+          const Loss seen{name, cause, name + " is " + state + (other ? ", in another run than before" : ""), run};
+          one->tell(told(*one, name).value_or(seen));
         }
       }
     }
