@@ -12,15 +12,19 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 from conftest import free_port, wait_for
+from robots import write_tree
 
 from rorg.core.observed import Container
+from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
+from rorg.manifest.load import load
 from rorg.model.catalog import Probe
 from rorg.probes.answer import YES, Answer, no
 from rorg.probes.prober import Prober
+from rorg.probes.ros_master import probe as probe_of_ros
 from rorg.probes.ros_state import read_state
 from rorg.probes.runner import ProbeRunner
 
@@ -459,3 +463,30 @@ def test_300_probed_services_do_not_load_the_machine():
     assert len(woken) <= 300, "the loop is woken by news only"
     share = (now.user + now.system - used.user - used.system) / seconds
     assert share < 0.5, f"{share:.2f} of a core, the listener's own part included"
+
+
+@pytest.mark.parametrize("role", ["ready", ROLE])
+def test_no_master_is_asked_for_a_program_of_ros_2(role, tmp_path, process_engine):
+    """Whoever answers where ROS 1 looks for its master may be another robot's, and it is not even connected to."""
+    services = {"talker": {"profile": "ros2", "ready": {"ros_node": "/talker"}, "ros": {"parameters": {"/mine": 1}}}}
+    loaded = load(write_tree(tmp_path / "tree", services))
+    assert loaded.catalog is None
+    assert {d.code for d in loaded.diagnostics if d.severity == "error"} == {"ros1-probe-of-ros2"}
+    talker = loaded.read.services["talker"]
+    assert talker.ros is not None
+    assert not talker.ros.master
+    probe = talker.ready if role == "ready" else Probe("ros_parameters", "digest", master=talker.ros.master)
+    answer = ProbeRunner(process_engine, lambda _: None)(
+        ("talker", role), Target(probe, "run", 1.0, values={"/mine": 1})
+    )
+    assert not answer.ok
+    assert not answer.asked
+    assert "no ROS 1 master" in answer.message
+
+
+@pytest.mark.parametrize("kind", ["ros_node", "ros_topic", "ros_service"])
+def test_a_master_that_does_not_answer_is_to_blame_itself(kind):
+    master = f"http://127.0.0.1:{free_port()}"
+    answer = probe_of_ros(kind, "/talker", master)
+    assert not answer.ok
+    assert answer.message == f"the ROS master {master} does not answer: Connection refused"

@@ -14,6 +14,7 @@ from rorg.manifest.rendered_container import container_of
 from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
+from rorg.model.ros2 import without_master
 
 ROS_MASTER = "http://localhost:11311"
 """Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
@@ -32,7 +33,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins, secrets = ({}, {}, ()) if meta else container_of(source, profile, diagnostics, engine)
     protected, interlock = _guard(spec, policy)
-    master = container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)
+    master = _master(container)
     service = Service(
         name=source.name,
         meta=meta,
@@ -67,6 +68,17 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         where=source.where("metadata", "name"),
     )
     return service, [*diagnostics, *_endless(source, service)]
+
+
+def _master(container: Mapping[str, Any]) -> str:
+    """The URI of the ROS 1 master that a container uses; empty for a program of ROS 2, so that none is ever asked."""
+    environment = container.get("environment", {})
+    words = [container.get(name) or () for name in ("entrypoint", "command")]
+    text = " ".join(word if isinstance(word, str) else " ".join(map(str, word)) for word in words)
+    programs = [word.rpartition("/")[2] for word in text.split()]
+    if without_master(environment, str(container.get("image") or ""), programs):
+        return ""
+    return str(environment.get("ROS_MASTER_URI", ROS_MASTER))
 
 
 def _endless(source: Source, service: Service) -> list[Diagnostic]:

@@ -92,13 +92,17 @@ def probe(kind: str, name: str, master: str) -> Answer:
     try:
         if kind == "ros_topic":
             return YES if name in graph(master, deadline)[0] else no(f"nobody publishes {name}")
-        if kind == "ros_service":
-            where = str(call(master, "lookupService", CALLER, name, deadline=deadline))
-            connect(*place_of(where, "rosrpc"), deadline).close()
-            return YES
-        call(str(call(master, "lookupNode", CALLER, name, deadline=deadline)), "getPid", CALLER, deadline=deadline)
-        return YES
+        question = "lookupService" if kind == "ros_service" else "lookupNode"
+        where = str(call(master, question, CALLER, name, deadline=deadline))
     except LookupError:
         return no(f"{name} is not registered")
     except OSError as error:
-        return no(f"{name} does not answer: {error.strerror or error}")
+        return no(f"the ROS master {master} does not answer: {error.strerror or error}")
+    try:
+        if kind == "ros_service":
+            connect(*place_of(where, "rosrpc"), deadline).close()
+        else:
+            call(where, "getPid", CALLER, deadline=deadline)
+    except (OSError, LookupError) as error:
+        return no(f"{name} does not answer: {getattr(error, 'strerror', None) or error}")
+    return YES

@@ -22,6 +22,7 @@ EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
 LOG_TIMEOUT = 5.0
 """Seconds for reading on in a log, once the engine has found where; the next attempt goes on there."""
+NO_MASTER = "it is a program of ROS 2, which no ROS 1 master knows"
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -56,6 +57,8 @@ class ProbeRunner:
         probe = target.probe
         if role == "interlock":
             return ask_host(probe)  # it is about this machine, whichever the engine is on
+        if probe.kind.startswith("ros_") and not probe.master:
+            return cannot_ask(NO_MASTER)
         if role == ROLE:
             return self._parameters(service, target)
         container = self.container_of(service) or target.container

@@ -167,6 +167,11 @@ _ROS2 = {
         "Participants in different domains do not find each other: 0 of 50 messages arrive.",
         "profile: ros2 for all of them",
     ),
+    "ros1-probe-of-ros2": Code(
+        ERROR,
+        "No ROS 1 master knows a ROS 2 program. The one that answers on this machine may be another robot's.",
+        "a tcp, file, log or exec probe; or ROS_MASTER_URI in its environment, if it bridges to ROS 1",
+    ),
     "ros2-domain-range": Code(
         WARNING,
         "Above 232 there are no ports; 102 to 214 collide with the ports of outgoing connections.",

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot, minority
 from rorg.manifest.validation.subject import Subject
+from rorg.model.ros2 import RELEASES
 from rorg.model.units import parse_memory
 
 MOST_DOMAIN = 232
@@ -17,7 +18,6 @@ TAKEN = range(102, 215)
 FAST = "rmw_fastrtps_cpp"
 SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
 """Implementations that use shared memory by themselves, and are one on the wire."""
-RELEASES = re.compile(r"(?<![a-z])(foxy|galactic|humble|iron|jazzy|kilted|rolling)(?![a-z])")
 ALIKE = {
     "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF by nobody",
@@ -139,4 +139,17 @@ def _users(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros2-mixed-uid", where, message, f'user: "{usual}" for all of them')
 
 
-CHECKS = (_range, _domains, _implementations, _releases, _discovery, _memory, _size, _users)
+def _masters(robot: Robot) -> Iterator[Finding]:
+    """Whatever ROS 1 master answers on this machine would be asked, perhaps another robot's."""
+    for subject in (s for s in robot.subjects if s.without_master):
+        for asked in subject.asked:
+            if asked.probe.kind.startswith("ros_"):
+                message = f"'{subject.name}' is a program of ROS 2, and {asked.probe.kind} asks a ROS 1 master"
+                yield Finding("ros1-probe-of-ros2", subject.at(*asked.path), message)
+        if subject.service.ros is not None:
+            message = f"'{subject.name}' is a program of ROS 2, and a ROS 1 master would be given its parameters"
+            remedy = "a file of parameters that its command names (--params-file)"
+            yield Finding("ros1-probe-of-ros2", subject.at("ros", "parameters"), message, remedy)
+
+
+CHECKS = (_masters, _range, _domains, _implementations, _releases, _discovery, _memory, _size, _users)

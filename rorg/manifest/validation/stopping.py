@@ -10,9 +10,10 @@ from rorg.manifest.dockerfile_programs import Programs, programs_of
 from rorg.manifest.images import read_dockerfile
 from rorg.manifest.validation.finding import Finding
 from rorg.manifest.validation.robot import Robot
-from rorg.manifest.validation.subject import MASTERS, SHELLS, Subject
+from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.manifest.validation.texts import read
 from rorg.model.image_names import declared
+from rorg.model.ros import MASTERS
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
-from rorg.model.ros2 import declares_ros2
+from rorg.model.ros import MASTERS, PROGRAMS
+from rorg.model.ros2 import declares_ros2, without_master
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
-MASTERS = ("roscore", "rosmaster")
-ROS1_PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "rosnode", "rosservice", "rosparam"))
 ROS2_PROGRAMS = frozenset(("ros2",))
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 MOST_SCRIPT = 128 << 10
@@ -122,11 +121,16 @@ class Subject:
         return declares_ros2(self.env) or not ROS2_PROGRAMS.isdisjoint(self.programs)
 
     @cached_property
+    def without_master(self) -> bool:
+        """Whether it is a program of ROS 2 alone."""
+        return without_master(self.env, str(self.options.get("image") or ""), self.programs)
+
+    @cached_property
     def ros1(self) -> bool:
         return (
             "ROS_MASTER_URI" in self.env
             or self.service.ros is not None
-            or not ROS1_PROGRAMS.isdisjoint(self.programs)
+            or not PROGRAMS.isdisjoint(self.programs)
             or any(asked.probe.kind.startswith("ros_") for asked in self.asked)
         )
 
