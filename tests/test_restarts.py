@@ -296,3 +296,41 @@ def test_two_services_swap_their_names(robot):
     robot.settle()
     assert {c.service: c.name for c in robot.containers()} == names
     assert {c.service: c.incarnation for c in robot.containers()} == before
+
+
+@pytest.mark.parametrize("name", ["top", "all"])
+def test_a_new_request_tries_all_again_that_it_needs(robot, name):
+    """Also what is always on, however far behind: it was stalled before anybody asked."""
+    robot.declare(
+        {
+            "base": {"always_on": True},
+            "middle": {"needs": ["base"], "always_on": True},
+            "near": {"needs": ["middle"]},
+            "top": {"needs": ["near"]},
+            "other": {"always_on": True},
+        },
+        groups={"all": {"services": ["top"]}},
+    )
+    for stalling in ("base", "other"):
+        robot.sim.faults.crash_after[stalling] = 0.5
+    robot.wait(lambda: all(robot.sim.memory.of(n).retry_at > robot.now() + 5 for n in ("base", "other")), 600)
+    begun = robot.container("other").started_at
+    robot.sim.faults.crash_after.clear()
+    at = robot.now()
+    robot.request(name)
+    robot.wait(lambda: {"base", "middle", "near", "top"} <= robot.active())
+    assert robot.now() - at < 3
+    assert not robot.sim.memory.of("base").stalled
+    assert robot.container("other").started_at == begun, "nobody asked for it"
+
+
+def test_the_same_request_again_does_not_hurry_what_crashes(robot):
+    robot.declare({"base": {"always_on": True}, "top": {"needs": ["base"]}})
+    robot.request("top")
+    robot.sim.faults.crash_after["base"] = 0.5
+    robot.wait(lambda: robot.sim.memory.of("base").stalled)
+    due = robot.sim.memory.of("base").retry_at
+    robot.request("top")
+    robot.wait(lambda: robot.now() >= due - 1)
+    assert robot.sim.memory.of("base").stalled
+    assert robot.sim.memory.of("base").retry_at == due

@@ -15,7 +15,7 @@ from rorg.core.follow import Followed, follow, renew_all
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.prewarm import Prewarmed, prewarm
-from rorg.core.requests import Settled, settle
+from rorg.core.requests import Settled, settle, tried_again
 from rorg.core.restarts import note_restarts
 from rorg.core.rollout import retried
 from rorg.core.schedule import interlocks
@@ -50,7 +50,8 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
-    memory = retried(replace(inputs.memory, leases=settled.leases, admitted=admitted), inputs.retries)
+    memory = tried_again(inputs.memory, desired.catalog, requests)
+    memory = retried(replace(memory, leases=settled.leases, admitted=admitted), inputs.retries)
     memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from rorg.core.admission import expected, over_budget
-from rorg.core.memory import Lease
+from rorg.core.memory import Lease, Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Request
@@ -58,6 +58,21 @@ class Settled:
     bound: tuple[Request, ...] = ()
     """Requests that were written without an incarnation, now with the one that runs."""
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
+
+
+def tried_again(memory: Memory, catalog: Catalog, requests: Sequence[Request]) -> Memory:
+    """Without the back-off of all that a new request names, and that this needs: whoever asks now gets an attempt now.
+    The same request again changes nothing, so that nobody hurries what crashes by repeating himself."""
+    if memory.admitted is None or memory.admitted.requests == requests:
+        return memory
+    known = {(r.key, r.services) for r in memory.admitted.requests}
+    asked = {m for r in requests if (r.key, r.services) not in known for s in r.services for m in catalog.members(s)}
+    progress = {
+        name: replace(step, exits=0, attempts={}, error="")
+        for name in closure(catalog.services, asked)
+        if (step := memory.of(name)).exits or step.attempts
+    }
+    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
 
 
 def settle(
