@@ -101,7 +101,7 @@ class Missing(Invalid):
 
 class EngineError(RorgError):
     """The engine answered, and said no. `kind` is stable: missing_image, name_taken, missing_device,
-    forbidden, gone, conflict, other."""
+    forbidden, unsupported, gone, conflict, other."""
 
     code = Exit.NOT_READY
 

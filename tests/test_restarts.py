@@ -11,7 +11,7 @@ from test_giving_way import later
 from rorg.core.memory import Memory
 from rorg.core.operations import Stop
 from rorg.model.units import stamp
-from rorg.sim.engine import iso
+from rorg.sim.engine import UNSUPPORTED, iso
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
 
@@ -334,3 +334,19 @@ def test_the_same_request_again_does_not_hurry_what_crashes(robot):
     robot.wait(lambda: robot.now() >= due - 1)
     assert robot.sim.memory.of("base").stalled
     assert robot.sim.memory.of("base").retry_at == due
+
+
+@pytest.mark.parametrize(("why", "attempts"), [(UNSUPPORTED, 1), ("unable to freeze", 2)])
+def test_what_cannot_be_paused_is_stopped_and_that_is_said(robot, why, attempts):
+    robot.declare({"cam": {"idle": {"action": "pause", "linger": 0, "escalate": {"after": "60s", "action": "remove"}}}})
+    robot.request("cam")
+    robot.wait(lambda: robot.active() == {"cam"})
+    robot.sim.faults.fail["pause", "cam"] = [why] * 1000
+    robot.release()
+    robot.wait(lambda: robot.states()["cam"] == "exited", 30)
+    assert 1000 - len(robot.sim.faults.fail["pause", "cam"]) == attempts
+    assert [line for line in robot.log() if f"stop instead of pause: {why}" in line]
+    robot.request("cam")
+    robot.wait(lambda: robot.active() == {"cam"}, 30)
+    robot.release()
+    robot.wait(lambda: not robot.containers(), 600)

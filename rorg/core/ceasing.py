@@ -3,6 +3,7 @@ kept then.)"""
 
 from __future__ import annotations
 
+from rorg.core.memory import Attempt
 from rorg.core.observed import Container
 from rorg.core.operations import Pause
 from rorg.core.pausing import in_use
@@ -11,6 +12,8 @@ from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
+PAUSES = 2
+"""Failed attempts to pause after which a service is stopped."""
 Ceasing = tuple[list[Step], float | None]
 """Steps, and the time at which more is to be done though nobody waits for it."""
 
@@ -32,7 +35,10 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
 
 
 def _pause(view: View, service: Service, container: Container, why: str) -> Step:
-    """Or stop, where others would feel the pause."""
+    """Or stop, if others would feel the pause or the engine fails to do it: an idle service does not run for ever."""
+    tried = view.s.memory.of(service.name).attempt(Pause) or Attempt()
+    if tried.error and (tried.unsupported or tried.count >= PAUSES):
+        return stop(container, f"{why}; stop instead of pause: {tried.error}", service)
     use = in_use(view.s, service) if service.idle.connected == "stop" else None
     if use is None:
         return Step(Pause(container=container.id), why)

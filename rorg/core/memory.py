@@ -75,6 +75,8 @@ class Attempt:
     """It failed since its image, or its program, is not on this machine: trying again does not help."""
     spent: bool = False
     """It failed since the engine will never start that container again: another one does help."""
+    unsupported: bool = False
+    """It failed since the engine cannot do that at all."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,8 @@ class Outcome:
     """The image, or the program, is not on this machine."""
     spent: bool = False
     """The engine will never start that container again."""
+    unsupported: bool = False
+    """The engine cannot do that at all."""
 
 
 def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
@@ -80,10 +82,10 @@ def _finished(step: Progress, outcome: Outcome, now: float) -> Progress:
     tried = step.attempt(operation) or Attempt()
     if error or tried.count >= STALLED_AFTER:
         tried = replace(tried, at=now + delay(tried.count + 1), error=error)
-        tried = replace(tried, missing=outcome.missing, spent=outcome.spent)
+        tried = replace(tried, missing=outcome.missing, spent=outcome.spent, unsupported=outcome.unsupported)
         step = replace(step.attempting(operation, tried), error=error)
     elif tried.error and not step.exits:
-        tried = replace(tried, at=0.0, error="", missing=False, spent=False)
+        tried = replace(tried, at=0.0, error="", missing=False, spent=False, unsupported=False)
         step = step.attempting(operation, tried)
         step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
     if isinstance(operation, Signal) and not error and step.update.run == operation.incarnation:

@@ -11,7 +11,7 @@ from rorg.core.operations import ObjectOperation, Pause, Remove
 from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
-from rorg.engines.execute import is_missing, is_spent, perform, said_no
+from rorg.engines.execute import failure, perform
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
@@ -71,7 +71,7 @@ class Workers:
         self.wake()
 
     def _work(self, action: Action) -> None:
-        began, error, made, refused, missing, spent = self.clock(), "", "", False, False, False
+        began, made, outcome = self.clock(), "", Outcome(action)
         self._last_words(action)
         try:
             if action.operation.idles:
@@ -79,21 +79,20 @@ class Workers:
             with self.observer.acting(action.container) if action.container else nullcontext():
                 made = perform(self.engine, action.operation)
         except RorgError as failed:
-            error, refused = failed.why + (f"; try {failed.remedy}" if failed.remedy else ""), said_no(failed)
-            missing, spent = is_missing(failed), is_spent(failed)
+            outcome = failure(action, failed)
         except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
-            error = f"internal error: {type(bug).__name__}: {bug}"
+            outcome = Outcome(action, f"internal error: {type(bug).__name__}: {bug}")
         try:
             if isinstance(action.operation, ObjectOperation):
                 self.observer.refresh_objects()
-            elif action.container and not error:
+            elif action.container and not outcome.error:
                 self.observer.done(action.container, action.operation.leaves)
             elif made or action.container:
                 self.observer.refresh(made or action.container)
-            self.recorder.outcome(action, error, self.clock() - began)
+            self.recorder.outcome(action, outcome.error, self.clock() - began)
         finally:
-            self._finished(Outcome(action, error, refused, missing, spent))
-        if isinstance(action.operation, Pause) and not error:
+            self._finished(outcome)
+        if isinstance(action.operation, Pause) and not outcome.error:
             self.paused(action.service)
 
     def _last_words(self, action: Action) -> None:

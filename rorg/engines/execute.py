@@ -16,6 +16,8 @@ from rorg.core.operations import (
     Stop,
     Update,
 )
+from rorg.core.outcomes import Outcome
+from rorg.core.plan import Action
 from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError
 
@@ -36,6 +38,23 @@ def is_missing(error: RorgError) -> bool:
 def is_spent(error: RorgError) -> bool:
     """Whether the engine will never start that container again, though nothing is wrong with what it is made from."""
     return isinstance(error, EngineError) and error.kind == "spent"
+
+
+def is_unsupported(error: RorgError) -> bool:
+    """Whether the engine lacks what was asked for, so that trying again does not help."""
+    return isinstance(error, EngineError) and error.kind == "unsupported"
+
+
+def failure(action: Action, error: RorgError) -> Outcome:
+    """What came of an action that failed."""
+    return Outcome(
+        action,
+        error.why + (f"; try {error.remedy}" if error.remedy else ""),
+        said_no(error),
+        is_missing(error),
+        is_spent(error),
+        is_unsupported(error),
+    )
 
 
 def perform(engine: Lifecycle, operation: Operation) -> str:

@@ -44,6 +44,10 @@ def iso(now: float) -> str:
     return stamp(EPOCH + now)
 
 
+UNSUPPORTED = "not supported"
+"""Fails as what an engine cannot do at all."""
+
+
 @dataclass
 class Faults:
     """What goes wrong. Keys are (verb, service)."""
@@ -314,7 +318,8 @@ class SimEngine:
     def _fault(self, verb: str, service: str) -> None:
         messages = self.faults.fail.get((verb, service))
         if messages:
-            raise EngineError(f"{verb} {service}", messages.pop(0))
+            why = messages.pop(0)
+            raise EngineError(f"{verb} {service}", why, kind="unsupported" if why == UNSUPPORTED else "other")
         self.calls.append((self.clock(), verb, service))
 
     def _change(self, verb: str, container: str, states: tuple[str, ...], **fields: Any) -> None:

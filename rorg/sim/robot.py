@@ -23,7 +23,7 @@ from rorg.core.pressure import Load
 from rorg.core.ros_graph import Graphs
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
-from rorg.engines.execute import is_spent, perform, said_no
+from rorg.engines.execute import failure, perform
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.model.learned import Learned
@@ -127,15 +127,15 @@ class SimRobot:
         self.memory, self.cache = memory, None
 
     def _finish(self, action: Action, life: int) -> None:
-        error, refused, spent = "", False, False
+        outcome = Outcome(action)
         try:
             perform(self.engine, action.operation)
         except RorgError as failed:
-            error, refused, spent = failed.why, said_no(failed), is_spent(failed)
-        self.log.append((self.now, str(action) + (f" failed: {error}" if error else "")))
+            outcome = failure(action, failed)
+        self.log.append((self.now, str(action) + (f" failed: {outcome.error}" if outcome.error else "")))
         if life == self.life:
-            self.memory = finish(self.memory, [Outcome(action, error, refused, spent=spent)], self.now)
-        if not error:
+            self.memory = finish(self.memory, [outcome], self.now)
+        if not outcome.error:
             self._done(action)
 
     def _done(self, action: Action) -> None:

@@ -24,6 +24,7 @@ KINDS = (
     ("missing_device", r"gathering device information|no such file or directory.*dev", "plugging the device in"),
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
+    ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),
     ("gone", r"no such container", ""),
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
     # What an engine left that was killed amid a start. Nothing of the program runs, and this container never will;
