@@ -677,3 +677,19 @@ def test_an_error_keeps_what_it_says_when_it_is_sent_to_another_process():
     error = pickle.loads(pickle.dumps(NotReady("cannot x", "y", "z", "not-ready", 504)))
     assert isinstance(error, Error)
     assert (error.cause, error.status) == ("y", 504)
+
+
+def test_stop_names_who_holds_what_goes_on_running(robot):
+    folder = ("--state-dir", str(robot.state))
+    with robot.client().request("arm", id="tour", wait=60):
+        told = commands.rorg("stop", "arm", *folder, code=5).stderr
+        assert "rorg: cannot stop arm: request 'tour' of developer holds it; try `rorg release tour`" in told
+        told = commands.rorg("stop", "lidar", *folder, code=5).stderr
+        assert "cannot stop lidar: " in told
+        assert "tour" in told
+        robot.client().request("arm", id="arm", ttl=None)
+        told = commands.rorg("stop", "arm", *folder, code=5)
+        assert "request 'arm' of developer released" in told.stdout + told.stderr
+        assert "request 'tour' of developer holds it" in told.stderr
+    assert "nothing to release" in commands.rorg("stop", "arm", *folder).stderr
+    assert "nothing to release" in commands.rorg("stop", "nothing", *folder).stderr

@@ -63,12 +63,16 @@ ALIASES = {
 """Words of Docker and systemd for commands of ours. `up` is the counterpart of `down`, as with Compose."""
 
 
+VARIANTS = ("stop",)
+"""Aliases that check more than the command for which they stand, in files of their own."""
+
+
 def command_of(name: str) -> Callable[..., Any]:
     """The function of a command, by its name or an alias."""
     from importlib import import_module
     from keyword import iskeyword
 
-    module = ALIASES.get(name, name).replace("-", "_")
+    module = (name if name in VARIANTS else ALIASES.get(name, name)).replace("-", "_")
     module += "_" * iskeyword(module)
     found: Callable[..., Any] = import_module(f"rorg.cli.{module}").command
     return found

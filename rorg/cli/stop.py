@@ -1,0 +1,64 @@
+"""rorg stop: `rorg release`, for somebody who names a service."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
+
+if TYPE_CHECKING:
+    from rorg_client.types import Why
+
+    from rorg.cli.operating import Operating
+
+
+def command(
+    id: Annotated[str, Argument(help="Id of the request.", completes=REQUESTS)],
+    requester: Annotated[
+        str, Option(names=("--as",), help="Its requester, where several use the same id.", completes=SERVICES)
+    ] = "",
+    yes: Yes = False,
+    output: Output = "table",
+    state_dir: StateDirectory = None,
+) -> None:
+    """End a request, as `rorg release` does. Exits 5 if a service of this name is still wanted after that, and says who
+    holds it.
+
+    Example: rorg stop navigation
+    """
+    from rorg.cli.context import Context
+    from rorg.cli.operating import operating
+    from rorg.cli.release import command as release
+    from rorg.errors import Refused
+
+    robot = operating(Context(state_dir, None))
+    if robot.requesters(id):
+        release(id, requester, yes, output, state_dir)
+    elif not (known := _known(robot, id)) or not any(one["wanted"] for one in known):
+        release(id, requester, yes, output, state_dir)
+        return
+    for one in _known(robot, id):
+        if one["wanted"]:
+            raise Refused(f"stop {one['service']}", *_held(one))
+
+
+def _held(one: Why) -> tuple[str, str]:
+    """Who holds a service, and what ends that."""
+    asked = [(r["id"], r["requester"]) for r in one["requests"]]
+    asked = asked or [(link["request"], link["by"]) for link in one["chain"] if link["kind"] == "requested"][:1]
+    if asked:
+        return "; ".join(f"request '{id}' of {by} holds it" for id, by in asked), f"`rorg release {asked[0][0]}`"
+    name = one["service"]
+    return one["chain"][0]["text"] if one["chain"] else "it is still wanted", f"`rorg hold {name}`"
+
+
+def _known(robot: Operating, name: str) -> list[Why]:
+    """Why services of this name are wanted, or not; nothing if there is none."""
+    from rorg_client import NotFound
+
+    from rorg.errors import Missing
+
+    try:
+        return robot.why(name)
+    except (NotFound, Missing):
+        return []
