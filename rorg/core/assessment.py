@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rorg.core.admission import Admission, admission_for, admit
+from rorg.core.admission import Admission, Admitted, admission_for, admit
 from rorg.core.cache import Cache
 from rorg.core.desired import Desired
 from rorg.core.devices import unplugged
@@ -50,8 +50,7 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
-    memory = tried_again(inputs.memory, desired.catalog, requests)
-    memory = retried(replace(memory, leases=settled.leases, admitted=admitted), inputs.retries)
+    memory = _asked_for(inputs, admitted, settled)
     memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
@@ -91,6 +90,12 @@ def _held(inputs: Inputs) -> tuple[dict[str, str], str]:
     held = {n: h for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(inputs.desired, n)}
     holds, suspension = {n: _until("held", h) for n, h in held.items()}, inputs.suspended
     return holds, _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
+
+
+def _asked_for(inputs: Inputs, admitted: Admitted, settled: Settled) -> Memory:
+    """Notes what requests and retries ask for now, without the back-off of what is new among it."""
+    memory = tried_again(inputs.memory, inputs.desired.catalog, admitted.requests)
+    return retried(replace(memory, leases=settled.leases, admitted=admitted), inputs.retries)
 
 
 def _excluded(memory: Memory, holds: Mapping[str, str]) -> dict[str, str]:
