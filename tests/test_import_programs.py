@@ -132,8 +132,14 @@ FILES = {
 }
 
 
+def read(path: Path) -> str:
+    if str(path) in FILES:
+        return FILES[str(path)]
+    raise FileNotFoundError(2, "No such file or directory", str(path))
+
+
 def launched(name: str, arguments: dict[str, str], **options):
-    return from_roslaunch(Path("/ws/mypkg/launch") / name, lambda path: FILES.get(str(path)), arguments, **options)
+    return from_roslaunch(Path("/ws/mypkg/launch") / name, read, arguments, **options)
 
 
 def test_a_launch_file_is_a_service_with_its_required_node_as_readiness(tmp_path):

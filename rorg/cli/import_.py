@@ -45,6 +45,15 @@ def command(
         str,
         Option(names=("--image",), help="For systemd and roslaunch: the image of the services.", show_default=False),
     ] = "",
+    also: Annotated[
+        list[str],
+        Option(
+            names=("--read",),
+            help="A file or directory outside of the project's folder that may be read too.",
+            show_default=False,
+            completes=FILES,
+        ),
+    ] = [],  # noqa: B006
     output: Annotated[
         Path, Option(names=("--output",), help="Directory to write the manifests to.", completes=DIRECTORIES)
     ] = Path("manifests"),
@@ -62,33 +71,40 @@ def command(
     check_form(form)
     if what not in SOURCES:
         raise Invalid(f"import '{what}'", "there is no such source", f"one of {', '.join(SOURCES)}")
+    named = [Path(path) for path in also]
     if what == "compose":
-        imported = _compose([Path(f) for f in files], env_file, profile, project_name, output)
+        imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named)
     elif not files:
         raise Invalid(f"import from {what}", "no file is named", f"`rorg import {what} FILE`")
     elif what == "systemd":
         imported = _systemd([Path(f) for f in files], image, output)
     else:
-        imported = _roslaunch(Path(files[0]), files[1:], image, output)
+        imported = _roslaunch(Path(files[0]), files[1:], image, output, named)
     if imported.errors:
         _refuse(imported, what, form)
     _write(imported, output, force)
     _tell(imported, output, form)
 
 
-def _compose(paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path) -> Imported:
+def _compose(
+    paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path]
+) -> Imported:
     from rorg.compose.load import load
     from rorg.errors import Invalid
     from rorg.importing.compose import from_compose
     from rorg.importing.manifests import Imported
+    from rorg.manifest.files import Reader
 
     for path in paths:
         if not path.exists():
             raise Invalid(f"read {path}", "there is no such file", "a path that is there")
+    given = [Path(f) for f in env_files]
+    read = Reader(_project_folder(paths[0] if paths else Path()), [*paths, *given, *named])
     loaded = load(
-        paths or [Path(".")],
+        paths or [Path()],
         os.environ,
-        env_files=[Path(f) for f in env_files] or None,
+        read,
+        env_files=given or None,
         profiles=profiles,
         name=name or None,
     )
@@ -96,7 +112,14 @@ def _compose(paths: list[Path], env_files: list[str], profiles: list[str], name:
         return Imported(diagnostics=loaded.diagnostics)
     tree = output.resolve()
     top = _repository(loaded.project.directory.resolve())
-    found = from_compose(loaded.project, tree, top, os.environ, _text)
+
+    def text(path: Path) -> str | None:
+        try:
+            return read(path)
+        except OSError:
+            return None
+
+    found = from_compose(loaded.project, tree, top, os.environ, text)
     return found.with_diagnostics(loaded.diagnostics)
 
 
@@ -105,39 +128,44 @@ def _repository(directory: Path) -> Path:
     return next((d for d in (directory, *directory.parents) if (d / ".git").exists()), directory)
 
 
-def _text(path: Path) -> str | None:
-    try:
-        return path.read_text()
-    except (OSError, UnicodeDecodeError):
-        return None
-
-
-def _read(path: Path) -> str:
-    from rorg.errors import Invalid
-
-    try:
-        return path.read_text()
-    except OSError as error:
-        raise Invalid(f"read {path}", str(error.strerror), "another file") from error
-    except UnicodeDecodeError as error:
-        raise Invalid(f"read {path}", "it is not UTF-8", "another file") from error
+def _project_folder(path: Path) -> Path:
+    """What a project may read: the repository that a file or directory is in, else the package of ROS, else its own
+    directory. A home directory that is a repository is no project."""
+    home = Path(os.path.expanduser("~"))
+    own = path.resolve() if path.is_dir() else path.resolve().parent
+    around = [d for d in (own, *own.parents) if not home.is_relative_to(d)]
+    for mark in (".git", "package.xml"):
+        found = next((d for d in around if (d / mark).exists()), None)
+        if found:
+            return found
+    return own
 
 
 def _systemd(paths: list[Path], image: str, output: Path) -> Imported:
+    from rorg.errors import Invalid
     from rorg.importing.systemd import from_systemd
+    from rorg.manifest.files import Reader
 
-    return from_systemd({path: _read(path) for path in paths}, image, output.resolve())
+    texts = {}
+    for path in paths:
+        try:
+            texts[path] = Reader(path, [path])(path)
+        except OSError as error:
+            raise Invalid(f"read {path}", error.strerror or str(error), "another file") from error
+    return from_systemd(texts, image, output.resolve())
 
 
-def _roslaunch(path: Path, words: list[str], image: str, output: Path) -> Imported:
+def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: list[Path]) -> Imported:
     from rorg.errors import Invalid
     from rorg.importing.roslaunch import from_roslaunch
+    from rorg.manifest.files import Reader
 
     wrong = next((word for word in words if ":=" not in word), None)
     if wrong is not None:
         raise Invalid(f"import {path}", f"'{wrong}' is no argument of a launch file", "ARG:=VALUE")
     arguments = dict(word.split(":=", 1) for word in words)
-    return from_roslaunch(path, _text, arguments, image, with_master=not (output / "services/roscore.yaml").exists())
+    read = Reader(_project_folder(path), [path, *named])
+    return from_roslaunch(path, read, arguments, image, with_master=not (output / "services/roscore.yaml").exists())
 
 
 def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
@@ -162,21 +190,14 @@ def _notes(imported: Imported, form: str) -> None:
 def _write(imported: Imported, output: Path, force: bool) -> None:
     """All of it, or nothing where something is there already."""
     from rorg.errors import Invalid, Refused
-    from rorg.manifest.schema import write
+    from rorg.importing.writing import there_already, write_tree
 
-    texts = imported.texts
-    there = [str(output / path) for path in texts if (output / path).exists()]
+    there = [str(path) for path in there_already(imported, output)]
     if there and not force:
         some = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         raise Refused(f"write manifests into {output}", f"{some} is there", "--force, or another --output")
     try:
-        for name, text in texts.items():
-            path = output / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.unlink(missing_ok=True)
-            path.touch(0o600 if name in imported.private else 0o644)
-            path.write_text(text)
-        write(output / "schemas", check=False)
+        write_tree(imported, output)
     except OSError as error:
         why = f"{error.filename}: {error.strerror}"
         raise Invalid(f"write manifests into {output}", why, "another --output") from error

@@ -11,10 +11,12 @@ from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
 from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, TooMuch, Where, nearest
 
-MOST_INCLUDES = 50
-"""Files on the way to an included one."""
+MOST_INCLUDES, MOST_EXTENDS = 50, 50
+"""Files on the way to an included one; services on the way to an extended one."""
+MOST_LAYERS = 200
+"""Documents of all files; one that is included twice counts twice."""
 RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
 
 
@@ -47,6 +49,7 @@ class Assembler:
     """All that were read."""
     layers: dict[tuple[Path, Path, int], list[Layer]] = field(default_factory=dict)
     """Of each file, directory and set of variables."""
+    documents: int = 0
 
     def tree(
         self, paths: Sequence[Path], directory: Path, variables: Variables, where: Where, trail: tuple[Path, ...] = ()
@@ -75,7 +78,13 @@ class Assembler:
         self.paths[path] = None
         documents, mistakes = read_nodes(text, str(path))
         self.diagnostics += mistakes
-        context = Context(directory, self.home, self.diagnostics)
+        self.documents += max(1, len(documents))
+        if self.documents > MOST_LAYERS:
+            raise TooMuch(
+                where, f"the project has more than {MOST_LAYERS} files and documents, counted as they are read"
+            )
+        self.files.spend(sum(document.size() for document in documents), where)
+        context = Context(directory, self.home, self.diagnostics, self.files.spend)
         for document in documents:
             written = fill(document, variables, self.diagnostics)
             tree = FILE.read(kept(written), "", context)
@@ -106,6 +115,10 @@ class Assembler:
                 message = f"services extend each other: {' -> '.join([*ring, name])}"
                 self.diagnostics.append(Diagnostic(target.where, message, "dropping one extends"))
             return own
+        if len(trail) > MOST_EXTENDS:
+            raise TooMuch(
+                target.where, f"more than {MOST_EXTENDS} services extend each other in a row", "a shorter row"
+            )
         found = self.base(name, target, extends, layer, directory, variables)
         if found is None:
             return node
@@ -115,6 +128,7 @@ class Assembler:
         if base is None:
             return own
         merged = SERVICE.merge(without(base, layer.written_service(name)), own)
+        self.files.spend(merged.size(), target.where)
         return own.but(merged.value)
 
     def base(

@@ -139,17 +139,19 @@ class _Checks:
 def _ring(graph: Mapping[str, list[str]], start: str, done: set[str]) -> list[str]:
     """The first ring that is found from there, without recursion; what is done is not looked at again."""
     path: list[str] = []
+    above: set[str] = set()
     stack: list[tuple[str, bool]] = [(start, True)]
     while stack:
         name, entering = stack.pop()
         if not entering:
-            path.pop()
+            above.discard(path.pop())
             done.add(name)
-        elif name in path:
-            done |= set(path)
+        elif name in above:
+            done |= above
             return [*path[path.index(name) :], name]
         elif name not in done:
             path.append(name)
+            above.add(name)
             stack.append((name, False))
             stack += [(other, True) for other in reversed(graph[name])]
     return []

@@ -3,12 +3,13 @@ file says is laid over it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from os.path import normpath
 from pathlib import Path
 
 from rorg.compose.nodes import Node
-from rorg.model.diagnostics import Diagnostic
+from rorg.model.diagnostics import Diagnostic, Where
 
 
 @dataclass
@@ -19,6 +20,8 @@ class Context:
     """Where relative paths begin."""
     home: str
     diagnostics: list[Diagnostic] = field(default_factory=list)
+    spend: Callable[[int, Where], None] = lambda _values, _where: None
+    """Counts values that a short form stands for."""
 
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
         self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))

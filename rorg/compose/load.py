@@ -11,9 +11,10 @@ from rorg.compose.assemble import Assembler
 from rorg.compose.checks import check
 from rorg.compose.nodes import read_nodes
 from rorg.compose.normalise import normalised
-from rorg.compose.project import Loaded
+from rorg.compose.project import Loaded, Project
 from rorg.compose.variables import Files, Variables, fill
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.manifest.files import Reader
+from rorg.model.diagnostics import Diagnostic, TooMuch, Where
 
 Read = Callable[[Path], str]
 """The text of a file; OSError or UnicodeDecodeError where there is none."""
@@ -25,7 +26,7 @@ OVERRIDE_NAMES = tuple(name.replace("compose.", "compose.override.") for name in
 def load(
     paths: Sequence[Path],
     environment: Mapping[str, str],
-    read: Read = Path.read_text,
+    read: Read | None = None,
     *,
     directory: Path | None = None,
     env_files: Sequence[Path] | None = None,
@@ -34,18 +35,39 @@ def load(
 ) -> Loaded:
     """The project that files say together, later ones over earlier ones.
 
+    `read`: by default what reads the folder of the first file, and what is named here (manifest/files.py).
     `paths`: one directory stands for the compose.yaml in it (or compose.yml, docker-compose.yaml, docker-compose.yml),
     with its compose.override.yaml. `environment`: of the process, which comes before `env_files` (default: `.env` in
     the project's directory, if it is there). `directory`: where relative paths begin, by default that of the first
     file. `profiles`: those that are enabled (else those of COMPOSE_PROFILES); "*" is all. `name`: of the project; else
     COMPOSE_PROJECT_NAME, `name:` of the files, or the name of the directory.
     """
-    files = Files(read)
+    first = paths[0] if paths[0].is_dir() else paths[0].parent
+    files = Files(read or Reader(directory or first, [*paths, *(env_files or ())]))
+    try:
+        project = _project(paths, environment, files, directory, env_files, profiles, name)
+    except TooMuch as bound:
+        files.diagnostics.append(bound.diagnostic)
+        project = None
+    diagnostics = tuple(sorted(set(files.diagnostics)))
+    refused = any(d.severity == "error" for d in diagnostics)
+    return Loaded(None if refused else project, diagnostics)
+
+
+def _project(
+    paths: Sequence[Path],
+    environment: Mapping[str, str],
+    files: Files,
+    directory: Path | None,
+    env_files: Sequence[Path] | None,
+    profiles: Sequence[str],
+    name: str | None,
+) -> Project:
     assembler = Assembler(files, environment.get("HOME", ""), files.diagnostics)
     found = [Path(os.path.abspath(path)) for path in _files(paths, files)]
     base = Path(os.path.abspath(directory)) if directory else found[0].parent
     outside = dict(environment)
-    variables = Variables(outside)
+    variables = Variables(outside, spend=files.spend)
     if env_files is None and files.there(base / ".env"):
         env_files = [base / ".env"]
     for path in env_files or ():
@@ -60,9 +82,7 @@ def load(
     wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
     project = normalised(tree, known, base, assembler, variables, wanted)
     files.diagnostics += check(project)
-    diagnostics = tuple(sorted(set(files.diagnostics)))
-    refused = any(d.severity == "error" for d in diagnostics)
-    return Loaded(None if refused else project, diagnostics)
+    return project
 
 
 def _said_name(paths: Sequence[Path], files: Files, variables: Variables) -> str:

@@ -16,9 +16,11 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import MAX_NODES, check_depth
+from rorg.manifest.yaml_source import check_depth
 from rorg.model.diagnostics import Diagnostic, Where
 
+MOST_VALUES = 50_000
+"""Of a whole project, with all that it brings together. The largest that people write have some thousand."""
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -78,6 +80,11 @@ class Node:
             return [node.plain() for node in self.value]
         return self.value
 
+    def size(self) -> int:
+        """How many values it has, with itself."""
+        inner = self.value.values() if isinstance(self.value, dict) else self.items
+        return 1 + sum(node.size() for node in inner)
+
     def kind(self) -> str:
         """What it is, for messages."""
         names: dict[type, str] = {dict: "a mapping", list: "a list", str: "text", bool: "true or false"}
@@ -116,8 +123,8 @@ class _Reader:
 
     def read(self, node: yaml.Node) -> Node:
         self.count += 1
-        if self.count > MAX_NODES:
-            raise yaml.YAMLError(f"more than {MAX_NODES} values")
+        if self.count > MOST_VALUES:
+            raise yaml.MarkedYAMLError(problem=f"more than {MOST_VALUES} values", problem_mark=node.start_mark)
         made = Node(None, self.where(node), tag=_TAGS.get(node.tag, ""))
         if isinstance(node, yaml.MappingNode):
             made.value = self.mapping(node)
@@ -176,12 +183,26 @@ class _Reader:
                 self.error(one, "a merge key (<<) takes a mapping", "an alias of a mapping, or a list of these")
 
 
+def _check_size(text: str) -> None:
+    """Raises YAMLError for more values than are read, before there is an object of each. Each value but the first has
+    one of these characters before it or behind."""
+    if 2 * sum(map(text.count, ",[{-:?")) < MOST_VALUES:
+        return
+    count = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        count += isinstance(event, yaml.NodeEvent)
+        if count > MOST_VALUES:
+            mark: Any = event.start_mark
+            raise yaml.MarkedYAMLError(problem=f"more than {MOST_VALUES} values", problem_mark=mark)
+
+
 def read_nodes(text: str, file: str) -> tuple[list[Node], list[Diagnostic]]:
     """The documents of a file, which Compose lays over each other, with all that is wrong with it as YAML. `file` is
     only shown."""
     reader = _Reader(file)
     try:
         check_depth(text)
+        _check_size(text)
         documents = [reader.read(node) for node in yaml.compose_all(text, Loader=_Loader) if node is not None]
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

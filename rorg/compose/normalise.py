@@ -95,7 +95,17 @@ def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
     joins = "networks" in entries and entries["networks"].mapping
     if not joins and "network_mode" not in entries and "provider" not in entries:
         entries["networks"] = Node({"default": Node({}, node.where)}, node.where)
-    return node.but(entries)
+    made = node.but(entries)
+    _count_copies(made, assembler)
+    return made
+
+
+def _count_copies(service: Node, assembler: Assembler) -> None:
+    """Each copy of a service becomes a service of its own."""
+    deploy = service.mapping.get("deploy")
+    said = service.mapping.get("scale") or (deploy.mapping.get("replicas") if deploy else None)
+    if said is not None and isinstance(said.value, int) and said.value > 1:
+        assembler.files.spend((said.value - 1) * service.size(), said.where)
 
 
 def _mounted(secret: Node) -> Node:
@@ -142,6 +152,7 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dic
     raw = "format" in file.mapping
     earlier = {name: node.value for name, node in before.items() if node.value is not None}
     read = read_env_file(path, text, variables, assembler.diagnostics, raw, earlier)
+    assembler.files.spend(len(read), named.where)
     made: dict[str, Any] = {}
     for name, (value, where, alone) in read.items():
         made[name] = Node(value, where, where, taken=(name,) if alone else ())
@@ -157,6 +168,7 @@ def _labels(entries: dict[str, Node], assembler: Assembler, variables: Variables
     for file in files.items:
         text = assembler.files.text(Path(file.value), file.where, "the file of labels")
         read = read_env_file(Path(file.value), text or "", variables, assembler.diagnostics)
+        assembler.files.spend(len(read), file.where)
         found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
     said = entries.get("labels")
     return (said or files).but({**found, **(said.mapping if said else {})})

@@ -6,20 +6,34 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rorg.compose.nodes import Node
+from rorg.compose.nodes import MOST_VALUES, Node
 from rorg.compose.project import Variable
 from rorg.manifest.dotenv import read_dotenv
+from rorg.manifest.files import Outside
 from rorg.manifest.template import Refused, interpolate
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+
+OF_A_VALUE, OF_A_FILE = 64, 32
+"""Characters of variables that are filled in, and of an env file, that count as one value."""
+MISSING = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 @dataclass
 class Files:
-    """Reads files, each at most once, and notes what cannot be read."""
+    """Reads files, each at most once, and notes what cannot be read. Counts what a project brings together."""
 
     read: Callable[[Path], str]
     diagnostics: list[Diagnostic] = field(default_factory=list)
     texts: dict[Path, str | None] = field(default_factory=dict)
+    spent: int = 0
+
+    def spend(self, values: int, where: Where) -> None:
+        """Raises TooMuch where a project has more values than anybody writes: files that include each other over and
+        over, a service that is extended a thousand times."""
+        self.spent += values
+        if self.spent > MOST_VALUES:
+            message = f"with what it includes, extends and fills in, the project has more than {MOST_VALUES} values"
+            raise TooMuch(where, message)
 
     def text(self, path: Path, where: Where, what: str) -> str | None:
         """None where there is no such file, which is then noted at `where`, for everyone who names it."""
@@ -29,19 +43,23 @@ class Files:
                 self.texts[path] = self.read(path)
             except (OSError, UnicodeError) as error:
                 why = error.strerror if isinstance(error, OSError) else "not a text in UTF-8"
-                self.diagnostics.append(Diagnostic(where, f"cannot read {what} {path}: {why}", "a path that is there"))
+                named = f"--read {path}, if you trust the project"
+                remedy = named if isinstance(error, Outside) else "a path that is there"
+                self.diagnostics.append(Diagnostic(where, f"cannot read {what} {path}: {why}", remedy))
         elif self.texts[path] is None:
             message = f"cannot read {what} {path}"
             self.diagnostics.append(Diagnostic(where, message, "a path that is there"))
         return self.texts[path]
 
     def there(self, path: Path) -> bool:
-        """Whether it can be read, without a word where it cannot."""
+        """Whether there is such a file. One that cannot be read is there; text() says what is wrong with it."""
         if path not in self.texts:
             try:
                 self.texts[path] = self.read(path)
-            except (OSError, UnicodeError):
+            except MISSING:
                 return False
+            except (OSError, UnicodeError):
+                return True
         return self.texts[path] is not None
 
 
@@ -53,6 +71,8 @@ class Variables:
     of_files: dict[str, tuple[str, Where]] = field(default_factory=dict)
     asked: dict[str, Variable] = field(default_factory=dict)
     """All that anything took."""
+    spend: Callable[[int, Where], None] = lambda _values, _where: None
+    """Counts values that are filled in."""
 
     def get(self, name: str) -> str | None:
         value = self.environment.get(name)
@@ -60,9 +80,10 @@ class Variables:
             return self.of_files[name][0]
         return value
 
-    def take(self, name: str) -> str | None:
-        """The same, noted as taken."""
+    def take(self, name: str, where: Where) -> str | None:
+        """The same, noted as taken. `where`: by whom."""
         value = self.get(name)
+        self.spend(len(value or "") // OF_A_VALUE, where)
         from_file = name not in self.environment and name in self.of_files
         self.asked.setdefault(name, Variable(name, value, self.of_files[name][1] if from_file else None))
         return value
@@ -76,7 +97,7 @@ class Variables:
     def within(self) -> Variables:
         """For files that are included: the same, to which their own env files add only what is not set yet."""
         every = {name: value for name, (value, _) in self.of_files.items()} | dict(self.environment)
-        return Variables(every, {}, self.asked)
+        return Variables(every, {}, self.asked, self.spend)
 
 
 def read_env_file(
@@ -89,10 +110,11 @@ def read_env_file(
 ) -> dict[str, tuple[str | None, Where, bool]]:
     """Of each name the value, its place, and whether it is a bare name. `raw`: lines NAME=value as they stand, as
     Docker reads them (`format: raw`). `before`: what earlier files of the same service say."""
+    variables.spend(len(text) // OF_A_FILE, Where(str(path)))
     if raw:
         return _raw(path, text, variables)
-    earlier = before or {}
-    entries, mistakes = read_dotenv(text, lambda name: _either(variables.take(name), earlier.get(name)))
+    earlier, whole = before or {}, Where(str(path))
+    entries, mistakes = read_dotenv(text, lambda name: _either(variables.take(name, whole), earlier.get(name)))
     for mistake in mistakes:
         where = Where(str(path), mistake.line, mistake.column)
         diagnostics.append(Diagnostic(where, mistake.message, mistake.remedy))
@@ -115,7 +137,7 @@ def _raw(path: Path, text: str, variables: Variables) -> dict[str, tuple[str | N
         name, assigned, value = line.lstrip().partition("=")
         if name and not name.startswith("#"):
             where = Where(str(path), number)
-            found[name] = (value, where, False) if assigned else (variables.take(name), where, True)
+            found[name] = (value, where, False) if assigned else (variables.take(name, where), where, True)
     return found
 
 
@@ -135,7 +157,7 @@ def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Nod
         return node.but([fill(value, variables, diagnostics) for value in node.value])
     if not isinstance(node.value, str) or "$" not in node.value:
         return node
-    found = interpolate(node.value, variables.take)
+    found = interpolate(node.value, lambda name: variables.take(name, node.where))
     if isinstance(found, Refused):
         where = node.where
         if node.exact:
@@ -150,4 +172,4 @@ def bare(name: str, node: Node, variables: Variables) -> Node:
     """A name without a value has that from outside."""
     if node.value is not None:
         return node
-    return node.but(variables.take(name), taken=(name,))
+    return node.but(variables.take(name, node.where), taken=(name,))

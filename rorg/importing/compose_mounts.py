@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.importing.compose_keys import FILE, SERVICE_FILE
-from rorg.importing.compose_work import Work, size
+from rorg.importing.compose_work import SOUND, Work, size
 
 BASES = {"configs": "/", "secrets": "/run/secrets/"}
 """Where what names no absolute path lies in the container."""
@@ -91,6 +91,10 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
     work.check(FILE, said, section, source, shown=f"{section}.{source}.")
     if said.get("file"):
         return work.local(said["file"])
+    if not SOUND.fullmatch(source):
+        message = f"rorg makes no file called '{source}' of one of the {section}"
+        work.refuse(message, section, source, remedy="letters, digits, - _ and dots")
+        return ""
     text = said.get("content")
     if said.get("environment"):
         text = work.environment.get(said["environment"])

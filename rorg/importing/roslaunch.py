@@ -8,18 +8,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
+from rorg.importing.launch_file import MOST_ELEMENTS, Element, read_launch
 from rorg.importing.manifests import NOTE, Imported, Made
+from rorg.manifest.files import Outside
 from rorg.manifest.yaml_text import Inline, Noted
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, TooMuch, Where
 
 IMAGE = "ros:noetic-ros-base"
 """Where no other is named."""
 DEEPEST = 20
 """Launch files that include each other."""
+MOST_INCLUDES = 200
+"""Files that are included, each as often as it is."""
+MOST_FILLED = 1 << 20
+"""Characters that arguments bring into a launch file and its includes."""
+LONGEST = 1000
+"""Characters of a name with its namespace."""
 _ARGUMENT = re.compile(r"\$\((arg|find|env|optenv|dirname|anon|eval)\b([^()]*)\)")
-Read = Callable[[Path], str | None]
+Read = Callable[[Path], str]
+"""The text of a file. Raises OSError."""
 
 
 @dataclass(frozen=True)
@@ -29,110 +37,141 @@ class Node:
     name: str
     """With its namespace: /camera/driver."""
     required: bool
-    where: Where
 
 
 @dataclass
 class _Reading:
-    """A launch file with all that it includes."""
+    """A launch file with all that it includes. Raises TooMuch for more than people write."""
 
     read: Read
     packages: Mapping[str, Path]
     """Folders of the packages that are known: that of the file itself."""
     nodes: list[Node] = field(default_factory=list)
     found: list[Diagnostic] = field(default_factory=list)
+    files: dict[Path, Element | None] = field(default_factory=dict)
+    includes: int = 0
+    elements: int = 0
+    filled: int = 0
 
-    def file(self, path: Path, arguments: Mapping[str, str], namespace: str, depth: int = 0) -> None:
-        """All nodes of one file. `arguments`: those that it is given."""
-        text = self.read(path)
-        if text is None or depth > DEEPEST:
-            why = "it cannot be read" if text is None else f"more than {DEEPEST} files include each other"
-            self.found.append(
-                Diagnostic(Where(str(path)), why, "a file that is there", "error" if depth == 0 else NOTE)
-            )
+    def file(self, path: Path, arguments: Mapping[str, str], namespace: str, by: Where, depth: int = 0) -> None:
+        """All nodes of one file. `arguments`: those that it is given; `by`: the place that names it."""
+        if depth > DEEPEST:
+            message = f"{path}: more than {DEEPEST} files include each other"
+            self.found.append(Diagnostic(by, message, "a shorter chain of includes", NOTE))
             return
+        if path not in self.files:
+            self.files[path] = self._top(path, by, depth)
+        top = self.files[path]
+        if top is not None:
+            self._below(top, dict(arguments), namespace, depth)
+
+    def _top(self, path: Path, by: Where, depth: int) -> Element | None:
         try:
-            top = ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
-            line, column = error.position
-            self.found.append(Diagnostic(Where(str(path), line, column + 1), f"not XML: {error}", "fixing it"))
-            return
-        if top.tag != "launch":
-            self.found.append(Diagnostic(Where(str(path)), f"it begins with <{top.tag}>", "<launch>"))
-            return
-        self._below(top, path, dict(arguments), namespace, depth)
+            text = self.read(path)
+        except OSError as error:
+            remedy = f"--read {path}, if you trust it" if isinstance(error, Outside) else "a file that is there"
+            message = f"{path} cannot be read: {error.strerror}"
+            self.found.append(Diagnostic(by, message, remedy, NOTE if depth else "error"))
+            return None
+        top = read_launch(path, text)
+        if isinstance(top, Diagnostic):
+            self.found.append(top)
+            return None
+        return top
 
-    def _below(self, top: ElementTree.Element, path: Path, given: dict[str, str], namespace: str, depth: int) -> None:
+    def _below(self, top: Element, given: dict[str, str], namespace: str, depth: int) -> None:
         values = dict(given)
-        for element in top:
-            if not self._holds(element, path, values):
+        for element in top.children:
+            self.elements += 1
+            if self.elements > MOST_ELEMENTS:
+                message = f"more than {MOST_ELEMENTS} elements, counted as often as they are included"
+                raise TooMuch(element.where, message, "fewer includes")
+            if not self._holds(element, values):
                 continue
             if element.tag == "arg":
-                self._argument(element, path, values, given)
+                self._argument(element, values, given)
             elif element.tag == "group":
-                inner = _joined(namespace, self._filled(element.get("ns", ""), path, values))
-                self._below(element, path, values, inner, depth)
+                inner = self._inner(element, "ns", namespace, values)
+                self._below(element, values, inner, depth)
             elif element.tag == "node":
-                self._node(element, path, values, namespace)
+                self._node(element, values, namespace)
             elif element.tag == "include":
-                self._include(element, path, values, namespace, depth)
+                self._include(element, values, namespace, depth)
             elif element.tag == "machine":
-                self.found.append(_note(path, "<machine>: rorg starts nothing on other machines", "an rorg on each"))
+                message = "<machine>: rorg starts nothing on other machines"
+                self.found.append(_note(element.where, message, "an rorg on each"))
 
-    def _holds(self, element: ElementTree.Element, path: Path, values: Mapping[str, str]) -> bool:
+    def _holds(self, element: Element, values: Mapping[str, str]) -> bool:
         """By `if` and `unless`; what cannot be worked out here counts as true."""
         for word, wrong in (("if", ("false", "0")), ("unless", ("true", "1"))):
-            if self._filled(element.get(word, ""), path, values).strip().lower() in wrong:
+            if self._filled(element, word, values).strip().lower() in wrong:
                 return False
         return True
 
-    def _argument(
-        self, element: ElementTree.Element, path: Path, values: dict[str, str], given: Mapping[str, str]
-    ) -> None:
-        name = element.get("name", "")
-        if element.get("value") is not None:
-            values[name] = self._filled(element.get("value", ""), path, values)
-        elif name not in given and element.get("default") is not None:
-            values[name] = self._filled(element.get("default", ""), path, values)
+    def _argument(self, element: Element, values: dict[str, str], given: Mapping[str, str]) -> None:
+        name = element.get("name")
+        if "value" in element.attributes:
+            values[name] = self._filled(element, "value", values)
+        elif name not in given and "default" in element.attributes:
+            values[name] = self._filled(element, "default", values)
         elif name not in values:
             message = f"the argument {name} has no value"
-            self.found.append(Diagnostic(Where(str(path)), message, f"{name}:=VALUE behind the file"))
+            self.found.append(Diagnostic(element.where, message, f"{name}:=VALUE behind the file"))
 
-    def _node(self, element: ElementTree.Element, path: Path, values: Mapping[str, str], namespace: str) -> None:
-        name = self._filled(element.get("name", ""), path, values)
-        inner = _joined(namespace, self._filled(element.get("ns", ""), path, values))
-        required = self._filled(element.get("required", ""), path, values).lower() in ("true", "1")
-        if not name or "$(" in name + inner:
-            self.found.append(_note(path, f"a node of {element.get('pkg')} whose name is made when it starts"))
+    def _node(self, element: Element, values: Mapping[str, str], namespace: str) -> None:
+        name = element.get("name")
+        inner = self._inner(element, "ns", namespace, values)
+        required = self._filled(element, "required", values).lower() in ("true", "1")
+        whole = self._inner(element, "name", inner, values)
+        if not name or "$(" in whole:
+            message = f"a node of {element.get('pkg')} whose name is made when it starts"
+            self.found.append(_note(element.where, message))
         else:
-            self.nodes.append(Node(_joined(inner, name), required, Where(str(path))))
+            self.nodes.append(Node(whole, required))
 
-    def _include(
-        self, element: ElementTree.Element, path: Path, values: Mapping[str, str], namespace: str, depth: int
-    ) -> None:
-        file = self._filled(element.get("file", ""), path, values)
-        passed = dict(values) if element.get("pass_all_args", "").lower() in ("true", "1") else {}
-        for child in element:
-            if child.tag == "arg" and self._holds(child, path, values):
-                passed[child.get("name", "")] = self._filled(child.get("value", child.get("default", "")), path, values)
-        inner = _joined(namespace, self._filled(element.get("ns", ""), path, values))
+    def _include(self, element: Element, values: Mapping[str, str], namespace: str, depth: int) -> None:
+        self.includes += 1
+        if self.includes > MOST_INCLUDES:
+            message = f"more than {MOST_INCLUDES} includes, counted as often as they are included"
+            raise TooMuch(element.where, message, "fewer includes")
+        file = self._filled(element, "file", values)
+        passed = dict(values) if element.get("pass_all_args").lower() in ("true", "1") else {}
+        for child in element.children:
+            if child.tag == "arg" and self._holds(child, values):
+                said = "value" if "value" in child.attributes else "default"
+                passed[child.get("name")] = self._filled(child, said, values)
+        inner = self._inner(element, "ns", namespace, values)
         if "$(" in file:
-            self.found.append(_note(path, f"{file} is in another package: its nodes are not known here"))
+            self.found.append(_note(element.where, f"{file} is in another package: its nodes are not known here"))
         else:
-            self.file(Path(file), passed, inner, depth + 1)
+            self.file(Path(file), passed, inner, element.where, depth + 1)
 
-    def _filled(self, text: str, path: Path, values: Mapping[str, str]) -> str:
-        """With $(arg NAME), $(find PACKAGE) of a known package and $(dirname) filled in; the rest as it is."""
+    def _inner(self, element: Element, attribute: str, namespace: str, values: Mapping[str, str]) -> str:
+        """A name or a namespace within another one."""
+        found = _joined(namespace, self._filled(element, attribute, values))
+        if len(found) > LONGEST:
+            raise TooMuch(element.where, f"a name of more than {LONGEST} characters", "shorter names")
+        return found
+
+    def _filled(self, element: Element, attribute: str, values: Mapping[str, str]) -> str:
+        """An attribute with $(arg NAME), $(find PACKAGE) of a known package and $(dirname) filled in; the rest as it
+        is."""
 
         def fill(match: re.Match[str]) -> str:
-            word, name = match[1], match[2].strip()
+            word, name, found = match[1], match[2].strip(), match[0]
             if word == "arg":
-                return values.get(name, match[0])
-            if word == "find" and name in self.packages:
-                return str(self.packages[name])
-            return str(path.parent) if word == "dirname" else match[0]
+                found = values.get(name, found)
+            elif word == "find" and name in self.packages:
+                found = str(self.packages[name])
+            elif word == "dirname":
+                found = str(Path(element.where.file).parent)
+            self.filled += len(found)
+            if self.filled > MOST_FILLED:
+                message = f"arguments bring in more than {MOST_FILLED >> 20} MiB"
+                raise TooMuch(element.where, message, "shorter arguments")
+            return found
 
-        return _ARGUMENT.sub(fill, text)
+        return _ARGUMENT.sub(fill, element.get(attribute))
 
 
 def from_roslaunch(
@@ -140,10 +179,12 @@ def from_roslaunch(
 ) -> Imported:
     """The Service of a launch file, and one for the ROS master where the tree has none yet (`with_master`)."""
     path = path.absolute()
-    package = next((p for p in path.parents if read(p / "package.xml") is not None), None)
-    name = _package_name(read(package / "package.xml") or "") if package else ""
+    package, name = _package(path, read)
     reading = _Reading(read, {name: package} if package and name else {})
-    reading.file(path, arguments, "/")
+    try:
+        reading.file(path, arguments, "/", Where(str(path)))
+    except TooMuch as bound:
+        return Imported(diagnostics=tuple(sorted({*reading.found, bound.diagnostic})))
     spec: dict[str, Any] = {"image": image or Noted(IMAGE, "your workspace's, with the packages of the file")}
     words = [f"{key}:={value}" for key, value in arguments.items()]
     spec["command"] = ["roslaunch", "--wait", *([name, path.name] if name else [str(path)]), *words]
@@ -152,7 +193,9 @@ def from_roslaunch(
         first = next((n for n in reading.nodes if n.required), reading.nodes[-1])
         spec["ready"] = Inline({"ros_node": first.name, "timeout": "60s"})
     else:
-        reading.found.append(_note(path, "no node is known, so it is ready when it runs", "a `ready` probe"))
+        reading.found.append(
+            _note(Where(str(path)), "no node is known, so it is ready when it runs", "a `ready` probe")
+        )
     nodes = ", ".join(node.name for node in reading.nodes)
     comments = (
         f"From {path.name}{f' of the package {name}' if name else ''}.",
@@ -168,9 +211,15 @@ def from_roslaunch(
     return Imported(tuple(made), diagnostics=told)
 
 
-def _package_name(text: str) -> str:
-    found = re.search(r"<name>\s*([\w-]+)\s*</name>", text)
-    return found[1] if found else ""
+def _package(path: Path, read: Read) -> tuple[Path | None, str]:
+    """The folder and the name of the package that a file is in; the nearest one that can be read."""
+    for folder in path.parents:
+        try:
+            found = re.search(r"<name>\s*([\w-]+)\s*</name>", read(folder / "package.xml"))
+        except OSError:
+            continue
+        return folder, found[1] if found else ""
+    return None, ""
 
 
 def _service_name(stem: str) -> str:
@@ -185,5 +234,5 @@ def _joined(namespace: str, name: str) -> str:
     return f"{namespace.rstrip('/')}/{name}" if name else namespace
 
 
-def _note(path: Path, message: str, remedy: str = "") -> Diagnostic:
-    return Diagnostic(Where(str(path)), message, remedy, NOTE)
+def _note(where: Where, message: str, remedy: str = "") -> Diagnostic:
+    return Diagnostic(where, message, remedy, NOTE)

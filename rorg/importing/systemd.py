@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rorg.importing.manifests import NOTE, Imported, Made
+from rorg.importing.systemd_unit import DECIMAL, Unit, number_of, read_unit, seconds_of
 from rorg.manifest.yaml_text import Noted
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.units import format_duration
 
 HOST = "host"
 """The image of what runs as a process of this machine: that engine looks at no image."""
@@ -35,54 +36,12 @@ REMEDIES = {
 }
 
 
-@dataclass
-class Unit:
-    """One unit file as it is written."""
-
-    path: Path
-    settings: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
-    """Key -> values with their lines, those of all sections; an empty value takes back those before it."""
-
-    @property
-    def name(self) -> str:
-        return self.path.stem
-
-    def where(self, key: str = "") -> Where:
-        """Of the first value of a key."""
-        found = self.settings.get(key)
-        return Where(str(self.path), found[0][1] if found else 1)
-
-    def all(self, key: str) -> list[str]:
-        return [value for value, _ in self.settings.get(key, ())]
-
-    def last(self, key: str, otherwise: str = "") -> str:
-        return (self.all(key) or [otherwise])[-1]
-
-    def words(self, *keys: str) -> list[str]:
-        return [word for key in keys for value in self.all(key) for word in value.split()]
-
-
-def read_unit(path: Path, text: str) -> Unit:
-    """By the rules of systemd.syntax(7): a backslash goes on with the next line, # and ; begin comments."""
-    unit = Unit(path)
-    lines = iter(enumerate(text.splitlines(), 1))
-    for number, line in lines:
-        if line.lstrip()[:1] in ("", "#", ";", "["):
-            continue
-        while line.endswith("\\"):
-            more = next((m for _, m in lines if m.lstrip()[:1] not in ("#", ";")), "")
-            line = f"{line[:-1]} {more}"
-        key, equals, value = line.partition("=")
-        if equals and value.strip():
-            unit.settings.setdefault(key.strip(), []).append((value.strip(), number))
-        elif equals:
-            unit.settings.pop(key.strip(), None)
-    return unit
-
-
 def from_systemd(texts: Mapping[Path, str], image: str, tree: Path) -> Imported:
     """The manifests of units, given as path -> text. `image`: that of the services; `tree`: where they will lie."""
-    units = {unit.path.name: unit for unit in (read_unit(path, text) for path, text in texts.items())}
+    try:
+        units = {unit.path.name: unit for unit in (read_unit(path, text) for path, text in texts.items())}
+    except TooMuch as bound:
+        return Imported(diagnostics=(bound.diagnostic,))
     made, found = list[Made](), list[Diagnostic]()
     for name, unit in units.items():
         if name.endswith(".target"):
@@ -188,11 +147,9 @@ class _Service:
             self.tell("Type", "Type=notify: rorg asks whether it is ready", "a `ready` probe")
 
     def _limit(self, name: str, value: str) -> None:
-        parts = [-1 if part == "infinity" else int(part) if part.isdigit() else None for part in value.split(":")]
-        if None in parts:
-            self.tell(
-                f"Limit{name.upper()}", f"the limit {value} is not carried over", "a number under container.ulimits"
-            )
+        parts = [-1 if part == "infinity" else number_of(part) for part in value.split(":")]
+        if None in parts or len(parts) > 2:
+            self.drop(f"Limit{name.upper()}", value, "a number under container.ulimits")
             return
         self.container.setdefault("ulimits", {})[name] = (
             parts[0] if len(parts) == 1 else {"soft": parts[0], "hard": parts[-1]}
@@ -200,7 +157,13 @@ class _Service:
 
     def environment(self, _: str) -> None:
         """All assignments, each word one."""
-        words = [word for value in self.unit.all("Environment") for word in shlex.split(value)]
+        words: list[str] = []
+        for value, line in self.unit.settings["Environment"]:
+            try:
+                words += shlex.split(value)
+            except ValueError as error:
+                where = Where(str(self.unit.path), line)
+                self.found.append(Diagnostic(where, f"not assignments: {error}", "quotes that end"))
         self.container["environment"] = dict(word.split("=", 1) for word in words if "=" in word)
 
     def environment_file(self, _: str) -> None:
@@ -217,24 +180,43 @@ class _Service:
 
     def time(self, value: str) -> None:
         """How long it may take to end."""
-        seconds = sum(float(n) * UNITS[unit] for n, unit in re.findall(r"([0-9.]+)\s*(min|ms|h|s|)", value))
+        seconds = seconds_of(value)
         if seconds:
-            self.container["stop_grace_period"] = f"{seconds:g}s"
+            self.container["stop_grace_period"] = format_duration(seconds)
+        else:
+            key = next(k for k in ("TimeoutStopSec", "TimeoutSec") if k in self.unit.settings)
+            self.drop(key, value, "container: {stop_grace_period: 10s}")
+
+    def drop(self, key: str, value: str, remedy: str) -> None:
+        """Notes a value that no manifest can say."""
+        shown = value if len(value) <= 40 else f"{value[:40]}..."
+        self.tell(key, f"{key}={shown} is not carried over", remedy)
 
     def memory(self, value: str) -> None:
         """Bytes, or with a unit."""
-        if re.fullmatch(r"[0-9]+[KMG]?", value):
-            self.container["mem_limit"] = value + "i" * value[-1].isalpha() if not value.isdigit() else int(value)
+        if re.fullmatch(r"[0-9]{1,9}[KMG]", value):
+            self.container["mem_limit"] = f"{value}i"
+        elif (number := number_of(value)) is not None:
+            self.container["mem_limit"] = number
         elif value != "infinity":
-            self.tell("MemoryMax", f"MemoryMax={value} is not carried over", "container: {mem_limit: 512Mi}")
+            self.drop("MemoryMax", value, "container: {mem_limit: 512Mi}")
 
     def quota(self, value: str) -> None:
         """Percent of one CPU."""
-        if re.fullmatch(r"[0-9.]+%", value):
+        if re.fullmatch(DECIMAL + "%", value) and 0 < float(value[:-1]) <= MOST_PERCENT:
             self.container["cpus"] = float(value[:-1]) / 100
+        else:
+            self.drop("CPUQuota", value, "container: {cpus: 1.5}")
+
+    def tasks(self, value: str) -> None:
+        """Processes; `infinity` is no limit."""
+        if number := number_of(value):
+            self.container["pids_limit"] = number
+        elif value != "infinity":
+            self.drop("TasksMax", value, "container: {pids_limit: 100}")
 
 
-UNITS = {"": 1.0, "s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
+MOST_PERCENT = 1e6
 READ: Mapping[str, Callable[[_Service, str], None]] = {
     "CPUQuota": _Service.quota,
     "Environment": _Service.environment,
@@ -242,7 +224,7 @@ READ: Mapping[str, Callable[[_Service, str], None]] = {
     "KillSignal": lambda service, value: service.container.update(stop_signal=value),
     "MemoryLimit": _Service.memory,
     "MemoryMax": _Service.memory,
-    "TasksMax": lambda service, value: service.container.update(pids_limit=int(value)) if value.isdigit() else None,
+    "TasksMax": _Service.tasks,
     "TimeoutSec": _Service.time,
     "TimeoutStopSec": _Service.time,
     "User": _Service.user,

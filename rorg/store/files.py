@@ -11,6 +11,8 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from rorg.manifest.files import read_anywhere
+
 LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]{8}")
 """The name of a file on its way to its place."""
 PRIVATE = 0o640
@@ -23,12 +25,7 @@ def read_state(path: Path) -> str:
     """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
-    with open(regular(path, os.O_RDONLY), "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        content = b"" if size > MOST else file.read()
-    if max(size, len(content)) > MOST:
-        raise OSError(errno.EFBIG, f"it has more than {MOST >> 20} MiB", str(path))
-    return content.decode("utf-8", errors="replace")
+    return read_anywhere(path, MOST).decode("utf-8", errors="replace")
 
 
 def open_private(path: Path, flags: int) -> int:

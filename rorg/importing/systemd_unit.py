@@ -1,0 +1,88 @@
+"""A unit file of systemd as it is written, and the numbers and times in it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rorg.model.diagnostics import TooMuch, Where
+
+LONGEST = 32 << 10
+"""Characters of one setting, with all the lines that it goes on in."""
+MOST_SECONDS = 86400.0
+DECIMAL = r"(?:[0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})"
+_SPAN = re.compile(rf"({DECIMAL})\s*([a-z]*)\s*")
+UNITS = {
+    **dict.fromkeys(("us", "usec"), 1e-6),
+    **dict.fromkeys(("ms", "msec"), 0.001),
+    **dict.fromkeys(("", "s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("m", "min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+}
+"""Of systemd.time(7), in seconds; nobody waits for days."""
+
+
+@dataclass
+class Unit:
+    """One unit file as it is written."""
+
+    path: Path
+    settings: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
+    """Key -> values with their lines, those of all sections; an empty value takes back those before it."""
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    def where(self, key: str = "") -> Where:
+        """Of the first value of a key."""
+        found = self.settings.get(key)
+        return Where(str(self.path), found[0][1] if found else 1)
+
+    def all(self, key: str) -> list[str]:
+        return [value for value, _ in self.settings.get(key, ())]
+
+    def last(self, key: str, otherwise: str = "") -> str:
+        return (self.all(key) or [otherwise])[-1]
+
+    def words(self, *keys: str) -> list[str]:
+        return [word for key in keys for value in self.all(key) for word in value.split()]
+
+
+def read_unit(path: Path, text: str) -> Unit:
+    """By the rules of systemd.syntax(7): a backslash goes on with the next line, # and ; begin comments."""
+    unit = Unit(path)
+    lines = iter(enumerate(text.splitlines(), 1))
+    for number, line in lines:
+        if line.lstrip()[:1] in ("", "#", ";", "["):
+            continue
+        parts = [line]
+        while parts[-1].endswith("\\"):
+            parts[-1] = parts[-1][:-1]
+            parts.append(next((m for _, m in lines if m.lstrip()[:1] not in ("#", ";")), ""))
+        line = " ".join(parts)
+        if len(line) > LONGEST:
+            raise TooMuch(Where(str(path), number), f"a line of more than {LONGEST >> 10} KiB", "shorter lines")
+        key, equals, value = line.partition("=")
+        if equals and value.strip():
+            unit.settings.setdefault(key.strip(), []).append((value.strip(), number))
+        elif equals:
+            unit.settings.pop(key.strip(), None)
+    return unit
+
+
+def seconds_of(text: str) -> float:
+    """Of a span of systemd's, such as "1min 5s"; 0 where it is none that anybody waits for."""
+    at, found = 0, 0.0
+    while at < len(text):
+        part = _SPAN.match(text, at)
+        if not part or part[2] not in UNITS:
+            return 0.0
+        at, found = part.end(), found + float(part[1]) * UNITS[part[2]]
+    return round(found, 6) if found <= MOST_SECONDS else 0.0
+
+
+def number_of(text: str) -> int | None:
+    """A whole number that a machine counts with."""
+    return int(text) if re.fullmatch("[0-9]{1,15}", text) else None
