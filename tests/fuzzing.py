@@ -22,6 +22,12 @@ FULL = {
     "labels": 1_000,
     "answers": 100_000,
     "commits": 50,
+    "archives": 2_000,
+    "launches": 2_000,
+    "units": 2_000,
+    "dockerfiles": 2_000,
+    "variables": 2_000,
+    "projects": 2_000,
     "kills": 40,
 }
 """Cases of each kind in a whole run."""

@@ -187,20 +187,26 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
 
 
 def _load(robot: _Robot, path: Path) -> None:
-    from rorg.errors import Invalid
+    from rorg.errors import EngineError, Invalid
     from rorg.images.archive import read_records
     from rorg.images.docker import library_errors
+    from rorg.manifest.files import open_regular
     from rorg.model.units import counted
 
+    loaded, what = 0, f"load {path}"
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             built = read_records(file, str(path))
             file.seek(0)
-            with library_errors(f"load {path}"):
-                said = list(robot.engine.api().load_image(file))
+            with library_errors(what):
+                for line in robot.engine.api().load_image(file):
+                    if "error" in line:
+                        raise EngineError(what, str(line["error"]), "an archive that `rorg image save` wrote")
+                    loaded += "Loaded image" in str(line.get("stream", ""))
     except OSError as error:
         raise Invalid(f"read {path}", error.strerror or str(error), "the file that `rorg image save` wrote") from error
+    if not loaded:
+        raise Invalid(what, "there is no image in it", "an archive that `rorg image save` wrote")
     robot.context.state.prepare()
     robot.records.note(built)
-    loaded = sum("Loaded image" in str(line.get("stream", "")) for line in said)
     note(f"{counted(loaded, 'image')} loaded")

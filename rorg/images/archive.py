@@ -15,6 +15,8 @@ from rorg.images.records import Built
 
 RECORDS = "rorg-images.json"
 CHUNK = 1 << 20
+MOST = 4 << 20
+"""Bytes of the records. Those of a robot with a hundred images have some 50 KiB."""
 
 
 class Stream(io.RawIOBase):
@@ -51,14 +53,27 @@ def write_archive(pieces: Iterable[bytes], built: Mapping[str, Built], file: IO[
 
 
 def read_records(file: IO[bytes], name: str) -> dict[str, Built]:
-    """What an archive says of its images; empty for one that another program wrote. Raises Invalid."""
+    """What an archive says of its images; empty for one that another program wrote. Reads no more than its first
+    member, and nothing of that but a regular file. Raises Invalid."""
     try:
-        with tarfile.open(fileobj=file, mode="r:") as archive:
-            first = archive.next()
-            content = archive.extractfile(first) if first is not None and first.name == RECORDS else None
-            entries = json.load(content) if content else {}
-            return {str(identity): Built(**entry) for identity, entry in entries.items()}
-    except (tarfile.TarError, ValueError, TypeError, AttributeError, EOFError) as error:
-        raise Invalid(
-            f"load {name}", f"it is no archive of images: {error}", "one that `rorg image save` wrote"
-        ) from error
+        member = tarfile.TarInfo.frombuf(file.read(tarfile.BLOCKSIZE), "utf-8", "surrogateescape")
+        if member.name != RECORDS:
+            return {}
+        if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or not 0 <= member.size <= MOST:
+            raise ValueError(f"its {RECORDS} is no file of at most {MOST >> 20} MiB")
+        content = file.read(member.size)
+        if len(content) < member.size:
+            raise ValueError("it ends too early")
+        return {str(identity): _built(entry) for identity, entry in json.loads(content).items()}
+    except (tarfile.TarError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        remedy = "one that `rorg image save` wrote"
+        raise Invalid(f"load {name}", f"it is no archive of images: {error}", remedy) from error
+
+
+def _built(entry: Any) -> Built:
+    """A record that an archive brings. Raises TypeError for what is none."""
+    found = Built(**entry)
+    texts = (found.name, found.reference, found.id, found.at, *found.bases, *found.bases.values())
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError(f"a record in its {RECORDS} is not of texts")
+    return found

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from rorg.images.ignore import NAME, Ignore, read_ignore
+from rorg.manifest.files import read_bytes
 
 GIT = ".git"
 """Never part of a context, at its top: every commit would make another image of the same files."""
@@ -58,7 +59,8 @@ def write_tar(context: Path, dockerfile: str, text: bytes, file: IO[bytes]) -> s
     with tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar:
         for path, how in context_files(context, dockerfile):
             if path == NAME and stat.S_ISREG(how.st_mode):
-                hidden = (context / NAME).read_text(errors="surrogateescape").rstrip("\n") + "\n"
+                ignored = read_bytes(context / NAME, context).decode(errors="surrogateescape")
+                hidden = ignored.rstrip("\n") + "\n"
                 continue
             _add(tar, context / path, path, how)
         for added, content in ((name, text), (NAME, f"{hidden}{name}\n".encode(errors="surrogateescape"))):

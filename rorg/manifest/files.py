@@ -9,6 +9,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import IO
 
 MOST = 4 << 20
 """Bytes of one file. A robot's largest manifests have some 100 KiB."""
@@ -93,8 +94,9 @@ def _leads_out(path: Path, real: str, root: Path) -> bool:
     return written == base or written.startswith(f"{base}/")
 
 
-def _read(path: Path, most: int, refuse: Callable[[str], None]) -> bytes:
-    """`refuse` is called with the file's real path before it is opened, and raises OSError for what may not be read."""
+def open_regular(path: Path, refuse: Callable[[str], None] = lambda _: None) -> IO[bytes]:
+    """Opens a regular file. `refuse` gets its real path first, and raises OSError for what may not be read.
+    Raises OSError."""
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except ValueError as error:
@@ -109,7 +111,11 @@ def _read(path: Path, most: int, refuse: Callable[[str], None]) -> bytes:
         descriptor = os.open(f"/proc/self/fd/{place}", os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     finally:
         os.close(place)
-    with open(descriptor, "rb") as file:
+    return open(descriptor, "rb")
+
+
+def _read(path: Path, most: int, refuse: Callable[[str], None]) -> bytes:
+    with open_regular(path, refuse) as file:
         content = file.read(most + 1) or b""  # nothing: a file of the kernel's that would make us wait
     if len(content) > most:
         raise OSError(errno.EFBIG, f"it has more than {most >> 20} MiB", str(path))
