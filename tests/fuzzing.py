@@ -39,6 +39,10 @@ SLOWEST = 1.0 if SHARE else 5.0
 beside other tests and on any machine, only what hangs is found."""
 HUNG = 60
 """Seconds after which a case is ended, however busy the machine is."""
+BOUNDED = {"archives", "launches", "units", "dockerfiles", "variables", "projects"}
+"""Kinds of what strangers write, of which no case may take more than this:"""
+MOST_CPU, MOST_MEMORY = 2.0, 200.0
+"""Seconds of a processor, and MiB above what the process had before."""
 TRIES = 3
 """A case that is slow so often is slow by itself; a busy machine makes others slow."""
 MOST = 10
@@ -74,6 +78,10 @@ class Figures:
 
     cases: int = 0
     slowest: float = 0.0
+    cpu: float = 0.0
+    """Seconds of the case that took the most."""
+    memory: float = 0.0
+    """MiB of the case that took the most."""
     findings: list[str] = field(default_factory=list)
 
 
@@ -96,7 +104,8 @@ def report(kind: str, figures: Figures, seconds: float) -> None:
     """Says the figures, and fails with the findings."""
     print(
         f"\nfuzz {kind}: {figures.cases} cases, {len(figures.findings)} findings, "
-        f"the slowest case {figures.slowest * 1000:.0f} ms, {seconds:.0f} s"
+        f"the slowest case {figures.slowest * 1000:.0f} ms, {figures.cpu:.2f} s of CPU, "
+        f"the largest {figures.memory:.0f} MiB, {seconds:.0f} s"
     )
     assert not figures.findings, "\n".join(figures.findings)
 
@@ -107,8 +116,10 @@ def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figur
         case = Case.of(kind, number)
         began = time.monotonic()
         try:
-            with _ended_after(HUNG):
+            with _ended_after(HUNG), _measured(figures) as used:
                 attempt(case)
+            if kind in BOUNDED and (used.cpu > MOST_CPU or used.memory > MOST_MEMORY):
+                raise AssertionError(f"it takes {used.cpu:.1f} s of CPU and {used.memory:.0f} MiB")
         except Exception as bug:
             figures.findings.append(case.keep(f"{type(bug).__name__}: {str(bug)[:500]}"))
             break
@@ -119,6 +130,24 @@ def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figur
         figures.findings.append(case.keep(f"it takes {quickest:.1f} s"))
     figures.cases += 1
     figures.slowest = max(figures.slowest, 0.0 if quickest == float("inf") else quickest)
+
+
+@contextlib.contextmanager
+def _measured(figures: Figures) -> Iterator[Figures]:
+    """What the block takes, which counts in `figures` where it is more than before."""
+    used = Figures()
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    memory, cpu = _memory("VmRSS"), time.process_time()
+    yield used
+    used.cpu, used.memory = time.process_time() - cpu, _memory("VmHWM") - memory
+    figures.cpu, figures.memory = max(figures.cpu, used.cpu), max(figures.memory, used.memory)
+
+
+def _memory(name: str) -> float:
+    """MiB, by a line of /proc/self/status."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition(f"{name}:")[2].split()[0]) / 1024
 
 
 @contextlib.contextmanager

@@ -1,0 +1,294 @@
+"""Whatever a stranger's project says: what is wrong with it is told, soon, in little memory; never a traceback."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fuzzing import Case, fuzz
+from project_mutations import mutated_project
+from robots import write_tree
+
+from rorg.compose.load import load as load_project
+from rorg.errors import RorgError
+from rorg.images.context import context_files
+from rorg.images.dockerfiles import dockerfile_of
+from rorg.images.order import Order
+from rorg.importing.compose import from_compose
+from rorg.importing.manifests import Imported
+from rorg.importing.roslaunch import from_roslaunch
+from rorg.importing.systemd import from_systemd
+from rorg.importing.writing import write_tree as write_imported
+from rorg.manifest.documents import UNEXPECTED
+from rorg.manifest.files import Reader
+from rorg.manifest.load import load
+
+LAUNCH = """\
+<?xml version="1.0"?>
+<launch>
+  <arg name="map" default="lab"/>
+  <arg name="sim" default="false"/>
+  <arg name="where" value="$(find robot)/maps/$(arg map)"/>
+  <group ns="robot" unless="$(arg sim)">
+    <node pkg="a" type="b" name="lidar" required="true"/>
+    <group ns="$(arg map)"><node pkg="a" type="b" name="$(arg map)_node" if="$(arg sim)"/></group>
+  </group>
+  <include file="$(dirname)/inner.launch" ns="front" pass_all_args="true"><arg name="x" value="$(arg where)"/></include>
+  <include file="$(find other)/launch/far.launch"/>
+  <machine name="m" address="a"/>
+</launch>
+"""
+LAUNCHES = {
+    "nav.launch": LAUNCH,
+    "inner.launch": '<launch>\n  <arg name="x"/>\n  <node pkg="q" type="q" name="cam$(arg x)"/>\n</launch>\n',
+    "package.xml": "<package>\n  <name>robot</name>\n</package>\n",
+}
+LAUNCH_WORDS = (
+    '<include file="$(dirname)/nav.launch"/>', '<include file="$(dirname)/inner.launch" pass_all_args="1"/>',
+    "<group>", "</group>", '<group ns="a">', '<arg name="map" value="$(arg map)$(arg map)"/>', "$(arg map)",
+    "$(arg ", "$(find robot)", "$(eval 1)", "$(dirname)", '<include file="/dev/zero"/>',
+    '<include file="/etc/shadow"/>', "<!DOCTYPE a [", "<![CDATA[", '<!DOCTYPE a [<!ENTITY b "c">]>', "&b;", "&#0;",
+    "&#x10ffff;", '<node name="n" pkg="p" type="t"/>', "<!--", "-->", "<launch>",
+)  # fmt: skip
+UNIT = """\
+[Unit]
+Description=Navigation
+After=network-online.target
+Requires=lidar.service
+Conflicts=arm.service
+[Service]
+Type=simple
+ExecStartPre=-/bin/sleep 1
+ExecStart=/opt/nav/run --map "my map" \\
+  --fast $ARGS
+Environment=A=1 "B=two words"
+EnvironmentFile=-/etc/nav.env
+Restart=on-failure
+RestartSec=2
+User=robot
+Group=dialout
+KillSignal=SIGINT
+TimeoutStopSec=1min 5s
+LimitRTPRIO=99
+LimitNOFILE=1024:65536
+MemoryMax=500M
+CPUQuota=150%
+TasksMax=100
+WorkingDirectory=~
+[Install]
+WantedBy=multi-user.target
+"""
+UNITS = {
+    "nav.service": UNIT,
+    "lidar.service": "[Service]\nExecStart=/opt/lidar 'a b' %i\n",
+    "robot.target": "[Unit]\nDescription=All\nWants=nav.service lidar.service\n",
+}
+UNIT_WORDS = (
+    "\\", '"', "'", "%i", "%%", "$A", "infinity", "TimeoutStopSec=.s", "TimeoutSec=1.2.3", "CPUQuota=..%",
+    "TasksMax=²", "LimitNOFILE=1:2:3", "Environment=", 'Environment="A=b', "ExecStart=", "Type=forking",
+    "Type=notify", "MemoryMax=9K", '9' * 30, "1e9", "-1", "#", ";", "[", 'a' * 3000, "nav.service",
+    "Wants=robot.target", "TimeoutStopSec=1us 2h",
+)  # fmt: skip
+DOCKERFILE = """\
+# syntax=docker/dockerfile:1
+ARG BASE=base
+ARG TAG=${BASE:-x}-1
+FROM --platform=$TARGETPLATFORM ${BASE}:${TAG#x} AS build
+ARG A
+ENV B="c d" E=f
+RUN --mount=type=bind,from=tools,source=/a,target=/b make \\
+  # a comment
+  all
+COPY --from=build --chown=1:1 ["/a b", "/c"]
+RUN <<EOF
+echo hello
+EOF
+FROM scratch AS run
+COPY --from=0 /x /y
+ONBUILD RUN true
+"""
+DOCKERFILES = {"Dockerfile": DOCKERFILE, ".dockerignore": "# not these\n**/*.pyc\n!a/**/b.pyc\nbuild/*\n[a-c]?/*.o\n"}
+DOCKERFILE_WORDS = (
+    "${A", "${A:-${B:-", "${A#*", "${A%%*?*?*}", "${A//*/x}", "$", "\\", "<<EOF", "<<-'A B'", "FROM build",
+    "FROM ${TAG}", "# escape=`", "# syntax=x", "COPY --from=run /a /b", "COPY --from=99 a b", "--mount=from=$A",
+    '["', "ONBUILD FROM x", "**/", "**", "[", "[]", "[^a]", "!", "*?", "\\", "../", "/", "ARG TAG=${TAG}${TAG}",
+    "ARG A=${A}${A}", "HEALTHCHECK",
+)  # fmt: skip
+VARIABLES = {
+    "robot.env": '# of the lab\nMAP=lab\nexport PLACE="${MAP}\\n\\"x\\""\nNAME=\'a $b\'\nBOTH: ${MAP:-x}${PLACE}\nBARE\n',
+    "robots/r2/robot.env": "MAP=hall\nWIDE='two\nlines'\n",
+}
+VARIABLE_WORDS = (
+    "${MAP", "${MAP:-${PLACE:-", "${MAP:?no}", "${MAP:+", "$$", "$MAP", "'", '"', "\\", "\\0777", "=", ":", " #",
+    "export ", "MAP=${MAP}${MAP}", "PLACE=$PLACE$PLACE$MAP", 'A="', "B='", "a b=c", "\r", "\x85", "\ufeff", "é=1",
+    "A.B-C[0]=d",
+)  # fmt: skip
+COMPOSE = """\
+name: bot
+include:
+  - parts/compose.yaml
+  - {path: other.yaml, env_file: nav.env}
+x-common: &common
+  restart: unless-stopped
+  logging: {driver: json-file, options: {max-size: 1m}}
+services:
+  nav:
+    <<: *common
+    image: lab/nav:${TAG:-1}
+    command: ["run", "--map", "$$HOME/${MAP:-lab}"]
+    environment: {ROS_DOMAIN_ID: , MODE: fast}
+    env_file: [nav.env, {path: none.env, required: false}]
+    extends: {file: common.yaml, service: base}
+    depends_on:
+      db: {condition: service_healthy, restart: true}
+    ports: ["8080:80", "127.0.0.1:9000-9001:9000-9001/udp"]
+    volumes: ["./maps:/maps:ro", "data:/data"]
+    devices: ["/dev/video0:/dev/camera:r"]
+    ulimits: {nofile: {soft: 1, hard: 2}}
+    configs: [{source: settings, target: /etc/s, mode: 0440}]
+    secrets: [token]
+    profiles: [tools]
+    deploy:
+      replicas: 2
+      resources:
+        limits: {cpus: "1.5", memory: 512M, pids: 100}
+        reservations: {cpus: "0.5", devices: [{driver: nvidia, count: all, capabilities: [gpu]}]}
+  db:
+    build: {context: ., dockerfile_inline: "FROM x", args: [A=b], additional_contexts: {c: ./parts}}
+    healthcheck: {test: pg_isready, interval: 2s, timeout: 1s, retries: 5, start_period: 30s}
+    network_mode: host
+volumes: {data: {}}
+networks: {default: {ipam: {config: [{subnet: 10.0.0.0/24}]}}}
+configs: {settings: {content: "a: ${MAP}"}}
+secrets: {token: {environment: HOME}}
+"""
+PROJECT = {
+    "compose.yaml": COMPOSE,
+    "common.yaml": "services:\n  base: {image: x, extends: above, init: true}\n  above: {environment: {A: b}}\n",
+    "parts/compose.yaml": "services:\n  part: {image: part, volumes: ['./d:/d']}\n",
+    "other.yaml": "services:\n  other: {image: other, environment: [NAV]}\n",
+    ".env": "MAP=hall\nTAG=2\nLONG=${MAP}${TAG}\n",
+    "nav.env": "NAV=1\nBARE\nQUOTED='a b'\n",
+}
+PROJECT_WORDS = (
+    "- compose.yaml", "- ../outside", "!reset []", "!override", "<<: *common", "*common", "&common", "${MAP",
+    "${MAP:?no}", "extends: nav", "extends: {file: compose.yaml, service: nav}", "env_file: /dev/zero",
+    "env_file: nav.env", "scale: 9999999", 'ports: ["1-65535:1-65535"]', '"1-9000"', "x-a: [[[[", "---", "null",
+    "0x10", "1e400", "MAP=${MAP}${MAP}", "services:", "  s: {image: x}", '"../../a": {content: b}', "[", "{",
+    "a: &a [*a]", "!!binary x", "- {path: [a, b]}", "-1", "1h99d",
+)  # fmt: skip
+
+
+def is_whole(imported: Imported, folder: Path, number: int) -> None:
+    """It can be written, and what is written is read or refused in words; some of it is tried."""
+    assert imported.manifests or imported.errors
+    if imported.errors:
+        return
+    texts = imported.texts
+    if number % 4 or sum(map(len, texts.values())) > 1 << 18:
+        return
+    tree = folder / "manifests"
+    write_imported(imported, tree)
+    try:
+        unexpected = [str(d) for d in load(tree).errors if UNEXPECTED in d.message]
+    finally:
+        shutil.rmtree(tree)
+    assert not unexpected, unexpected
+
+
+def projects(folder: Path, files: dict[str, str], words: tuple[str, ...], attempt: Callable[[Case], None]):
+    """An attempt on a project in a folder, of which one file is mutated."""
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+    def one(case: Case) -> None:
+        name, text = mutated_project(files, words, case.chance)
+        content = text.encode("utf-8", errors="surrogatepass")
+        case.text = f"{name}\n".encode() + content
+        (folder / name).write_bytes(content)
+        try:
+            attempt(case)
+        finally:
+            (folder / name).write_text(files[name])
+
+    return one
+
+
+@pytest.mark.fuzz
+def test_mutated_launch_files_are_imported_or_refused(tmp_path):
+    def attempt(case: Case) -> None:
+        imported = from_roslaunch(tmp_path / "nav.launch", Reader(tmp_path), {"map": "m"})
+        is_whole(imported, tmp_path, case.number)
+
+    fuzz("launches", 60, projects(tmp_path, LAUNCHES, LAUNCH_WORDS, attempt))
+
+
+@pytest.mark.fuzz
+def test_mutated_units_are_imported_or_refused(tmp_path):
+    def attempt(case: Case) -> None:
+        read = Reader(tmp_path)
+        try:
+            texts = {tmp_path / name: read(tmp_path / name) for name in UNITS}
+        except OSError:
+            return
+        is_whole(from_systemd(texts, "", tmp_path / "manifests"), tmp_path, case.number)
+
+    fuzz("units", 60, projects(tmp_path, UNITS, UNIT_WORDS, attempt))
+
+
+@pytest.mark.fuzz
+def test_mutated_compose_projects_are_imported_or_refused(tmp_path):
+    def attempt(case: Case) -> None:
+        read = Reader(tmp_path)
+        loaded = load_project([tmp_path], {"HOME": "/home/x"}, read, profiles=["*"])
+        assert (loaded.project is None) == bool(loaded.errors)
+        if loaded.project is not None:
+            imported = from_compose(
+                loaded.project, tmp_path / "manifests", tmp_path, {"HOME": "/home/x"}, lambda _: None
+            )
+            is_whole(imported, tmp_path, case.number)
+
+    fuzz("projects", 60, projects(tmp_path, PROJECT, PROJECT_WORDS, attempt))
+
+
+@pytest.mark.fuzz
+def test_mutated_dockerfiles_are_read_or_refused_with_their_place(tmp_path):
+    spec = {"context": "./image", "args": {"A": "b"}, "target": "run"}
+    write_tree(tmp_path, {"camera": {"image": "eye"}})
+    (tmp_path / "images" / "image").mkdir(parents=True)
+    (tmp_path / "images" / "image" / "a").mkdir()
+    (tmp_path / "images" / "image" / "a" / ("b" * 200)).touch()
+    (tmp_path / "images" / "eye.yaml").write_text(
+        f"apiVersion: rorg/v1\nkind: Image\nmetadata: {{name: eye}}\nspec: {spec}\n"
+    )
+
+    def attempt(_: Case) -> None:
+        found = load(tmp_path)
+        assert found.catalog is not None or found.errors
+        assert not [d for d in found.errors if UNEXPECTED in d.message]
+        if found.catalog is None:
+            return
+        image = found.catalog.images["eye"]
+        try:
+            dockerfile_of(Order("eye", image), image, True)
+            list(context_files(Path(image.context or ""), image.dockerfile))
+        except (OSError, RorgError):
+            return
+
+    fuzz("dockerfiles", 60, projects(tmp_path / "images" / "image", DOCKERFILES, DOCKERFILE_WORDS, attempt))
+
+
+@pytest.mark.fuzz
+def test_mutated_files_of_variables_are_read_or_refused_with_their_place(tmp_path):
+    environment = {"PLACE": "${PLACE}", "MAP": "${MAP:-none}", "BOTH": "${BOTH}"}
+    write_tree(tmp_path, {"camera": {"container": {"environment": environment}}})
+
+    def attempt(case: Case) -> None:
+        found = load(tmp_path, robot="r2" if case.number % 2 else "")
+        assert found.catalog is not None or found.errors
+        assert not [d for d in found.errors if UNEXPECTED in d.message]
+
+    fuzz("variables", 60, projects(tmp_path, VARIABLES, VARIABLE_WORDS, attempt))
