@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rorg.manifest.files import read_text
+from rorg.manifest.patterns import compiled
 
 NAME = ".dockerignore"
 
@@ -24,28 +25,34 @@ class Pattern:
         text = posixpath.normpath(text)
         self.text = text.lstrip("/") if len(text) > 1 else text
         try:
-            self._whole = re.compile(_expression(self.text), re.DOTALL)
-            self._parts = [None if "**" in p else re.compile(_expression(p), re.DOTALL) for p in self.text.split("/")]
-        except re.error as error:
+            self._whole = compiled(_expression(self.text))
+            self._parts = [None if "**" in p else compiled(_expression(p)) for p in self.text.split("/")]
+        except ValueError as error:
             raise ValueError(f"'{line}' is no pattern: {error}") from error
 
     def matches(self, parts: Sequence[str]) -> bool:
         """Whether it means a path, or a directory above it."""
-        return any(self._whole.fullmatch("/".join(parts[:end])) for end in range(len(parts), 0, -1))
+        return any(self._whole.fullmatch(_text("/".join(parts[:end]))) for end in range(len(parts), 0, -1))
 
     def reaches_below(self, parts: Sequence[str]) -> bool:
         """Whether it may mean something within a directory."""
         for part, pattern in zip(parts, self._parts, strict=False):
             if pattern is None:
                 return True
-            if not pattern.fullmatch(part):
+            if not pattern.fullmatch(_text(part)):
                 return False
         return True
 
 
+def _text(path: str) -> str:
+    """A path in characters; a name may have bytes that are none."""
+    return path.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def _expression(pattern: str) -> str:
-    """`*` and `?` stop at a slash, `**` does not; what is in brackets, and after a backslash, is as Go has it."""
-    return "".join(_pieces(pattern))
+    """`*` and `?` stop at a slash, `**` does not; what is in brackets, and after a backslash, is as Go has it. RE2,
+    which is Go's own, takes no pattern a long time."""
+    return "(?s)" + "".join(_pieces(pattern))
 
 
 def _pieces(pattern: str) -> Iterator[str]:

@@ -117,7 +117,7 @@ DOCKERFILE_WORDS = (
     "ARG A=${A}${A}", "HEALTHCHECK",
 )  # fmt: skip
 VARIABLES = {
-    "robot.env": '# of the lab\nMAP=lab\nexport PLACE="${MAP}\\n\\"x\\""\nNAME=\'a $b\'\nBOTH: ${MAP:-x}${PLACE}\nBARE\n',
+    "robot.env": '# lab\nMAP=lab\nexport PLACE="${MAP}\\n\\"x\\""\nNAME=\'a $b\'\nBOTH: ${MAP:-x}${PLACE}\nBARE\n',
     "robots/r2/robot.env": "MAP=hall\nWIDE='two\nlines'\n",
 }
 VARIABLE_WORDS = (

@@ -7,6 +7,7 @@ import time
 import pytest
 from robots import RealRobot
 
+from rorg.images.ignore import Ignore
 from rorg.manifest.patterns import compiled
 
 SLOW = {r"^(\w+\s?)+ready$": "a" * 35 + "!", r"(a*)*b": "a" * 5000, r"(x+x+)+y": "x" * 5000, r"(.*,){20}P": ",a" * 5000}
@@ -17,6 +18,18 @@ def test_no_pattern_takes_long(pattern, text):
     began = time.process_time()
     assert not compiled(pattern).search(text * 20)
     assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize("line", ["*a" * 12, "**/" * 12 + "b", "?*" * 40 + "[b]", "[a-a]*" * 30 + "b"])
+def test_no_line_of_an_ignore_file_takes_long(line):
+    began = time.process_time()
+    Ignore([line, f"!{line}"]).leaves_out(["a" * 200] * 6)
+    assert time.process_time() - began < 2.0
+
+
+def test_an_ignore_file_means_names_of_any_bytes():
+    assert Ignore(["a*"]).leaves_out(["a\udcff"])
+    assert not Ignore(["b*"]).leaves_out(["a\udcff"])
 
 
 def test_a_pattern_matches_as_lines_are_read():
