@@ -49,7 +49,7 @@ def command(
         list[str],
         Option(
             names=("--read",),
-            help="A file or directory outside of the project's folder that may be read too.",
+            help="A file or directory that the import may read, too, although it is outside the project's folder.",
             show_default=False,
             completes=FILES,
         ),
