@@ -11,7 +11,8 @@ from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
 from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where, nearest
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_INCLUDES, MOST_EXTENDS = 50, 50
 """Files on the way to an included one; services on the way to an extended one."""
@@ -84,7 +85,7 @@ class Assembler:
                 where, f"the project has more than {MOST_LAYERS} files and documents, counted as they are read"
             )
         self.files.spend(sum(document.size() for document in documents), where)
-        context = Context(directory, self.home, self.diagnostics, self.files.spend)
+        context = Context(directory, self.home, self.diagnostics, self.files.spend, self.files.near)
         for document in documents:
             written = fill(document, variables, self.diagnostics)
             tree = FILE.read(kept(written), "", context)
@@ -149,7 +150,7 @@ class Assembler:
             ]
             inside = f" in {layers[0].path}" if file else ""
             message = f"service '{name}' extends '{target.value}', which there is not{inside}"
-            self.diagnostics.append(Diagnostic(target.where, message, nearest(target.value, known)))
+            self.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
             return None
         return found, where
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rorg.compose.project import Place, Project
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.compose.suggestions import Suggestions
+from rorg.model.diagnostics import Diagnostic
 
 _SAME = (
     ("cpus", ("limits", "cpus")),
@@ -54,6 +55,7 @@ class _Checks:
     def __init__(self, project: Project) -> None:
         self.project = project
         self.diagnostics: list[Diagnostic] = []
+        self.near = Suggestions()
 
     def error(self, message: str, remedy: str, *path: str | int, severity: str = "error") -> None:
         self.diagnostics.append(Diagnostic(self.project.where(*path), message, remedy, severity))
@@ -92,7 +94,7 @@ class _Checks:
                 required = said.get("required", True)
                 severity = "error" if required else "warning"
                 message = f"service '{name}' names service '{other}' in {path[0]}, which there is not"
-                self.error(message, nearest(other, known), "services", name, *path, severity=severity)
+                self.error(message, self.near(other, known), "services", name, *path, severity=severity)
             elif name in self.project.enabled and other not in self.project.enabled and said.get("required", True):
                 profiles = ", ".join(self.project.profiles[other])
                 message = (
@@ -119,7 +121,7 @@ class _Checks:
             known = getattr(self.project, kind)
             if other not in known:
                 message = f"service '{name}' names '{other}', which {kind} of the top does not declare"
-                remedy = nearest(other, known) or f"{kind}: {{{other}: ...}} at the top of the file"
+                remedy = self.near(other, known) or f"{kind}: {{{other}: ...}} at the top of the file"
                 self.error(message, remedy, "services", name, *path)
 
     def rings(self) -> None:

@@ -9,6 +9,7 @@ from os.path import normpath
 from pathlib import Path
 
 from rorg.compose.nodes import Node
+from rorg.compose.suggestions import Suggestions
 from rorg.model.diagnostics import Diagnostic, Where
 
 
@@ -22,6 +23,7 @@ class Context:
     diagnostics: list[Diagnostic] = field(default_factory=list)
     spend: Callable[[int, Where], None] = lambda _values, _where: None
     """Counts values that a short form stands for."""
+    near: Suggestions = field(default_factory=Suggestions)
 
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
         self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))

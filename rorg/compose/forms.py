@@ -10,7 +10,6 @@ from rorg.compose.command_line import split
 from rorg.compose.form import ANY, Context, Form, wrong
 from rorg.compose.nodes import Node
 from rorg.compose.scalars import LOOSE, TEXT
-from rorg.model.diagnostics import nearest
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ class Section(Form):
                     found[key] = one
             else:
                 inside = f"in {name}" if name else "at the top"
-                context.error(value, f"unknown key '{key}' {inside}", nearest(key, self.keys), key=True)
+                context.error(value, f"unknown key '{key}' {inside}", context.near(key, self.keys), key=True)
         return found
 
     def merge(self, base: Node, over: Node) -> Node:

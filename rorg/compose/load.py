@@ -14,7 +14,8 @@ from rorg.compose.normalise import normalised
 from rorg.compose.project import Loaded, Project
 from rorg.compose.variables import Files, Variables, fill
 from rorg.manifest.files import Reader
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 
 Read = Callable[[Path], str]
 """The text of a file; OSError or UnicodeDecodeError where there is none."""

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from rorg.compose.nodes import MOST_VALUES, Node
 from rorg.compose.project import Variable
+from rorg.compose.suggestions import Suggestions
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import Outside
 from rorg.manifest.template import Refused, interpolate
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 
 OF_A_VALUE, OF_A_FILE = 64, 32
 """Characters of variables that are filled in, and of an env file, that count as one value."""
@@ -26,6 +28,7 @@ class Files:
     diagnostics: list[Diagnostic] = field(default_factory=list)
     texts: dict[Path, str | None] = field(default_factory=dict)
     spent: int = 0
+    near: Suggestions = field(default_factory=Suggestions)
 
     def spend(self, values: int, where: Where) -> None:
         """Raises TooMuch where a project has more values than anybody writes: files that include each other over and

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_ELEMENTS = 20_000
 """Of one file. The largest that people write have some hundreds."""

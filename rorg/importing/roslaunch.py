@@ -13,7 +13,8 @@ from rorg.importing.launch_file import MOST_ELEMENTS, Element, read_launch
 from rorg.importing.manifests import NOTE, Imported, Made
 from rorg.manifest.files import Outside
 from rorg.manifest.yaml_text import Inline, Noted
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 
 IMAGE = "ros:noetic-ros-base"
 """Where no other is named."""

@@ -11,7 +11,8 @@ from typing import Any
 from rorg.importing.manifests import NOTE, Imported, Made
 from rorg.importing.systemd_unit import DECIMAL, Unit, number_of, read_unit, seconds_of
 from rorg.manifest.yaml_text import Noted
-from rorg.model.diagnostics import Diagnostic, TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Diagnostic, Where
 from rorg.model.units import format_duration
 
 HOST = "host"

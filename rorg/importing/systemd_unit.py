@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rorg.model.diagnostics import TooMuch, Where
+from rorg.model.bounds import TooMuch
+from rorg.model.diagnostics import Where
 
 LONGEST = 32 << 10
 """Characters of one setting, with all the lines that it goes on in."""

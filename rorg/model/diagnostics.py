@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from bisect import bisect
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -56,16 +55,6 @@ class Diagnostic:
         }
 
 
-class TooMuch(Exception):
-    """What is read asks for more than rorg takes; reading ends there."""
-
-    def __init__(self, where: Where, message: str, remedy: str = "a smaller project") -> None:
-        super().__init__(message)
-        self.diagnostic = Diagnostic(where, message, remedy)
-
-
-MOST_NAMES, NEIGHBOURS, LONGEST = 200, 50, 100
-"""Among so many known names all are compared, else so many of those beside it in order; no name longer than that."""
 MOST_SUGGESTIONS = 100
 """Unknown names of one tree for which a known one is suggested: each is compared to every known name."""
 _LEFT: ContextVar[list[int] | None] = ContextVar("suggestions", default=None)
@@ -88,12 +77,7 @@ def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
         if left[0] <= 0:
             return ""
         left[0] -= 1
-    some = sorted(known) if len(name) <= LONGEST else []
-    if len(some) > MOST_NAMES:
-        at = bisect(some, name)
-        some = some[max(0, at - NEIGHBOURS // 2) : at + NEIGHBOURS // 2]
-    some = [one for one in some if len(one) <= LONGEST]
-    return next(iter(difflib.get_close_matches(name, some, n=1, cutoff=cutoff)), "")
+    return next(iter(difflib.get_close_matches(name, sorted(known), n=1, cutoff=cutoff)), "")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -149,6 +149,7 @@ COMPOSES = {
     "a large env file that is named often": one_env_file_often,
     "a long value that is named often": long_values,
     "names that there are not": unknown_names,
+    "20,000 unknown keys": lambda f: compose(f, service("\n    ".join(f"key{n}: 1" for n in range(20_000)))),
     "500,000 items": lambda f: compose(f, f"x-a: [{'1,' * 500_000}1]\nservices: {{a: {{image: x}}}}\n"),
     "all ports a thousand times": lambda f: compose(f, service("ports: [" + '"1-65535:1-65535",' * 1000 + "]")),
     "a NUL in a path": lambda f: compose(f, service('env_file: "a\\0b"')),
