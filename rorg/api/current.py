@@ -50,7 +50,8 @@ class Current:
         if service is None or service.meta:
             return None
         if not self.decision.situation.observed.complete:
-            raise Busy(f"request as {requester}", "the engine has not reported yet what runs", "again in a moment")
+            why = self.decision.situation.observed.error or "the engine has not reported yet what runs"
+            raise Busy(f"request as {requester}", why, "again in a moment")
         if not self.runs(requester):
             raise Refused(
                 f"request as {requester}",

@@ -13,7 +13,7 @@ from rorg.api.callers import needs
 from rorg.api.current import Current
 from rorg.api.models import Description
 from rorg.api.operations import Operations
-from rorg.core.observed import Container
+from rorg.core.observed import Observed
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.history.journal import Filter, Journal
@@ -31,7 +31,7 @@ def describe(current: Current, name: str, journal: Journal, engine: Callable[[],
         {
             **declared(current, n),
             "events": [f"{e['at']} {e['message']}" for e in _events(journal, n)],
-            "log": _log(current.decision.situation.observed.by_service().get(n, []), engine),
+            "log": _log(current.decision.situation.observed, n, engine),
         }
         for n in names
     ]
@@ -67,10 +67,13 @@ def declared(current: Current, name: str) -> dict[str, Any]:
     }
 
 
-def _log(containers: list[Container], engine: Callable[[], Engine]) -> list[str]:
-    """The last lines of the container that counts; what cannot be read of it is told in their place."""
+def _log(observed: Observed, service: str, engine: Callable[[], Engine]) -> list[str]:
+    """The last lines of the container that counts, or why they cannot be read."""
+    containers = observed.by_service().get(service)
     if not containers:
         return []
+    if observed.silence:
+        return [str(observed.silence)]
     try:
         said = b"".join(line.text for line in engine().log_lines(containers[0].id, MOST, None, False))
     except RorgError as error:

@@ -58,10 +58,11 @@ async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) ->
     """Returns when the last decision has seen how tree and engine are now. Raises Unreachable, or Busy while the tree
     is being written."""
     loop = operations.loop
+    operations.check_engine("say what is to be done")
     try:
         await asyncio.to_thread(loop.observer.sync, False)
     except RorgError as error:
-        raise Unreachable("look at the engine", error.why, error.remedy) from error
+        raise Unreachable("say what is to be done", error.why, error.remedy) from error
     loop.wakes.files_changed()
     await reached(operations, operations.changed(), changed)
     clock = asyncio.get_running_loop().time

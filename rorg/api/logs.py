@@ -101,6 +101,8 @@ def add_logs(app: FastAPI, operations: Operations, changed: Callable[[], asyncio
         kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
         asked = asked_for(kept, follow, tail, since, after or ())
         check(operations.loop.engine, asked)
+        if not follow:
+            operations.check_engine(f"read the logs of {', '.join(named)}")
         has_log(named, asked, operations.loop.container_of)
         readers.check(len(kept))
 
@@ -118,7 +120,7 @@ async def _lines(
     allowed: Callable[[], object],
     hangup: asyncio.Future[None],
 ) -> AsyncGenerator[bytes, None]:
-    written = asyncio.Event()
+    written, told = asyncio.Event(), ""
     with readers.taken(len(asked.services)):
         entries: Entries = gather(operations.loop.engine, operations.loop.container_of, asked, from_any_thread(written))
         try:
@@ -129,6 +131,12 @@ async def _lines(
                 with contextlib.suppress(Busy):
                     allowed()
                 found, over = entries.take()
+                silence = str(operations.decision.situation.observed.silence or "")
+                if silence and silence != told:
+                    found.append(Entry("", error=silence))
+                told = silence
+                if silence and not asked.follow:
+                    over = True
                 if found:
                     yield b"".join(json.dumps(entry_json(entry)).encode() + b"\n" for entry in found)
                     await asyncio.sleep(0)  # others have their turn, and it is heard that nobody listens any more

@@ -21,7 +21,8 @@ from rorg.core.status import Status, statuses
 from rorg.core.supposed import suppose
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
-from rorg.errors import Busy, Missing, Refused
+from rorg.engines.observe import REMEDY
+from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.host.listeners import calling, lineage, listening
 from rorg.host.load import machine
 from rorg.model.catalog import Catalog, Group, Request
@@ -92,7 +93,7 @@ class Operations:
     def at_rest(self) -> bool:
         """Whether nothing is to be done, nothing under way, and no service still to be seen to come up."""
         decision = self.decision
-        if decision.plan.actions or decision.memory.in_flight:
+        if decision.plan.actions or decision.memory.in_flight or not decision.situation.observed.complete:
             return False
         return not any(
             s.health == "Progressing" or s.condition("Updated").reason == "OnTrial" for s in self.statuses().values()
@@ -133,6 +134,15 @@ class Operations:
         """How far the services of a question, and all that they need, are."""
         return readiness(self.decision, self.statuses(), question)
 
+    def heard_since(self, question: Question) -> bool:
+        """Whether the engine has answered since somebody asked: what an event told before says nothing of now."""
+        return self.loop.observer.heard_since(question.since)
+
+    def check_engine(self, what: str) -> None:
+        """Raises Unreachable while the engine does not answer."""
+        if silence := self.decision.situation.observed.silence:
+            raise Unreachable(what, str(silence), REMEDY)
+
     @contextlib.contextmanager
     def question(self, names: tuple[str, ...], waits: bool = True) -> Iterator[Question]:
         """While the block runs somebody asks for these services: every change accepted until now counts, and the loop
@@ -141,6 +151,7 @@ class Operations:
         question = Question(names, self.loop.clock(), self.loop.generations.latest, waits)
         asked = {*names, *closure(services, names)}
         self.loop.questions[question] = {name: question.since_of(services[name]) for name in asked}
+        self.loop.observer.ask()
         if any(services[name].ready for name in asked):
             self.loop.wake()
         try:

@@ -89,6 +89,8 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     ready = status.condition("Ready")
     if status.state == "meta":
         return Ready(True, "")
+    if not situation.observed.complete:
+        return Ready(False, status.incarnation, situation.observed.error or "the engine has not said yet what runs")
     if status.wanted and ready.status == "True":
         since = question.since_of(situation.desired.catalog.services[name])
         return _probed(situation.memory.of(name), since, status.incarnation, question.waits)

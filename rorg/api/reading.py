@@ -25,7 +25,8 @@ from rorg.api.models import (
     Why,
 )
 from rorg.api.operations import Operations
-from rorg.api.status_models import PlanView, StatusView
+from rorg.api.status_models import EngineView, PlanView, StatusView
+from rorg.daemon.snapshot import engine_json
 
 Seconds = Annotated[
     float,
@@ -71,11 +72,20 @@ def add_reading(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         """All requests that count, standing ones included."""
         return text(operations.requests())
 
+    _add_status(app, operations, changed)
+
+
+def _add_status(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
     @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
     async def status(settled: Seconds = 0.0) -> Response:
         """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
         await _settled(operations, settled, changed)
         return text(operations.snapshot())
+
+    @app.get("/v1/engine", dependencies=[needs("read")], response_model=EngineView)
+    async def engine() -> Response:
+        """Whether the engine answers. While it does not, states of services are those that were seen last."""
+        return text(engine_json(operations.decision.situation.observed))
 
     @app.get("/v1/plan", dependencies=[needs("plan")], response_model=PlanView)
     async def plan() -> Response:

@@ -59,8 +59,10 @@ class TreeView(BaseModel):
 class EngineView(BaseModel):
     """Whether the engine answers."""
 
-    complete: bool = Field(description="Whether it is known what runs.")
+    complete: bool = Field(description="Whether it is known what runs; otherwise states are those that were seen last.")
     error: str = Field(description="Why it is not.")
+    address: str = Field("", description="Of an engine that does not answer.")
+    silent_since: str = Field("", description="When it stopped answering pings: ISO 8601, UTC; empty while it answers.")
 
 
 class ActionView(BaseModel):

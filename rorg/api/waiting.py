@@ -42,7 +42,7 @@ async def _ready(
     while not hangup.done():
         event = changed()
         allowed()
-        known = operations.open_to(question.generation)
+        known = operations.open_to(question.generation) and (timeout == 0 or operations.heard_since(question))
         found = operations.readiness(question)
         services = {name: ready.as_json() for name, ready in found.services.items()}
         left = deadline - clock()
@@ -52,7 +52,7 @@ async def _ready(
         if settled or left <= 0:
             raise NotReady(
                 f"wait for {', '.join(question.names)}",
-                found.reason or "the loop is busy",
+                found.reason or ("the loop is busy" if operations.heard_since(question) else "the engine is busy"),
                 "`rorg why` for the reasons",
                 services,
             )

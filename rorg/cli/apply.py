@@ -173,6 +173,8 @@ def _unfinished(view: dict[str, Any], wait: bool) -> str:
     from rorg.model.codes import IMAGE
 
     images = any(w.get("code") == IMAGE for w in view["plan"]["waitings"])
+    if not view["engine"]["complete"]:
+        return str(view["engine"]["error"]) or "it is not known what runs"
     busy = images or view["plan"]["actions"] or view["in_flight"]
     failed = hopeless(view, view["services"]) if wait or not busy else {}
     if failed:

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 from rorg_client import Client
 from rorg_client import Error as ClientError
 
+from rorg.cli.hello import hello
 from rorg.cli.output import note
 from rorg.cli.places import NAME, find, may_connect, nobody
 from rorg.cli.terminal import entry, hide
 from rorg.engines import ENGINES
-from rorg.errors import Invalid, NotReady
+from rorg.errors import Invalid, NotReady, Unreachable
 from rorg.store.state_dir import read_json
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ class Context:
         self.directory, self._local = directory, local
         self._engine: RealEngine | None = None
         self._client: Client | None = None
+        self.silence = ""
+        """Why the running rorg does not know what runs, as far as it was asked: its engine does not answer."""
         self._remarked: set[str] = set()
 
     @property
@@ -71,7 +74,10 @@ class Context:
     def live(self, settled: float = 0.0) -> dict[str, Any] | None:
         """What the running rorg says, once all is at rest, or after so many seconds. Who may not talk to it can still
         read what it publishes."""
-        client = self.client()
+        try:
+            client = self.client()
+        except Unreachable as error:
+            return self._published_before(error)
         if client:
             try:
                 found: dict[str, Any] = client.call("GET", f"/v1/status?settled={settled:g}")
@@ -92,6 +98,15 @@ class Context:
         from rorg.api.status_models import is_status
 
         return status if is_status(status) else None
+
+    def _published_before(self, error: Unreachable) -> dict[str, Any]:
+        """What a running rorg that does not answer has published last. Raises the error where it has not."""
+        found = self.published()
+        if found is None:
+            raise error
+        at = time.strftime("%H:%M:%S", time.gmtime(os.stat(self.state.status).st_mtime))
+        self._say(f"{error.why}; this is what it published at {at} UTC; try {error.remedy}")
+        return found
 
     def _last_text(self, *keys: str) -> str:
         """A text of what a rorg published last; empty where it says none."""
@@ -216,14 +231,20 @@ class Context:
 
     def client(self) -> Client | None:
         """A client of the rorg at a socket or an address, or of the one that runs on this state directory; None when
-        none serves. Raises Refused where this user may not talk to it."""
+        none serves. Says so if its engine does not answer. Raises Refused where this user may not talk to it, and
+        Unreachable if it does not answer itself."""
         path = self.state.run / NAME
         if not (self.remote or (self.state.owner() and os.path.exists(path))):
             return None
         if self._client is None:
             if self.remote and not self.place.elsewhere:
                 may_connect(self.remote)
-            self._client = Client(self.remote or str(path), patience=2.0)
+            client = Client(self.remote or str(path), patience=2.0)
+            engine = hello(client)
+            if engine.get("silent_since"):
+                self.silence = str(engine["error"])
+                self._say(f"{self.silence}; states are those that were seen last")
+            self._client = client
         return self._client
 
     def serving(self, what: str) -> Client:
@@ -263,12 +284,15 @@ class Context:
     def _remark(self, view: dict[str, Any]) -> None:
         """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
         found = []
+        engine = view.get("engine", {})
+        if not (engine.get("complete", True) or self.silence) and view.get("pid"):
+            found.append(f"{engine.get('error') or 'the engine has not said yet what runs'}; states may be old")
         if errors := view.get("tree", {}).get("errors"):
             from rorg.model.units import counted
 
             good = view["tree"].get("fingerprint")
             kept = "the last good ones are in force" if good else "none are in force yet, so rorg changes nothing"
-            found = [f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"]
+            found += [f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"]
         if error := (view.get("tree", {}).get("git") or {}).get("error"):
             found.append(f"git: {error}")
         if (standing := view.get("tree", {}).get("standing") or {}).get("code") == "baking":
@@ -277,9 +301,13 @@ class Context:
         found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
         found += ["the robot is down; `rorg up` brings it up"] if view.get("down") == "down" else []
         for text in found:
-            if text not in self._remarked:
-                self._remarked.add(text)
-                note(entry("", text))
+            self._say(text)
+
+    def _say(self, text: str) -> None:
+        """Once."""
+        if text not in self._remarked:
+            self._remarked.add(text)
+            note(entry("", text))
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""

@@ -110,7 +110,7 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
     try:
         found: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?' * bool(query)}{query}") if client else None
     except ClientError:
-        if context.remote:
+        if context.remote or context.silence:
             raise
         return None  # it may be an older one, or one that we may not ask: what is wrong is told by looking ourselves
     if found and context.directory and Path(found["root"]) != context.directory.resolve():

@@ -90,8 +90,9 @@ def _server(context: Context) -> dict[str, Any]:
     from rorg_client import Client
     from rorg_client import Error as ClientError
 
+    from rorg.cli.hello import hello
     from rorg.cli.places import NAME, may_connect
-    from rorg.errors import Refused
+    from rorg.errors import Refused, Unreachable
 
     near = context.remote and not context.place.elsewhere
     owner, path = context.state.owner(), Path(context.remote) if near else context.state.run / NAME
@@ -100,9 +101,11 @@ def _server(context: Context) -> dict[str, Any]:
         return found
     try:
         may_connect(str(path))
-        Client(str(path), timeout=PATIENCE, patience=PATIENCE).call("GET", "/v1/status")
+        client = Client(str(path), timeout=PATIENCE, patience=PATIENCE)
+        hello(client)
+        client.call("GET", "/v1/status")
     except Refused as error:
         return {**found, "socket_error": error.why}
-    except (ClientError, OSError):
+    except (ClientError, Unreachable, OSError):
         return found
     return {**found, "answers": True}

@@ -35,7 +35,10 @@ def command(
     from rorg.errors import Unreachable
 
     context = Context(state_dir, engine)
-    client, others = context.client(), _developed_in(context)
+    client = context.client()
+    if context.silence:
+        raise Unreachable("take the robot down", context.silence, "again when it answers")
+    others = _developed_in(context)
     if client is None and context.state.owner() is not None:
         raise Unreachable("take the robot down", "the rorg that owns it does not answer", "again in a moment")
     if client is None:

@@ -7,6 +7,7 @@ import socket
 from pathlib import Path
 from typing import NamedTuple
 
+from rorg.cli.hello import is_stale
 from rorg.errors import Refused, Unreachable
 from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
 
@@ -40,17 +41,27 @@ def find(state_dir: Path | None, own: bool = False) -> Place:
     the machine's where it has a socket, else the user's state directory. `own`: a state directory, whoever runs."""
     named = state_dir or (Path(given) if (given := os.environ.get("RORG_STATE_DIR")) else None)
     remote = os.environ.get("RORG_SOCKET") or os.environ.get("RORG_ADDRESS") or ""
+    state = StateDir(named or default_state_dir())
     if own or state_dir or not remote:
-        remote, state = "", StateDir(named or default_state_dir())
-        machine = StateDir(MACHINE)
-        if not (own or named or state.owner()) and os.path.exists(machine.run / NAME):
+        machine, remote = StateDir(MACHINE), ""
+        if not (own or named or state.owner()) and not is_stale(str(machine.run / NAME)):
             state, remote = machine, "" if machine.owner() else str(machine.run / NAME)
-    else:
-        state = StateDir(named or default_state_dir())
-    path = state.run / NAME
-    if not (own or remote or state.readable) and os.path.exists(path):
-        remote = str(path)
+    elif here := _left_by(remote.removeprefix("unix://"), state):
+        state, remote = here, ""
+    path = str(state.run / NAME)
+    if not (own or remote or state.readable) and not is_stale(path):
+        remote = path
     return Place(remote.removeprefix("unix://"), state)
+
+
+def _left_by(path: str, state: StateDir) -> StateDir | None:
+    """The state directory of the rorg that served at a socket and was killed; None where one serves, or it is not known
+    which it was."""
+    if "://" in path or not os.path.exists(path) or not is_stale(path):
+        return None
+    folder = Path(path).absolute().parent
+    known = (state, StateDir(MACHINE), StateDir(folder.parent))
+    return next((s for s in known if s.run.resolve() == folder.resolve() and (s.path / "instance").exists()), None)
 
 
 def may_connect(path: str) -> None:

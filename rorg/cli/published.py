@@ -25,7 +25,9 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
 def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
     failed, or it ended and is not begun again."""
-    found = {}
+    found: dict[str, str] = {}
+    if not view.get("engine", {}).get("complete", True):
+        return found  # what failed before may not be so when the engine answers
     for name in names:
         service = view["services"].get(name)
         if service is None or not service["wanted"] or service["state"] == "meta":

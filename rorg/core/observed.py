@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 
 from rorg.core.changes import changed_items
 from rorg.core.found_objects import FoundObjects
+from rorg.model.units import stamp
 
 LABEL_OWNER = "rorg.io/owner"
 LABEL_STATE = "rorg.io/state"
@@ -109,9 +110,24 @@ class Container:
 
 
 @dataclass(frozen=True, slots=True)
+class Silence:
+    """The engine does not answer pings: nothing is known of what runs."""
+
+    engine: str
+    """Its address."""
+    since: float
+    """When the first ping was sent that it has not answered, seconds since the epoch."""
+    why: str
+
+    def __str__(self) -> str:
+        at = stamp(self.since)[11:19]
+        return f"the engine at {self.engine} has not answered since {at} UTC: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
 class Observed:
     """All containers of ours. `complete` is False while the engine does not answer: then nothing may be concluded
-    from what is not in the list."""
+    from what is not in the list, and the list shows what was seen last."""
 
     containers: tuple[Container, ...] = ()
     complete: bool = True
@@ -121,6 +137,8 @@ class Observed:
     looked: Mapping[str, float] = field(default_factory=dict, compare=False)
     """Container id -> when the last look at it began that the engine answered, by the loop's clock. A verdict on a run
     needs a look that began after the moment of which it speaks."""
+    silence: Silence | None = None
+    """Set while the engine does not answer pings; then it is not complete."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:

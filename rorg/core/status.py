@@ -14,6 +14,9 @@ from rorg.core.situation import Situation
 from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
 
+SILENT = "EngineSilent"
+"""Reason of a condition while the engine does not answer."""
+
 
 @dataclass(frozen=True, slots=True)
 class Status:
@@ -73,6 +76,8 @@ class Status:
         """What keeps it from being as it is wanted: what its probe found, how it ended, what failed and when that is
         tried again. Empty where nothing does."""
         failed, ready = self.update_failed, self.condition("Ready")
+        if ready.reason == SILENT:  # said once, of all services
+            return ""
         if failed or not self.wanted or ready.status == "True":
             return f"its change failed: {failed}" if failed else ""
         return self.condition("Reconciling").message or ready.message
@@ -237,6 +242,8 @@ def _readiness(
     situation: Situation, service: Service, current: Container | None, waiting: str, actions: Sequence[Action]
 ) -> tuple[bool, str, str]:
     step = situation.memory.of(service.name)
+    if situation.observed.silence:
+        return False, SILENT, str(situation.observed.silence)
     if step.ready:
         ending = _ending(situation, service, current, actions)
         return (False, "Ending", ending) if ending else (True, "Ready", "")

@@ -11,6 +11,7 @@ from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.memory import MOST_STOPPED, Attempt, Memory, Progress
 from rorg.core.object_status import object_views
+from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
 from rorg.core.propagation import CountedOn
@@ -18,6 +19,7 @@ from rorg.core.status import statuses
 from rorg.core.update import Update
 from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
+from rorg.model.units import stamp
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import RequestsFile
 
@@ -142,7 +144,7 @@ def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
     requests = (*situation.desired.catalog.requests, *decision.settled.requests)
     return {
         **about,
-        "engine": {"complete": situation.observed.complete, "error": situation.observed.error},
+        "engine": engine_json(situation.observed),
         "suspended": situation.suspended,
         "withheld": dict(situation.withheld),
         "requests": [request_json(r) for r in requests],
@@ -150,6 +152,17 @@ def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         "pressure": pressure_json(decision),
         "objects": object_views(situation, decision.plan),
         "in_flight": {n: f.action.verb for n, f in decision.memory.in_flight.items()},
+    }
+
+
+def engine_json(observed: Observed) -> dict[str, Any]:
+    """Whether the engine answers, as EngineView."""
+    silence = observed.silence
+    return {
+        "complete": observed.complete,
+        "error": observed.error,
+        "address": silence.engine if silence else "",
+        "silent_since": stamp(silence.since) if silence else "",
     }
 
 

@@ -7,6 +7,7 @@ from http.client import HTTPException
 from typing import Any
 
 from rorg.engines.docker.client import Client, engine_host
+from rorg.engines.docker.errors import NoAnswer, reason
 from rorg.errors import EngineError
 
 PATIENCE = 5.0
@@ -37,8 +38,8 @@ def engine_facts(host: str | None = None) -> EngineFacts:
     try:
         info: dict[str, Any] = client.get("/info", timeout=PATIENCE)
     except (OSError, HTTPException, EngineError, ValueError) as error:
-        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        return EngineFacts(where, why, denied=isinstance(error, PermissionError))
+        why = error.why if isinstance(error, NoAnswer) else reason(error)
+        return EngineFacts(where, why, denied=isinstance(error.__cause__, PermissionError))
     finally:
         client.close()
     return EngineFacts(

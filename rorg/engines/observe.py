@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 
-from rorg.core.observed import Container, Observed
+from rorg.core.observed import Container, Observed, Silence
+from rorg.engines.heartbeat import Heartbeat
 from rorg.engines.observe_objects import ObjectObserver
-from rorg.engines.protocol import Objects, Observation
-from rorg.errors import RorgError
+from rorg.engines.protocol import Daemon, Objects, Observation
+from rorg.errors import RorgError, Unreachable
 
+REMEDY = "`systemctl status docker`, or `rorg doctor`"
 RETRY = (0.2, 0.5, 1.0, 2.0)
 """Seconds between attempts to reach an engine that does not answer; the last one repeats."""
 PROMPT = 1.0
@@ -33,7 +35,12 @@ class Observer:
     ) -> None:
         """`clock` is the loop's, seconds."""
         self.engine, self.wake, self.resync, self.clock = engine, wake, resync, clock
-        self.objects = ObjectObserver(engine, wake) if isinstance(engine, Objects) else None
+        self.heartbeat = Heartbeat(engine, self._heard, wake) if isinstance(engine, Daemon) else None
+        """None for an engine that cannot fall silent."""
+        self._answering = threading.Event()
+        """Cleared while the engine is silent: then nothing is asked of it."""
+        self._answering.set()
+        self.objects = ObjectObserver(engine, wake, self._answering) if isinstance(engine, Objects) else None
         """Of networks and volumes; None where the engine makes none."""
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
@@ -50,7 +57,10 @@ class Observer:
         self._snapshot = Observed(complete=False)
         self._changed = False
         """The cache is ahead of the snapshot, which is made when it is asked for."""
+        self._silence: Silence | None = None
         self._stop, self._doubt = threading.Event(), threading.Event()
+        self._stream_end = threading.Event()
+        """Set when the stream of events that is followed now is to end."""
         self._threads: list[threading.Thread] = []
         self.lists = 0
         """Full lists made so far."""
@@ -60,15 +70,40 @@ class Observer:
             thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
             thread.start()
             self._threads.append(thread)
-        if self.objects:
-            self.objects.start()
+        for part in (self.objects, self.heartbeat):
+            if part:
+                part.start()
 
     def stop(self) -> None:
-        if self.objects:
-            self.objects.stop()
         self._stop.set()
-        self._doubt.set()
-        self._to_look.set()
+        for part in (self.objects, self.heartbeat):
+            if part:
+                part.stop()
+        for event in (self._doubt, self._stream_end, self._answering, self._to_look):
+            event.set()
+
+    def ask(self) -> None:
+        """Asks whether the engine answers, and wakes the loop when it has."""
+        if self.heartbeat:
+            self.heartbeat.ask()
+
+    def heard_since(self, asked: float) -> bool:
+        """Whether the engine has answered a ping that was sent after `asked` (monotonic)."""
+        return self.heartbeat is None or self.heartbeat.answered >= asked
+
+    def _heard(self, silence: Silence | None) -> None:
+        """The engine has fallen silent; or, without one, it answers again. Then all is looked at anew, and events are
+        followed on another stream: the old one may have ended without a word."""
+        with self._lock:
+            self._silence = silence
+            self._publish(False, str(silence or "the engine answers again, and has not said yet what runs"))
+        if silence:
+            self._answering.clear()
+            self._stream_end.set()
+        else:
+            self._answering.set()
+            self._doubt.set()
+        self.wake()
 
     def snapshot(self) -> Observed:
         """Complete once both are known: containers, and networks and volumes where the engine makes any."""
@@ -76,10 +111,10 @@ class Observer:
         with self._lock:
             if self._changed or self._snapshot.objects is not objects:
                 told, self._changed = self._snapshot, False
-                containers, looked = tuple(self._containers.values()), {**self._looked}
-                self._snapshot = Observed(containers, told.complete, told.error, objects, looked)
+                known, looked = tuple(self._containers.values()), {**self._looked}
+                self._snapshot = Observed(known, told.complete, told.error, objects, looked, self._silence)
             found = self._snapshot
-        return Observed((), False, found.error) if objects and not objects.complete else found
+        return replace(found, complete=False) if objects and not objects.complete else found
 
     def look_for(self, keys: Collection[str]) -> None:
         """Networks and volumes that are to be found by their names."""
@@ -159,7 +194,9 @@ class Observer:
 
     def sync(self, anew: bool = True) -> None:
         """One full list. A look at one container that began after it knows better. Unless all is to be seen `anew`,
-        containers are taken as they were seen where the engine has nothing new to say of them."""
+        containers are taken as they were seen where the engine has nothing new to say of them. Raises Unreachable."""
+        if silence := self._silence:
+            raise Unreachable("look at the engine", str(silence), REMEDY)
         if self.objects:
             self.objects.check()
         began, since = next(self._clock), self.clock()
@@ -232,20 +269,28 @@ class Observer:
         return replace(known, state=found.state) if known.alive and found.alive else known
 
     def _publish(self, complete: bool, error: str) -> None:
+        """What was found while the engine is silent proves nothing."""
         self._changed = True
+        if self._silence:
+            complete, error = False, str(self._silence)
         if (complete, error) != (self._snapshot.complete, self._snapshot.error):
             self._snapshot = Observed((), complete, error)
 
     def _lost(self, error: Exception) -> None:
         with self._lock:
             self._publish(False, str(error) if isinstance(error, RorgError) else f"{type(error).__name__}: {error}")
+        self.ask()
         self.wake()
 
     def _follow(self) -> None:
         attempt = 0
         while not self._stop.is_set():
+            self._answering.wait()
+            ended = self._stream_end = threading.Event()
+            if self._stop.is_set() or not self._answering.is_set():
+                continue
             try:
-                for container, state in self.engine.events(self._stop):
+                for container, state in self.engine.events(ended):
                     attempt = 0
                     if container:
                         self._told(container, state)
@@ -253,6 +298,7 @@ class Observer:
                         self.sync()
             except Exception as error:  # whatever it is, without this thread nothing would be seen any more
                 self._lost(error)
+            ended.set()
             self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)])
             attempt += 1
 
@@ -260,6 +306,9 @@ class Observer:
         last, attempt = time.monotonic(), 0
         while not self._stop.is_set():
             doubted = self._doubt.wait(max(0.05, last + self.resync() - time.monotonic()))
+            if not self._answering.is_set():
+                self._answering.wait()
+                attempt = 0
             if doubted and self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
                 return
             self._doubt.clear()

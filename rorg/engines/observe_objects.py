@@ -15,10 +15,13 @@ RETRY = 1.0
 
 
 class ObjectObserver:
-    """Keeps the cache in threads of its own. `wake` is called when it has changed."""
+    """Keeps the cache in threads of its own. `wake` is called when it has changed. The engine is asked nothing until
+    `answering` is set."""
 
-    def __init__(self, engine: Objects, wake: Callable[[], None]) -> None:
-        self.engine, self.wake = engine, wake
+    def __init__(self, engine: Objects, wake: Callable[[], None], answering: threading.Event | None = None) -> None:
+        self.engine, self.wake, self.answering = engine, wake, answering or threading.Event()
+        if answering is None:
+            self.answering.set()
         self._lock, self._one = threading.Lock(), threading.Lock()
         self._keys: frozenset[str] = frozenset()
         self._found = FoundObjects()
@@ -78,6 +81,7 @@ class ObjectObserver:
         while not self._stop.is_set():
             self._doubt.wait()
             self._doubt.clear()
+            self.answering.wait()
             try:
                 self.sync()
             except Exception:  # what is unreachable is told by whoever looks at containers
@@ -87,6 +91,7 @@ class ObjectObserver:
     def _follow(self) -> None:
         self._matters.wait()
         while not self._stop.is_set():
+            self.answering.wait()
             try:
                 for _ in self.engine.object_events(self._stop):
                     self.sync()

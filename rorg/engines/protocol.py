@@ -96,6 +96,24 @@ class Observation(Protocol):
         """By container id; those that do not run are left out, and all where the engine is on another machine."""
 
 
+class Pinger(Protocol):
+    """Asks an engine whether it answers; for one thread."""
+
+    def ask(self) -> None:
+        """Returns within seconds. Raises Unreachable."""
+
+    def close(self) -> None: ...
+
+
+@runtime_checkable
+class Daemon(Protocol):
+    """An engine that is a program of its own, which may be stopped or stuck."""
+
+    @property
+    def address(self) -> str: ...
+    def pinger(self) -> Pinger: ...
+
+
 @runtime_checkable
 class Images(Protocol):
     """What containers are made from, where that is more than a name."""

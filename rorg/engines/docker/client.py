@@ -12,6 +12,7 @@ import select
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,14 +20,20 @@ from typing import IO, Any, Literal
 from urllib.parse import quote, urlencode, urlsplit
 
 from rorg.engines.docker import answers
-from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.errors import NoAnswer, Refused
+from rorg.engines.docker.ping import Ping, readable
 from rorg.engines.docker.tls import through_tls
 from rorg.errors import EngineError
 
 DEFAULT = "unix:///var/run/docker.sock"
 API_TIMEOUT = 120.0
-"""Seconds without a byte of the engine's. A start may take long on a loaded robot; a lost connection ends a call at
-once anyway."""
+"""Seconds without a byte from the engine. A start may take long on a loaded robot. A lost connection ends a call
+immediately, and a read ends as soon as the engine does not answer a ping either."""
+PATIENCE = 0.4
+"""Seconds without an answer to a read after which the engine is pinged."""
+ANSWER = 1.5
+"""Seconds within which an engine that works answers a ping, however busy it is."""
+READS = ("GET", "HEAD")
 
 CHUNK = 1 << 16
 """Bytes that are read at once."""
@@ -78,6 +85,10 @@ class Client:
     def delete(self, path: str, **query: Any) -> None:
         self._call("DELETE", path, None, API_TIMEOUT, query)
 
+    def ping(self) -> Ping:
+        """Asks whether the engine answers; for one thread."""
+        return Ping(lambda seconds: _connect(self.host, seconds), self.host, ANSWER)
+
     def close(self) -> None:
         """Closes the connection of this thread."""
         connection = getattr(self._kept, "connection", None)
@@ -97,11 +108,12 @@ class Client:
     ) -> Iterator[Stream]:
         """An answer that is read as it comes, on a connection of its own. `timeout`: seconds without a byte;
         `both_ways`: something is sent, too, whose end is told."""
-        connection = _connect(self.host, timeout or API_TIMEOUT, both_ways)
+        url, connection = self._url(path, query), _connect(self.host, ANSWER, both_ways)
+        self._open(connection)
         try:
             with suppress(BrokenPipeError):  # the engine does not want the rest of a file, and its answer says why
-                _ask(connection, method, self._url(path, query), body)
-            answer = _checked(connection.getresponse())
+                _ask(connection, method, url, body)
+            answer = _checked(self._first(connection, method, timeout or API_TIMEOUT))
             taken = connection.sock or answer.fp.raw._sock  # type: ignore[attr-defined]
             taken.settimeout(timeout)
             yield Stream(answer, taken, self.host)
@@ -120,10 +132,10 @@ class Client:
     @contextmanager
     def _answer(self, method: Method, url: str, body: Body, timeout: float) -> Iterator[http.client.HTTPResponse]:
         """On the connection of this thread, which is closed unless the answer is read to its end."""
-        connection = self._connection(timeout)
+        connection = self._connection()
         try:
             _ask(connection, method, url, body)
-            yield connection.getresponse()
+            yield self._first(connection, method, timeout)
         except Refused as refused:
             if refused.cut:
                 connection.close()
@@ -132,19 +144,41 @@ class Client:
             connection.close()
             raise
 
-    def _connection(self, timeout: float) -> http.client.HTTPConnection:
+    def _connection(self) -> http.client.HTTPConnection:
         connection: http.client.HTTPConnection | None = getattr(self._kept, "connection", None)
         if connection is None:
-            connection = self._kept.connection = _connect(self.host, timeout)
-        connection.timeout = timeout
-        if connection.sock is not None:
-            waiting = select.poll()
-            waiting.register(connection.sock, select.POLLIN)
-            if waiting.poll(0):  # what is there before anything is asked is the end: the engine was restarted
-                connection.close()
-            else:
-                connection.sock.settimeout(timeout)
+            connection = self._kept.connection = _connect(self.host, ANSWER)
+        if connection.sock is not None and readable(connection, 0.0):
+            connection.close()  # what comes before anything is asked is the end: the engine was restarted
+        if connection.sock is None:
+            self._open(connection)
+        connection.sock.settimeout(API_TIMEOUT)
         return connection
+
+    def _open(self, connection: http.client.HTTPConnection) -> None:
+        """Raises NoAnswer."""
+        try:
+            connection.connect()
+        except OSError as error:
+            connection.close()
+            raise NoAnswer(self.host, ANSWER) from error
+        connection.sock.settimeout(API_TIMEOUT)
+
+    def _first(
+        self, connection: http.client.HTTPConnection, method: Method, timeout: float
+    ) -> http.client.HTTPResponse:
+        """The head of the answer, within so many seconds. A read is only waited for while the engine answers pings. A
+        change is not given up, since the engine may still make it. Raises NoAnswer."""
+        end = time.monotonic() + timeout
+        if method in READS and timeout > PATIENCE:
+            ping = self.ping()
+            try:
+                while not readable(connection, PATIENCE) and time.monotonic() < end:
+                    ping.ask()
+            finally:
+                ping.close()
+        connection.sock.settimeout(max(0.001, end - time.monotonic()))
+        return connection.getresponse()
 
 
 class Stream:

@@ -22,6 +22,7 @@ from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.exec import run
 from rorg.engines.docker.images import missing_images
 from rorg.engines.docker.live import update_body
+from rorg.engines.docker.ping import Pinger
 from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.docker.whose import name_taken
@@ -73,6 +74,13 @@ class DockerEngine:
     def ping(self) -> str:
         with docker_errors("reach the engine"):
             return str(self.client.get("/version")["Version"])
+
+    @property
+    def address(self) -> str:
+        return self.client.host
+
+    def pinger(self) -> Pinger:
+        return Pinger(self.client.ping())
 
     def close(self) -> None:
         self.client.close()

@@ -18,6 +18,23 @@ class Refused(Exception):
         self.status, self.text, self.cut = status, text, cut
 
 
+class NoAnswer(OSError):
+    """Nobody answers at the engine's address. Raised from what went wrong; `seconds` is how long it may take."""
+
+    def __init__(self, host: str, seconds: float) -> None:
+        super().__init__(host)
+        self.host, self.seconds = host, seconds
+
+    @property
+    def why(self) -> str:
+        if isinstance(self.__cause__, TimeoutError):
+            return f"no reply to a ping within {self.seconds:g} s"
+        return reason(self.__cause__ or self)
+
+    def __str__(self) -> str:
+        return f"the engine at {self.host} does not answer: {self.why}"
+
+
 KINDS = (
     ("missing_image", r"no such image", "`rorg build` first"),
     ("name_taken", r"is already in use by container", "removing or renaming that container, which is not rorg's"),
@@ -46,7 +63,7 @@ def docker_errors(what: str) -> Iterator[None]:
     except TimeoutError as error:
         raise TimedOut(what, "timed out", REMEDY) from error
     except (http.client.HTTPException, OSError, ValueError) as error:
-        raise Unreachable(what, _reason(error), REMEDY) from error
+        raise Unreachable(what, reason(error), REMEDY) from error
 
 
 def refusal(what: str, text: str) -> EngineError:
@@ -57,8 +74,9 @@ def refusal(what: str, text: str) -> EngineError:
     return EngineError(what, text)
 
 
-def _reason(error: Exception) -> str:
-    known: dict[type[Exception], str] = {
+def reason(error: BaseException) -> str:
+    """Why the engine cannot be reached, in words."""
+    known: dict[type[BaseException], str] = {
         FileNotFoundError: "its socket is not there",
         ConnectionRefusedError: "it refuses the connection",
         PermissionError: "no permission for its socket",
