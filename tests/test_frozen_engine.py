@@ -1,4 +1,4 @@
-"""An engine that is frozen (SIGSTOP) or stopped: rorg says so within seconds, calls nothing ready, and goes on by itself
+"""An engine that is frozen (SIGSTOP) or stopped: rorg says so within seconds, calls nothing ready, and resumes itself
 when the engine does."""
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def test_a_frozen_engine_is_noticed_and_nothing_is_called_healthy(robot, dockerd
         ready = next(c for c in arm["conditions"] if c["type"] == "Ready")
         assert (arm["health"], ready["status"], ready["reason"]) == ("Unknown", "Unknown", "EngineSilent")
         engine = client.status()["engine"]
-        assert engine["address"] == dockerd.host and not engine["complete"]
-        assert "has not answered since" in engine["error"] and "ping" in engine["error"]
+        assert (engine["address"], engine["complete"]) == (dockerd.host, False)
+        assert "has not answered since" in engine["error"]
         assert not client.readiness("arm")["arm"]["ready"]
     wait_for(lambda: not silent(robot), 60)
     robot.wait(lambda: client.service("arm")["health"] == "Healthy" and programs(robot, "arm") != pid)

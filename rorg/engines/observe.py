@@ -96,7 +96,7 @@ class Observer:
         followed on another stream: the old one may have ended without a word."""
         with self._lock:
             self._silence = silence
-            self._publish(False, str(silence or "the engine answers again, and has not said yet what runs"))
+            self._publish(False, str(silence or ""))
         if silence:
             self._answering.clear()
             self._stream_end.set()
