@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ from dataclasses import replace
 import pytest
 from conftest import wait_for
 from robots import RealRobot, VirtualRobot, write_tree
+from rorg_process import RorgProcess
 from test_giving_way import later
 
 from rorg.core.digest import Rules, declared_of, rules_of
@@ -379,3 +381,24 @@ def test_an_interlock_in_a_label_is_asked_at_a_reasonable_pace():
     for interval in ("NaN", "-1", "0", "1e300"):
         label = f'{{"interlock": ["file", "/x", {interval}], "exclusive": {{}}, "conflicts": []}}'
         assert 0.05 <= rules_of(label).interlock.interval <= 3600
+
+
+# -- signals ---------------------------------------------------------------------------------------------------
+
+
+def test_sighup_ends_no_rorg_that_follows_no_repository(tmp_path):
+    """It looks at its manifests again, as daemons do."""
+    rorg = RorgProcess(tmp_path, {"arm": {}}).start()
+    try:
+        wait_for(lambda: os.path.exists(rorg.socket()))
+        client = rorg.client(patience=60)
+        assert client.service("arm")["service"] == "arm"
+        for _ in range(3):
+            os.kill(rorg.process.pid, signal.SIGHUP)
+            client.service("arm")
+        write_tree(rorg.tree, {"arm": {}, "leg": {}})
+        os.kill(rorg.process.pid, signal.SIGHUP)
+        wait_for(lambda: {s["service"] for s in client.services()} >= {"arm", "leg"})
+        assert rorg.process.poll() is None
+    finally:
+        rorg.close()

@@ -16,6 +16,8 @@ import pytest
 from conftest import wait_for
 from robots import RealRobot
 
+from rorg.engines.process.log import read_lines
+
 COUNTS = """
 import pathlib, signal, sys, time
 name, file = sys.argv[1], pathlib.Path(sys.argv[2])
@@ -214,6 +216,19 @@ def mounted(folder: Path, name: str, **container: object) -> dict:
 
 
 @pytest.mark.docker
+def test_the_log_of_a_program_that_never_stops_printing_has_an_end(tmp_path):
+    """Without -f, what was there at the beginning is shown."""
+    log = tmp_path / "log"
+    log.write_bytes(b"line\n" * 3)
+    shown = 0
+    for line in read_lines(log, None, whole=False):
+        shown += bool(line.text)
+        with log.open("ab") as more:
+            more.write(b"more\n" * (1 << 14))  # more than is read at once
+        assert shown <= 3
+    assert shown == 3
+
+
 def test_docker_gives_times_and_every_line_once(docker_robot, tmp_path):
     robot, folder = docker_robot, tmp_path / "counts"
     robot.with_server = True

@@ -395,6 +395,11 @@ def commit(robot, subject: str, services: dict) -> str:
     return found
 
 
+def test_an_export_from_an_rorg_that_is_not_there_says_so(tmp_path):
+    done = commands.rorg("history", "export", code=3, RORG_SOCKET=str(tmp_path / "none.sock"))
+    assert done.stderr.startswith(f"rorg: cannot reach rorg on {tmp_path}/none.sock: ")
+
+
 def test_revisions_are_shown_and_compared_by_number_and_by_commit(tmp_path):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
     try:

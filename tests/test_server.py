@@ -85,16 +85,33 @@ def test_a_service_cannot_take_the_room_of_others(robot):
     """It may have so many connections; waits that nobody waits for any more end."""
     monkey = [connect(robot, "alpha") for _ in range(rorg.api.limits.MOST_OF_ONE)]
     wait_for(lambda: robot.server.accounts.of_service("alpha").connections == len(monkey))
-    wait_for(lambda: hung_up(connect(robot, "alpha")), what="one more is refused")
     robot.client("beta").services()
     for connection in monkey:
         connection.sendall(b"GET /v1/wait?services=camera&timeout=3600 HTTP/1.1\r\nhost: x\r\n\r\n")
     wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) >= len(monkey))
+    wait_for(lambda: hung_up(connect(robot, "alpha")), what="one more is refused")
     for connection in monkey:
         connection.close()
     wait_for(lambda: not robot.server.uvicorn.server_state.tasks)
     wait_for(lambda: robot.server.accounts.of_service("alpha").connections == 0)
     robot.client("alpha").services()
+
+
+@pytest.mark.parametrize("service", ["", "alpha"])
+def test_a_caller_with_idle_connections_gets_a_new_one(robot, service, monkeypatch):
+    """In place of the one that has asked nothing for longest: those that are answered stay."""
+    monkeypatch.setattr(robot.server, "room", 100)
+    waiting = connect(robot, service)
+    waiting.sendall(b"GET /v1/events?follow=true HTTP/1.1\r\nhost: x\r\n\r\n")
+    wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) == 1)
+    idle = [connect(robot, service) for _ in range(200)]
+    wait_for(lambda: not any(listener.greeted for listener in robot.server.listeners))
+    client = robot.client(service, patience=0.0)
+    client.services()
+    wait_for(lambda: len(robot.server.uvicorn.server_state.tasks) == 1)
+    wait_for(lambda: hung_up(idle[0]), what="the oldest one to be closed")
+    for connection in (waiting, *idle):
+        connection.close()
 
 
 def test_who_follows_events_and_hangs_up_is_forgotten(robot):

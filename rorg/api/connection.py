@@ -46,19 +46,21 @@ class Connection(HttpToolsProtocol):
         self._asking = self._heading = False
         self._head = self._half = self._heads = self._lines = self._body = 0
         self._refusal = _Refusal(400, "invalid", "it is not HTTP/1.1")
-        self.refused = not self.account.fits(self.left())
+        self.refused = not (self.account.fits(self.left()) or self.account.make_room())
         self.account.connections += 1
         self.account.charge(limits.GREETING)
         if self.refused:
             transport.abort()
         else:
             super().connection_made(transport)
+            self.account.idle[self] = transport.abort
 
     def connection_lost(self, error: Exception | None) -> None:
         self.account.connections -= 1
         if not self.refused:
             self.resume_writing()
             super().connection_lost(error)
+        self.account.idle.pop(self, None)
 
     # -- what is said ------------------------------------------------------------------------------------------
 
@@ -167,14 +169,18 @@ class Connection(HttpToolsProtocol):
         self._look()
 
     def _look(self) -> None:
-        """Says when it is to be hung up on, now that something has happened."""
+        """Says when it is to be hung up on, now that something has happened, and whether it asks nothing."""
+        self.account.idle.pop(self, None)
         if self._stuck:
             return
         answering = bool(self.pipeline) or (self.cycle is not None and not self.cycle.response_complete)
         if self._asking:
             self.due = self._begun + limits.COMPLETE
+        elif answering:
+            self.due = float("inf")
         else:
-            self.due = float("inf") if answering else self.loop.time() + limits.IDLE
+            self.due = self.loop.time() + limits.IDLE
+            self.account.idle[self] = self.transport.abort
 
 
 def _long() -> _Refusal:

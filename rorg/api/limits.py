@@ -37,7 +37,8 @@ RESERVED = 512
 """Descriptors that no connection takes, for the loop: containers, probes, files. Half of them where there are fewer
 than 1024."""
 MOST_OF_ONE = 200
-"""Connections of one service. Of the room that is left nobody gets more than half, people included."""
+"""Connections of one service. Of the room that is left nobody gets more than half, people included. A caller who has as
+many as that gets a new one if another of its own asks nothing: the one that has done so for longest is closed."""
 MOST_HELD = 4 << 20
 """Bytes of one service's bodies that are being read, and as many of answers that it does not read."""
 MOST_LOGS = 64
@@ -80,6 +81,9 @@ class Account:
         self.name, self.share, self.clock = name, share, clock
         self.connections = self.bodies = self.unread = 0
         self.threads = asyncio.Lock()
+        self.idle: dict[object, Callable[[], None]] = {}
+        """Connections that ask nothing, each with what hangs up on it; the one that has asked nothing for longest comes
+        first."""
         self._left, self._at, self._resting = BURST, clock(), False
 
     @property
@@ -102,6 +106,14 @@ class Account:
     def fits(self, left: int) -> bool:
         """Whether it may have one more connection, where there is room for `left` more in all."""
         return self.connections < (min(MOST_OF_ONE, left) if self.limited else left)
+
+    def make_room(self) -> bool:
+        """Hangs up on the connection that has asked nothing for longest, for the sake of a new one; whether there is
+        any."""
+        oldest = next(iter(self.idle), None)
+        if oldest is not None:
+            self.idle.pop(oldest)()
+        return oldest is not None
 
     @contextmanager
     def reading(self, length: int) -> Iterator[None]:

@@ -79,14 +79,19 @@ class Served:
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
+        from rorg_client.errors import unreachable
 
-        connection = Connection(self.client.address, self.client.timeout)
+        connection = None
         try:
+            connection = Connection(self.client.address, self.client.timeout)
             lines = self.client.lines(connection, "/v1/history/export")
             next(lines)
             yield from map(dict, lines)
+        except OSError as error:
+            raise unreachable(str(self.client.address), error) from error
         finally:
-            connection.close()
+            if connection:
+                connection.close()
 
 
 class Kept:

@@ -19,7 +19,7 @@ GROUP = "rorg"
 """By default, where there is one of that name."""
 STAY_DOWN = "RORG_STAY_DOWN"
 """The variable by which whatever restarts rorg says that no person does."""
-FETCH = b"f"
+LOOK = b"l"
 """What the handler of SIGHUP writes."""
 Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
 
@@ -210,8 +210,8 @@ def _check(root: Path | None, group: str) -> None:
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:
-    """Until SIGINT or SIGTERM; at SIGHUP it looks at the repository that it follows. systemd hears when it begins to
-    work, when it ends, and that it goes on."""
+    """Until SIGINT or SIGTERM. At SIGHUP it looks at its manifests again, first of all at the repository that it
+    follows. systemd hears when it begins to work, when it ends, and that it goes on."""
     import signal
     import threading
 
@@ -220,9 +220,10 @@ def _run_until_told(loop: Loop, server: Server) -> None:
     told, tell = os.pipe()
 
     def end() -> None:
-        while os.read(told, 1) == FETCH:
+        while os.read(told, 1) == LOOK:
             if loop.tree.source is not None:
                 loop.tree.source.ask()
+            loop.wakes.files_changed()
         server.end()
         loop.stop()
 
@@ -230,8 +231,7 @@ def _run_until_told(loop: Loop, server: Server) -> None:
     threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os.write(tell, b"."))
-    if loop.tree.source is not None:
-        signal.signal(signal.SIGHUP, lambda *_: os.write(tell, FETCH))
+    signal.signal(signal.SIGHUP, lambda *_: os.write(tell, LOOK))
     watchdog = Watchdog(loop.wake, lambda: loop.passes)
     watchdog.start()
     notify("READY=1")

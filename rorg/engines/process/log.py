@@ -86,11 +86,13 @@ def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
 
 
 def read_lines(path: Path, tail: int | None, whole: bool) -> Iterator[LogLine]:
-    """The last `tail` lines, and where the log stands."""
+    """The last `tail` lines of what is there now, and where the log stands. What comes meanwhile is left out, or a
+    program that prints faster than it is read would have no last line."""
     descriptor = _open(path)
     try:
-        place = 0 if tail is None else _tail(descriptor, os.fstat(descriptor).st_size, tail)
-        for text, after in _lines(descriptor, place, whole):
+        end = os.fstat(descriptor).st_size
+        place = 0 if tail is None else _tail(descriptor, end, tail)
+        for text, after in _lines(descriptor, place, whole, end):
             place = after
             yield LogLine("", text, str(place))
         yield LogLine("", b"", str(place))
@@ -114,11 +116,13 @@ def follow_lines(path: Path, place: int, over: Callable[[], bool], reading: Read
         os.close(descriptor)
 
 
-def _lines(descriptor: int, place: int, whole: bool) -> Iterator[tuple[bytes, int]]:
-    """Lines from a place on with the place after each; long ones in pieces. `whole`: not one that is being written."""
+def _lines(descriptor: int, place: int, whole: bool, end: int | None = None) -> Iterator[tuple[bytes, int]]:
+    """Lines from a place on with the place after each, to `end` or to that of the file; long ones in pieces. `whole`:
+    not one that is being written."""
     while True:
-        size = os.fstat(descriptor).st_size
+        size = os.fstat(descriptor).st_size if end is None else end
         text, place = _read(descriptor, place, PIECE)
+        text = text if end is None else text[: max(0, end - place)]
         over, cut = not text or place + len(text) >= size, text.rfind(b"\n") + 1
         if not (whole and over) and (over or not cut):
             cut = len(text)
