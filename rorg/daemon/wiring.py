@@ -78,7 +78,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
-    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock)
+    observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
     asker = ProbeRunner(engine, lambda service: loop.container_of(service), stopping, recorder.parameters_set)
     prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = _sampler(engine, lambda: loop, wakes)

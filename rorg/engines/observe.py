@@ -32,10 +32,11 @@ class Observer:
         wake: Callable[[], None],
         resync: Callable[[], float],
         clock: Callable[[], float] = time.monotonic,
+        heard: Callable[[], None] = lambda: None,
     ) -> None:
-        """`clock` is the loop's, seconds."""
+        """`clock` is the loop's, in seconds. `heard` is called when the engine has answered someone who waits for it."""
         self.engine, self.wake, self.resync, self.clock = engine, wake, resync, clock
-        self.heartbeat = Heartbeat(engine, self._heard, wake) if isinstance(engine, Daemon) else None
+        self.heartbeat = Heartbeat(engine, self._heard, heard) if isinstance(engine, Daemon) else None
         """None for an engine that cannot fall silent."""
         self._answering = threading.Event()
         """Cleared while the engine is silent: then nothing is asked of it."""
@@ -245,6 +246,7 @@ class Observer:
         while not self._stop.is_set():
             self._to_look.wait()
             self._to_look.clear()
+            self._answering.wait()
             with self._lock:
                 looks = {**self._looks}
             for container in looks:
