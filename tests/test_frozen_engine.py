@@ -3,6 +3,7 @@ when the engine does."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -12,6 +13,7 @@ from contextlib import contextmanager
 import commands
 import pytest
 from conftest import wait_for
+from robots import write_tree
 from rorg_client import NotReady, Unreachable
 
 from rorg.engines.docker.client import ANSWER
@@ -104,6 +106,29 @@ def test_a_stopped_engine_is_told_above_every_table(robot, dockerd):
     finally:
         dockerd.start()
     robot.wait(lambda: robot.client().service("arm")["health"] == "Healthy")
+
+
+def test_what_programs_read_names_it_too(robot, dockerd):
+    words = "--state-dir", str(robot.state.path), "-o", "json"
+    with frozen(dockerd):
+        wait_for(lambda: silent(robot), 60)
+        told = f"the engine at {dockerd.host} has not answered since"
+        (arm,) = [s for s in json.loads(commands.rorg("get", *words).stdout) if s["service"] == "arm"]
+        assert told in next(c["message"] for c in arm["conditions"] if c["type"] == "Ready")
+        assert told in json.loads(commands.rorg("why", "arm", *words).stdout)["waits"][0]
+        assert told in json.loads(commands.rorg("describe", "arm", *words).stdout)["log"][0]
+        assert told in json.loads(commands.rorg("top", "--once", *words).stdout)["engine"]["error"]
+
+
+def test_an_rorg_that_begins_on_a_frozen_engine_claims_nothing(docker_robot, dockerd):
+    docker_robot.with_server = True
+    write_tree(docker_robot.tree, {"arm": {"always_on": True}})
+    with frozen(dockerd):
+        docker_robot.start()
+        wait_for(lambda: silent(docker_robot), 60)
+        arm = docker_robot.client().service("arm")
+        assert (arm["state"], arm["sync"], arm["health"]) == ("unknown", "Unknown", "Unknown")
+    docker_robot.wait(lambda: docker_robot.client().service("arm")["health"] == "Healthy")
 
 
 def test_a_loss_is_not_told_of_what_is_merely_not_known(robot, dockerd):

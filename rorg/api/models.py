@@ -38,7 +38,10 @@ class ServiceView(BaseModel):
     """How a service is."""
 
     service: str
-    state: str = Field(description="The engine's word; none without a container, meta for a meta-service.")
+    state: str = Field(
+        description="The engine's word, as seen last; none without a container, meta for a meta-service. "
+        "unknown before the engine has answered."
+    )
     sync: str = Field(description="Synced, OutOfSync or Unknown.")
     health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
     wanted: bool

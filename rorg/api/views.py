@@ -51,6 +51,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
         "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
         "waits": [
+            *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
             *(w.reason for w in current.decision.plan.waitings if w.service == name),
             *_probing(status),
         ],

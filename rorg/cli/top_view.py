@@ -148,6 +148,7 @@ def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
         "alive": sum(row["alive"] for row in rows),
         "machine": {**machine, "cpu": round(cores, 3)},
         "pressure": status["pressure"],
+        "engine": status.get("engine", {}),
     }
 
 
@@ -155,7 +156,7 @@ def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
 
 
 def header(found: Mapping[str, Any]) -> list[str]:
-    """The machine, its budget and what is done against pressure; a line each."""
+    """The engine if it does not answer, the machine, its budget and what is done against pressure; a line each."""
     machine, pressure = found["machine"], found["pressure"]
     budget = pressure.get("budget") or {}
     parts = [
@@ -163,7 +164,9 @@ def header(found: Mapping[str, Any]) -> list[str]:
         f"memory {format_memory(budget['memory'])}" if budget.get("memory") else "",
     ]
     measures = f"{pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else "none"
+    silent = found.get("engine", {}).get("silent_since")
     return [
+        *([found["engine"]["error"]] if silent else ()),
         f"{found['alive']} alive; CPU {machine['cpu']:.2f} of {machine['cores']:g} cores, memory "
         f"{format_memory(machine['memory'])} of {format_memory(machine['memory_total'])}",
         f"waiting for CPU {machine['cpu_some']:.0f} %, for memory {machine['memory_some']:.0f} %; "

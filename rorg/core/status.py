@@ -24,7 +24,8 @@ class Status:
 
     service: str
     state: str
-    """The engine's word for its container; `none` without one, `meta` for a meta-service."""
+    """The engine's word for its container, as it was seen last. `none` without one, `unknown` before the engine has
+    answered, `meta` for a meta-service."""
     sync: str
     """Synced, OutOfSync or Unknown."""
     health: str
@@ -182,7 +183,7 @@ def _status(
     health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
     return Status(
         name,
-        current.state if current else "none",
+        current.state if current else "none" if known else "unknown",
         sync,
         health,
         bool(causes),
