@@ -55,6 +55,8 @@ class Context:
         self._client: Client | None = None
         self.silence = ""
         """Why the running rorg does not know what runs, as far as it was asked: its engine does not answer."""
+        self.quiet = False
+        """Nothing is said about the state of things: a shell completes a line."""
         self._remarked: set[str] = set()
 
     @property
@@ -305,7 +307,7 @@ class Context:
 
     def _say(self, text: str) -> None:
         """Once."""
-        if text not in self._remarked:
+        if not self.quiet and text not in self._remarked:
             self._remarked.add(text)
             note(entry("", text))
 
