@@ -4,6 +4,7 @@ is stopped or stuck."""
 from __future__ import annotations
 
 import json
+import os
 import socket
 import struct
 from typing import TYPE_CHECKING, Any
@@ -40,7 +41,9 @@ def hello(client: Client) -> dict[str, Any]:
 
 
 def is_stale(path: str) -> bool:
-    """Whether a socket is of a process that is no more, or is not there."""
+    """Whether nobody is behind a socket: this user sees none there, or its process is no more."""
+    if not os.path.exists(path):
+        return True
     probe = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         probe.setblocking(False)
