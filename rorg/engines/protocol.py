@@ -109,8 +109,8 @@ class Pinger(Protocol):
 class Daemon(Protocol):
     """An engine that is a program of its own, which may be stopped or stuck."""
 
-    @property
-    def address(self) -> str: ...
+    address: str
+
     def pinger(self) -> Pinger: ...
 
 

@@ -75,10 +75,6 @@ class DockerEngine:
         with docker_errors("reach the engine"):
             return str(self.client.get("/version")["Version"])
 
-    @property
-    def address(self) -> str:
-        return self.client.host
-
     def pinger(self) -> Pinger:
         return Pinger(self.client.ping())
 
