@@ -34,7 +34,7 @@ class Observer:
         clock: Callable[[], float] = time.monotonic,
         heard: Callable[[], None] = lambda: None,
     ) -> None:
-        """`clock` is the loop's, in seconds. `heard` is called when the engine has answered someone who waits for it."""
+        """`clock` is the loop's, in seconds. `heard` is called when the engine has answered a caller that waits."""
         self.engine, self.wake, self.resync, self.clock = engine, wake, resync, clock
         self.heartbeat = Heartbeat(engine, self._heard, heard) if isinstance(engine, Daemon) else None
         """None for an engine that cannot fall silent."""
