@@ -42,7 +42,7 @@ async def _ready(
     while not hangup.done():
         event = changed()
         allowed()
-        known = operations.open_to(question.generation) and (timeout == 0 or operations.heard_since(question))
+        known = operations.open_to(question.generation) and (not question.waits or operations.heard_since(question))
         found = operations.readiness(question)
         services = {name: ready.as_json() for name, ready in found.services.items()}
         left = deadline - clock()
