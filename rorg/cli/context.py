@@ -53,6 +53,8 @@ class Context:
         self.directory, self._local = directory, local
         self._engine: RealEngine | None = None
         self._client: Client | None = None
+        self._unanswered: Unreachable | None = None
+        """The running rorg did not answer, and is not asked again."""
         self.silence = ""
         """Why the running rorg does not know what runs, as far as it was asked: its engine does not answer."""
         self.quiet = False
@@ -238,11 +240,17 @@ class Context:
         path = self.state.run / NAME
         if not (self.remote or (self.state.owner() and os.path.exists(path))):
             return None
+        if self._unanswered:
+            raise self._unanswered
         if self._client is None:
             if self.remote and not self.place.elsewhere:
                 may_connect(self.remote)
             client = Client(self.remote or str(path), patience=2.0)
-            engine = hello(client)
+            try:
+                engine = hello(client)
+            except Unreachable as error:
+                self._unanswered = error
+                raise
             if engine.get("silent_since"):
                 self.silence = str(engine["error"])
                 self._say(f"{self.silence}; states are those that were seen last")
