@@ -12,7 +12,7 @@ import threading
 import time
 
 import pytest
-from conftest import BASE_IMAGE
+from conftest import BASE_IMAGE, wait_for
 from forwarder import Forwarder
 from robots import WORK
 
@@ -233,3 +233,38 @@ def test_a_stream_that_is_closed_ends(dockerd):
     with pytest.raises(Refused), client.stream("GET", "/containers/none/logs", stdout=True):
         pass
     assert client.get("/version")["ApiVersion"] == client.version, "the other calls go on"
+
+
+def test_a_stream_of_events_that_the_engine_ends_leaves_no_thread(dockerd):
+    """A robot sees many restarts of its engine in a year."""
+    engine, stop, before = DockerEngine("streams", dockerd.host), threading.Event(), set(threading.enumerate())
+
+    def left() -> list[threading.Thread]:
+        return [t for t in threading.enumerate() if t not in before and t.name.endswith("closer")]
+
+    for _ in range(3):
+        for stream in (engine.events(stop), engine.object_events(stop)):
+            next(stream)
+            stream.close()
+    try:
+        wait_for(lambda: not left(), 60, "threads to end")
+    finally:
+        stop.set()
+
+
+def test_a_stream_of_events_ends_when_it_is_told_to(dockerd):
+    engine, stop, ended = DockerEngine("streams", dockerd.host), threading.Event(), []
+
+    def follow(stream) -> None:
+        ended.append(len(list(stream)))
+
+    streams = [engine.events(stop), engine.object_events(stop)]
+    for stream in streams:
+        next(stream)
+    threads = [threading.Thread(target=follow, args=[stream]) for stream in streams]
+    for thread in threads:
+        thread.start()
+    stop.set()
+    for thread in threads:
+        thread.join(60)
+    assert len(ended) == 2

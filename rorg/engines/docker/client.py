@@ -35,6 +35,8 @@ ANSWER = 1.5
 """Seconds within which an engine that works answers a ping, however busy it is."""
 READS = ("GET", "HEAD")
 
+LOOK = 5.0
+"""Seconds for which a thread outlives the stream that it would have ended."""
 CHUNK = 1 << 16
 """Bytes that are read at once."""
 Method = Literal["GET", "HEAD", "POST", "PUT", "DELETE"]
@@ -191,6 +193,23 @@ class Stream:
         """Ends it, from any thread: whoever reads it sees its end."""
         with suppress(OSError):  # it has ended by itself
             self._taken.shutdown(socket.SHUT_RDWR)
+
+    @contextmanager
+    def until(self, stop: threading.Event) -> Iterator[None]:
+        """Closes the stream when `stop` is set within the block."""
+        over = threading.Event()
+
+        def close() -> None:
+            while not stop.wait(LOOK):
+                if over.is_set():
+                    return
+            self.close()
+
+        threading.Thread(target=close, daemon=True, name="stream-closer").start()
+        try:
+            yield
+        finally:
+            over.set()
 
     def send(self, content: bytes) -> None:
         """Says something to whom the stream leads, from any thread; waits while nobody takes it."""

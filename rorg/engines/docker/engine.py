@@ -138,13 +138,8 @@ class DockerEngine:
         with (
             docker_errors("follow the engine's events"),
             self.client.stream("GET", "/events", filters=filters) as found,
+            found.until(stop),
         ):
-
-            def close() -> None:
-                stop.wait()
-                found.close()
-
-            threading.Thread(target=close, daemon=True, name="events-closer").start()
             yield "", ""
             for line in found.lines():
                 event = from_json(line)

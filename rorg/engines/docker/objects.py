@@ -45,13 +45,7 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
 def events(client: Client, stop: threading.Event) -> Iterator[None]:
     """One for each that comes or goes, and one when the stream stands. The engine tells no labels of them."""
     filters = {"type": ["network", "volume"], "event": list(EVENTS)}
-    with client.stream("GET", "/events", filters=filters) as found:
-
-        def close() -> None:
-            stop.wait()
-            found.close()
-
-        threading.Thread(target=close, daemon=True, name="object-events-closer").start()
+    with client.stream("GET", "/events", filters=filters) as found, found.until(stop):
         yield
         for line in found.lines():
             if from_json(line).get("Action") in EVENTS:
