@@ -84,6 +84,8 @@ class Account:
         self.idle: dict[object, Callable[[], None]] = {}
         """Connections that ask nothing, each with what hangs up on it; the one that has asked nothing for longest comes
         first."""
+        self.closed = False
+        """It is a service's whose socket is gone."""
         self._left, self._at, self._resting = BURST, clock(), False
 
     @property
@@ -102,6 +104,12 @@ class Account:
         self.charge(0.0)
         self._resting = self._left < (SPARE if self._resting else 0.0)
         return (SPARE - self._left) / self.share if self._resting else 0.0
+
+    @property
+    def unused(self) -> bool:
+        """Whether it is as good as a new one."""
+        self.charge(0.0)
+        return not self.connections and self._left == BURST
 
     def fits(self, left: int) -> bool:
         """Whether it may have one more connection, where there is room for `left` more in all."""
@@ -130,7 +138,8 @@ class Account:
 
 
 class Accounts:
-    """Of every caller that has been there since the start, so that nobody begins anew by hanging up."""
+    """Of every caller that has been there since the start, so that nobody begins anew by hanging up; but of services
+    that are gone only until they would have saved up as much as a new one has."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self.clock = clock
@@ -140,9 +149,12 @@ class Accounts:
         return self._one(caller.identity, UNLIMITED if caller.kind == "developer" else SHARE)
 
     def of_service(self, name: str) -> Account:
-        return self._one(name, SHARE)
+        found = self._one(name, SHARE)
+        found.closed = False
+        return found
 
     def _one(self, name: str, share: float) -> Account:
         if name not in self._found:
+            self._found = {n: a for n, a in self._found.items() if not (a.closed and a.unused)}
             self._found[name] = Account(name, share, self.clock)
         return self._found[name]

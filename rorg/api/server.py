@@ -170,6 +170,8 @@ class Server:
             for connection in list(self.uvicorn.server_state.connections):
                 if isinstance(connection, Connection) and connection.account is account:
                     connection.transport.abort()
+            if account is not None:
+                account.closed = True
 
         return end
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rorg.core.learning import Learning
@@ -59,11 +59,13 @@ def noted(foresight: Foresight, actions: Sequence[Action], now: float) -> Foresi
     return replace(foresight, begun={**foresight.begun, **coming})
 
 
-def timed(learned: Learned, service: str, verb: str, seconds: float) -> Learned:
-    """It took so long: the mean of this and of what it took before, so that a change shows soon."""
-    known = learned.took.get(service, {})
+def timed(learned: Learned, service: str, verb: str, seconds: float, declared: Collection[str]) -> Learned:
+    """It took so long: the mean of this and of what it took before, so that a change shows soon. Services that are
+    not declared any more are forgotten."""
+    took = {name: known for name, known in learned.took.items() if name in declared}
+    known = took.get(service, {})
     mean = (known[verb] + seconds) / 2 if verb in known else seconds
-    return replace(learned, took={**learned.took, service: {**known, verb: round(mean, 3)}})
+    return replace(learned, took={**took, service: {**known, verb: round(mean, 3)}})
 
 
 def foresee(

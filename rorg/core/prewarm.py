@@ -16,7 +16,7 @@ from rorg.core.learning import Learning, observe_requests
 from rorg.core.memory import Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import Cause, Wanted
-from rorg.model.catalog import Request, Service
+from rorg.model.catalog import Catalog, Request, Service
 from rorg.model.graph import closure
 from rorg.model.learned import Learned, Likelihood
 
@@ -58,7 +58,7 @@ def prewarm(
     learning = before.learning or Learning(learned)
     if before.learning is None or requests != before.requests:
         learning = observe_requests(learning, now, requests, before.learning is None)
-    learning, begun = _timed(learning, before, memory, now)
+    learning, begun = _timed(learning, before, desired.catalog, memory, now)
     foresight = replace(before, learning=learning, requests=requests, begun=begun)
     names = [n for n, s in desired.catalog.services.items() if s.idle.prewarm and n not in admission.wanted]
     if off or not names:
@@ -79,7 +79,7 @@ def _kept(memory: Memory, foresight: Foresight) -> Memory:
 
 
 def _timed(
-    learning: Learning, before: Foresight, memory: Memory, now: float
+    learning: Learning, before: Foresight, catalog: Catalog, memory: Memory, now: float
 ) -> tuple[Learning, Mapping[str, tuple[str, float]]]:
     """Takes note of what is ready now, and how long that took. What ended before that tells nothing."""
     begun, learned = dict(before.begun), learning.learned
@@ -88,7 +88,7 @@ def _timed(
         if name in memory.in_flight:
             continue
         if step.ready and step.running_since is not None and step.running_since >= since:
-            learned = timed(learned, name, verb, now - since)
+            learned = timed(learned, name, verb, now - since, catalog.services)
         if step.ready or step.running_since is None:
             del begun[name]
     if len(begun) == len(before.begun):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rorg.core.changes import changed_items, changed_keys
@@ -135,6 +135,7 @@ class Recorder:
         for violation in decision.violations:
             self._when_new(f"violation {violation}", True, lambda v: self.event("violation", f"bug: {v}"), violation)
         before, self._progress = self._progress, decision.memory.progress
+        self._forget(before.keys() - self._progress.keys() if before is not self._progress else ())
         for name in changed_keys(before, self._progress):
             step = self._progress[name]
             self._when_new(f"crashes {name}", step.crashes, self._crashed, (name, step, decision))
@@ -153,6 +154,12 @@ class Recorder:
         if observed.complete and tree.loaded:
             self._lost(decision)
         self._when_new("withheld", decision.situation.withheld, self._withheld, decision)
+
+    def _forget(self, gone: Iterable[str]) -> None:
+        """A service that is declared again after it was gone begins anew, and has not crashed yet."""
+        for name in gone:
+            for word in ("crashes", "stalled", "update", "device"):
+                self._said.pop(f"{word} {name}", None)
 
     def when_new(self, key: str, value: Any, kind: str, message: str) -> None:
         """An event, unless the last one of this key said the same."""
@@ -227,8 +234,12 @@ class Recorder:
         before, self._observed = self._observed, observed
         if before is observed:
             return
-        for container in changed_items(before.containers if before else (), observed.containers):
-            if why := unreadable(container):
+        changed = changed_items(before.containers if before else (), observed.containers)
+        there = {c.id for c in observed.containers} if changed else set()
+        for container in changed:
+            if container.id not in there:
+                self._said.pop(f"container {container.id}", None)
+            elif why := unreadable(container):
                 text = f"the container {container.name} ({container.id[:12]}): {why}"
                 self.when_new(f"container {container.id}", why, "container-unreadable", text)
 

@@ -127,5 +127,8 @@ class ProbeRunner:
             place = None if compiled(about[1]).search(text.decode(errors="replace")) else after
             if place is None or time.monotonic() > until or self.stopping.is_set():
                 break
+        if key not in self._read:
+            for other in [k for k in tuple(self._read) if self.container_of(k[0]) is None]:
+                self._read.pop(other, None)  # its service is gone
         self._read[key] = about, place
         return YES if place is None else no(f"no line of its output matches {probe.target}")
