@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test properties fuzz lint types bench schemas docs evaluation constraints deb clean
+.PHONY: demo test properties fuzz soak lint types bench schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -32,6 +32,11 @@ fuzz: $(VENV)/test-installed
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
+
+# Steady work on a robot of twenty services for MINUTES: how memory, descriptors and threads change over its second
+# half, and whether what runs is what is asked for. `make test` does the same for some seconds.
+soak: $(VENV)/test-installed
+	SOAK_MINUTES=$(or $(MINUTES),20) $(BIN)/pytest -s tests/test_soak.py $(ARGS)
 
 bench: $(VENV)/test-installed
 	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)

@@ -104,8 +104,10 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.following import followed
     from rorg.cli.output import note
+    from rorg.host.heap import share_heap
     from rorg.store.clearing import clear
 
+    share_heap()
     context = Context(state_dir, engine, directory, local=True, own=True)
     if not git and _brought_up(context):
         return
