@@ -75,21 +75,20 @@ def services() -> dict[str, dict]:
 class SoakedRorg:
     """`rorg run` on a Docker engine, a process of its own that answers questions about its memory."""
 
-    def __init__(self, folder: Path, host: str, tree: dict[str, dict], inspected: bool = True, **kinds: dict) -> None:
+    def __init__(self, folder: Path, host: str, tree: dict[str, dict], **kinds: dict) -> None:
         self.robot, self.host, self.asked = RealRobot(folder, "docker", host), host, folder / "inspected.sock"
         self.specs, self.kinds = tree, kinds
         self.log, self.closed = folder / "rorg.log", False
         write_tree(self.robot.tree, tree, **kinds)
         words = ["run", str(self.robot.tree), "--state-dir", str(self.robot.state.path), "--engine", "docker"]
-        program = [str(PROGRAM), str(self.asked)] if inspected else ["-m", "rorg"]
+        command = [sys.executable, str(PROGRAM), str(self.asked), *words]
         with self.log.open("ab") as log:
-            # No fork of others' process: its memory is its own.
-            self.process = subprocess.Popen([sys.executable, *program, *words], stdout=log, stderr=log)
+            self.process = subprocess.Popen(command, stdout=log, stderr=log)  # no fork: its memory is its own
         self.seen = psutil.Process(self.process.pid)
         self.api = docker.APIClient(host, version="auto")
         witnesses.KNOWN.append(self)
         self.client = self.robot.client(patience=60.0)
-        wait_for(lambda: self.asked.exists() or not inspected, 60)
+        wait_for(self.asked.exists, 60)
 
     def told(self) -> str:
         return witnesses.last_lines(self.log)
@@ -141,6 +140,8 @@ class Work:
         for thread in self._threads:
             thread.join(120)
             assert not thread.is_alive(), thread
+        if self._is_bad:
+            self.edit(self.chance)
 
     def _steadily(self, do: Callable[[random.Random], None], every: float) -> None:
         chance, due = random.Random(f"{do.__name__} {self.chance.random()}"), time.monotonic()
@@ -195,9 +196,14 @@ class Work:
         self._edits += 1
         name, number = PLAIN[(self._edits - 1) // 5 % len(PLAIN)], str(self._edits)
         spec = self.rorg.specs[name]
-        command = {"command": ["sh", "-c", f"exit {self._edits % 100}"]} if self._edits % 5 == 4 else {}
+        command = {"command": ["sh", "-c", f"exit {self._edits % 100}"]} if self._is_bad else {}
         self.rorg.specs[name].pop("command", None)
         self.rorg.edit(name, container={**spec["container"], "environment": {"EDITION": number}}, **command)
+
+    @property
+    def _is_bad(self) -> bool:
+        """Whether the last edit was one that fails."""
+        return self._edits % 5 == 4
 
     def restart_by_hand(self, chance: random.Random) -> None:
         """Behind rorg's back, or by it."""
