@@ -4,6 +4,7 @@ at the end is what is asked for."""
 from __future__ import annotations
 
 import os
+import random
 import time
 from collections import Counter
 from dataclasses import fields
@@ -78,3 +79,14 @@ def told(samples: list[Sample], types: list[dict[str, int]], work: Work) -> dict
     grown = Counter({name: count - types[0].get(name, 0) for name, count in types[-1].items()})
     print("objects since the middle:", ", ".join(f"{name} {count:+}" for name, count in grown.most_common(12)))
     return slopes
+
+
+def test_growth_is_told_from_noise():
+    chance = random.Random(1)
+    flat = [(n / 12, 60 + chance.gauss(0, 0.3)) for n in range(120)]
+    assert not slope(flat).above(0.0)
+    grows = [(at, value + 0.1 * at) for at, value in flat]
+    assert slope(grows).above(0.05)
+    assert not slope(grows).above(0.1)
+    steps = [(at, 60.0 + (at > 5) * 2) for at, _ in flat]  # once, as when a cache is filled
+    assert not slope(steps).above(0.3)
