@@ -4,7 +4,6 @@ much as it may takes no room from people, nor from more than a few others."""
 from __future__ import annotations
 
 import json
-from functools import lru_cache
 
 from rorg.model.catalog import DEVELOPER, Request
 from rorg.store.requests_document import RequestsDocument
@@ -24,7 +23,6 @@ FIELDS = 120
 """Bytes for the names of fields, and for a time."""
 
 
-@lru_cache(maxsize=2 * OF_ALL // FIELDS)
 def size(request: Request) -> int:
     """Bytes that it takes in the file, about; what is not ASCII counts as its escape."""
     own = (request.id, request.requester, *request.services, request.reason, request.incarnation, request.renewed)
@@ -35,6 +33,7 @@ def no_room(document: RequestsDocument, request: Request) -> str:
     """Why a request cannot be put too; empty where it can."""
     others = [r for r in document.requests if r.key != request.key]
     own = [r for r in others if r.requester == request.requester]
+    needed, taken = size(request), {r.key: size(r) for r in others}
     if len(own) >= MOST_REQUESTS:
         return f"{request.requester} has {len(own)} already"
     named = sum(len(r.services) for r in own)
@@ -45,6 +44,6 @@ def no_room(document: RequestsDocument, request: Request) -> str:
         services = [r for r in others if r.requester != DEVELOPER]
         limits += [(f"the requests of {request.requester}", own, OF_ONE), ("those of services", services, OF_SERVICES)]
     for whose, requests, most in limits:
-        if sum(map(size, requests)) + size(request) > most:
+        if sum(taken[r.key] for r in requests) + needed > most:
             return f"{whose} would have more than {most >> 10} KiB"
     return ""
