@@ -19,8 +19,9 @@ EVERY = min(5.0, SECONDS / 20)
 """Seconds between two samples."""
 LONG = 900.0
 """Seconds of a run whose slopes must keep to BOUNDS: in a shorter one caches are still filling."""
-BOUNDS = {"memory": 0.3, "heap": 0.3, "descriptors": 0.2, "threads": 0.2, "engine": 0.5}
-"""The most that may be gained a minute, over the second half. Memory in MB."""
+BOUNDS = {"heap": 0.3, "descriptors": 0.2, "threads": 0.2, "engine": 0.5}
+"""The most that may be gained a minute, over the second half. The heap in MB; PSS is printed but not judged, since it
+also rises when others end who shared pages of files."""
 
 
 @pytest.fixture
