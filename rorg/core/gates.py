@@ -80,7 +80,9 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
     if swap and memory.update.held and not ends_anyway:
         return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
     limits = view.desired.catalog.policy.pressure
-    if view.s.closed and limits and begins and view.s.priorities.get(name, 0) < limits.admit:
+    # Of what is to run only: a change does not keep a service that is shed from being stopped.
+    admitted = name not in view.s.wanted or limits is None or view.s.priorities.get(name, 0) >= limits.admit
+    if view.s.closed and begins and not admitted:
         return (), Waiting(name, view.s.closed)
     if isinstance(operation, Create) and service.joins:
         return _join(view, service, earlier)
