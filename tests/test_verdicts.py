@@ -170,6 +170,8 @@ def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
     robot.declare({"arm": ON})
     robot.wait(lambda: len(standings(robot)) == 3 and standings(robot)[-1][0] == "good")
     assert standings(robot)[1] == ("failed", "arm: ended with exit code 7")
+    told = [e["message"] for e in robot.loop.recorder.journal.since(0) if e["kind"] == "crashed"]
+    assert told == ["arm ended with exit code 7 (unexpected exit 1)"]
 
 
 # -- what rorg stopped is no crash -----------------------------------------------------------------------------

@@ -249,7 +249,7 @@ class Recorder:
         kind = "driver " if service and service.driver else ""
         self.event(
             "crashed",
-            f"{kind}{name} {step.error} (unexpected exit {step.crashes})",
+            f"{kind}{name} {step.error or step.update.failed} (unexpected exit {step.crashes})",
             service=name,
             crashes=step.crashes,
         )
