@@ -142,7 +142,7 @@ def _names(kind: str, given: Given) -> Iterable[str]:
 
         state, tree = given.options.get("state_dir"), given.options.get("directory")
         context = Context(Path(state) if state else None, None, Path(tree) if tree else None)
-        context.quiet = True
+        context.notices.quiet = True
         one = next((k for k, words in KINDS.items() if kind in words), "")
         return (_served if context.client() else _glanced)(context, one) if one else ()
     except Exception:

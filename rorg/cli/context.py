@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from rorg_client import Client
 from rorg_client import Error as ClientError
 
-from rorg.cli.hello import hello
+from rorg.cli.handshake import handshake
+from rorg.cli.notices import Notices
 from rorg.cli.output import note
 from rorg.cli.places import NAME, find, may_connect, nobody
-from rorg.cli.terminal import entry, hide
+from rorg.cli.terminal import hide
 from rorg.engines import ENGINES
 from rorg.errors import Invalid, NotReady, Unreachable
 from rorg.store.state_dir import read_json
@@ -57,9 +58,7 @@ class Context:
         """The running rorg did not answer, and is not asked again."""
         self.silence = ""
         """Why the running rorg does not know what runs, as far as it was asked: its engine does not answer."""
-        self.quiet = False
-        """Nothing is said about the state of things: a shell completes a line."""
-        self._remarked: set[str] = set()
+        self.notices = Notices()
 
     @property
     def engine_name(self) -> str:
@@ -109,7 +108,7 @@ class Context:
         if found is None:
             raise error
         at = time.strftime("%H:%M:%S", time.gmtime(os.stat(self.state.status).st_mtime))
-        self._say(f"{error.why}; this is what it published at {at} UTC; try {error.remedy}")
+        self.notices.say(f"{error.why}; this is what it published at {at} UTC; try {error.remedy}")
         return found
 
     def _last_text(self, *keys: str) -> str:
@@ -247,13 +246,13 @@ class Context:
                 may_connect(self.remote)
             client = Client(self.remote or str(path), patience=2.0)
             try:
-                engine = hello(client)
+                engine = handshake(client)
             except Unreachable as error:
                 self._unanswered = error
                 raise
             if engine.get("silent_since"):
                 self.silence = str(engine["error"])
-                self._say(f"{self.silence}; states are those that were seen last")
+                self.notices.say(f"{self.silence}; states are those that were seen last")
             self._client = client
         return self._client
 
@@ -288,36 +287,8 @@ class Context:
             from rorg.cli.local import view
 
             found = view(self)
-        self._remark(found)
+        self.notices.of(found, bool(self.silence))
         return found
-
-    def _remark(self, view: dict[str, Any]) -> None:
-        """Says what stands above every listing, once: what is not in force, and that nothing is changed."""
-        found = []
-        engine = view.get("engine", {})
-        if not (engine.get("complete", True) or self.silence) and view.get("pid"):
-            found.append(f"{engine.get('error') or 'the engine has not said yet what runs'}; states may be old")
-        if errors := view.get("tree", {}).get("errors"):
-            from rorg.model.units import counted
-
-            good = view["tree"].get("fingerprint")
-            kept = "the last good ones are in force" if good else "none are in force yet, so rorg changes nothing"
-            found += [f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"]
-        if error := (view.get("tree", {}).get("git") or {}).get("error"):
-            found.append(f"git: {error}")
-        if (standing := view.get("tree", {}).get("standing") or {}).get("code") == "baking":
-            found.append(f"manifests are baking: {standing['reason']}")
-        found += view.get("requests_errors") or []
-        found += [f"rorg is {view['suspended']}"] if view.get("suspended") else []
-        found += ["the robot is down; `rorg up` brings it up"] if view.get("down") == "down" else []
-        for text in found:
-            self._say(text)
-
-    def _say(self, text: str) -> None:
-        """Once."""
-        if not self.quiet and text not in self._remarked:
-            self._remarked.add(text)
-            note(entry("", text))
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""

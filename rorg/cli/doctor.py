@@ -90,7 +90,7 @@ def _server(context: Context) -> dict[str, Any]:
     from rorg_client import Client
     from rorg_client import Error as ClientError
 
-    from rorg.cli.hello import hello
+    from rorg.cli.handshake import handshake
     from rorg.cli.places import NAME, may_connect
     from rorg.errors import Refused, Unreachable
 
@@ -102,7 +102,7 @@ def _server(context: Context) -> dict[str, Any]:
     try:
         may_connect(str(path))
         client = Client(str(path), timeout=PATIENCE, patience=PATIENCE)
-        hello(client)
+        handshake(client)
         client.call("GET", "/v1/status")
     except Refused as error:
         return {**found, "socket_error": error.why}

@@ -7,7 +7,7 @@ import socket
 from pathlib import Path
 from typing import NamedTuple
 
-from rorg.cli.hello import is_stale
+from rorg.cli.handshake import is_stale
 from rorg.errors import Refused, Unreachable
 from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
 

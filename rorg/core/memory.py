@@ -16,7 +16,7 @@ from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
-from rorg.model.catalog import Probe, Service
+from rorg.model.catalog import Probe, Request, Service
 
 MOST_STOPPED = 16
 """Runs of a service of which it is remembered that we stopped them."""
@@ -216,7 +216,9 @@ class Memory:
     """By (requester, id)."""
     pressure: Pressure = CALM
     admitted: Admitted | None = None
-    """Of the last pass."""
+    """Of the last pass: a cache, which changes nothing if it is missing."""
+    asked: tuple[Request, ...] | None = None
+    """The requests of the last pass; None before the first one."""
     restarts: Mapping[str, Due] | None = None
     """Restarts that are asked for, by service; None until the first look at what is there."""
     kept: Kept = Kept()

@@ -61,11 +61,12 @@ class Settled:
 
 
 def tried_again(memory: Memory, catalog: Catalog, requests: Sequence[Request]) -> Memory:
-    """Without the back-off of all that a new request names, and that this needs: whoever asks now gets an attempt now.
-    The same request again changes nothing, so that nobody hurries what crashes by repeating himself."""
-    if memory.admitted is None or memory.admitted.requests == requests:
+    """Drop the back-off of everything that a new request names, and of what that needs: a new request gets an attempt
+    now. Sending the same request again changes nothing, or a repeated request would hurry a crash loop."""
+    before, memory = memory.asked, memory if memory.asked == requests else replace(memory, asked=tuple(requests))
+    if before is None or before == requests:
         return memory
-    known = {(r.key, r.services) for r in memory.admitted.requests}
+    known = {(r.key, r.services) for r in before}
     asked = {m for r in requests if (r.key, r.services) not in known for s in r.services for m in catalog.members(s)}
     progress = {
         name: replace(step, exits=0, attempts={}, error="")

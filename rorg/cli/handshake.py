@@ -1,5 +1,8 @@
-"""Whether the rorg behind a socket or an address answers: asked before anything else, so that nobody waits for one that
-is stopped or stuck."""
+"""The first call of a command: does the rorg behind this socket or address answer?
+
+Every command asks this before anything else, with a deadline, so that no one waits for an rorg that is stuck.
+A socket file proves nothing: after `kill -9` it stays, and connecting is refused.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ ANSWER = 2.0
 """Seconds within which an rorg that works answers, however busy it is."""
 
 
-def hello(client: Client) -> dict[str, Any]:
-    """What the rorg says of its engine (EngineView); empty where it does not say. One that cannot be connected to is
-    left to the next call, which tries for longer. Raises Unreachable where one is there and does not answer."""
+def handshake(client: Client) -> dict[str, Any]:
+    """What the rorg says of its engine (EngineView); empty if it says nothing. If connecting fails, the next call
+    decides: it tries for longer. Raises Unreachable if an rorg is there and does not answer."""
     from rorg_client.connection import Connection
     from rorg_client.wire import asking, reading
 
