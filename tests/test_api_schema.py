@@ -104,7 +104,8 @@ def test_an_answer_has_the_fields_that_are_documented_and_no_others(robot, path)
 def test_all_that_is_kept_of_a_run_is_documented():
     every = {"edition": "e", "drawn": "d", "held": "h", "proven": "p", "baked": "b", "run": "r"}
     update = Update(**every, quarantined={"e": "why"}, content={"/a": "b"})
-    told = run_json(Progress(update=update, attempts={"start": Attempt(at=5.0, error="no")}), 0.0)
+    step = Progress(update=update, attempts={"start": Attempt(at=5.0, error="no")}, stopped=("1@t", "2@t"))
+    told = run_json(step, 0.0)
     assert set(told) == set(RunView.model_fields)
 
 

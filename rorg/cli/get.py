@@ -80,8 +80,9 @@ def command(
     from pathlib import Path
 
     from rorg.cli.context import Context
-    from rorg.cli.output import end_with_reader, print_rows
+    from rorg.cli.output import check_form, end_with_reader, print_rows
 
+    check_form(output)
     show: Callable[..., None] = print_rows
     if watch:
         from rorg.cli.watching import Watch

@@ -31,6 +31,13 @@ class Notices:
         for text in _of(view, silent):
             self.say(text)
 
+    def of_standing(self, view: dict[str, Any]) -> None:
+        """Say that it is not known yet whether the manifests are good: for listings of services alone, since every
+        change brings it about for some seconds."""
+        standing = view.get("tree", {}).get("standing") or {}
+        if standing.get("code") == "baking":
+            self.say(f"manifests are baking: {standing['reason']}")
+
 
 def _of(view: dict[str, Any], silent: bool) -> Iterator[str]:
     engine, tree = view.get("engine", {}), view.get("tree", {})
@@ -43,8 +50,6 @@ def _of(view: dict[str, Any], silent: bool) -> Iterator[str]:
         yield f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"
     if error := (tree.get("git") or {}).get("error"):
         yield f"git: {error}"
-    if (standing := tree.get("standing") or {}).get("code") == "baking":
-        yield f"manifests are baking: {standing['reason']}"
     yield from view.get("requests_errors") or []
     if view.get("suspended"):
         yield f"rorg is {view['suspended']}"

@@ -26,6 +26,7 @@ def select(
     known = view["services"]
     wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
     inside = _members(context, "group", group, known, ()) if group else known.keys()
+    context.notices.of_standing(view)
     return [
         service
         for name, service in known.items()
