@@ -26,6 +26,7 @@ from rorg.core.joining import joined_of
 from rorg.core.objects import found_object
 from rorg.core.observed import Container
 from rorg.core.plan import Action
+from rorg.core.pressure import excess, helps
 from rorg.core.requests import problems
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
@@ -699,7 +700,9 @@ class Watch:
             assert not own or any(fits(c, other, desired) for c in own), f"{name} was ended before {other} was made"
 
     def shedding(self) -> None:
-        """What was shed just now mattered least of all that could be shed, and no more important request held it."""
+        """What was shed just now mattered least of all whose end would help, and no more important request held it."""
+        policy, load = self.robot.desired.catalog.policy, self.robot.read.load
+        over = excess(policy.pressure, policy.budget, load) if policy.pressure and load else {}
         situation, state = self.robot.decision.situation, self.robot.memory.pressure
         new, self.shed = [s.service for s in state.shed if s not in self.shed], state.shed
         services = self.robot.desired.catalog.services
@@ -720,6 +723,7 @@ class Watch:
                 and n in self.robot.active()
                 and n not in spared
                 and not services[n].interlock
+                and helps(over, *load.use.get(n, (0.0, 0)))
             ]
             assert all(situation.priorities[n] >= services[shed].priority for n in others), (shed, others)
 
