@@ -712,7 +712,8 @@ class Watch:
             for name in situation.wanted:
                 assert shed not in services[name].needs, f"{name} needs {shed}"
             askers = {r.requester for r in self.robot.decision.settled.requests}
-            needed = {n for w in situation.wanted for n in services[w].needs}
+            # What was shed comes back: what it needs does not go in its place.
+            needed = {n for w in (*situation.wanted, *(s.service for s in self.shed)) for n in services[w].needs}
             shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
             spared = {*askers, *needed, *shields, *closure(services, [shed])}
             others = [
