@@ -322,6 +322,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
 
 
 def test_a_workspace_on_another_machine_is_refused(robot, workspace):
+    (robot.state.path / "engine").unlink()  # of a robot whose engine is elsewhere
     told = rorg(robot, workspace, "dev", "arm", code=2, DOCKER_HOST="tcp://192.0.2.1:2375").stderr
     assert "the engine is on another machine, and the workspace is here; try it there" in told
 

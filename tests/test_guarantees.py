@@ -32,7 +32,9 @@ def test_a_container_without_our_label_is_never_touched(docker_robot):
     try:
         robot.declare({"camera": {"always_on": True}, "mapper": {"always_on": True}})
         robot.wait(lambda: robot.active() == {"mapper"})
-        robot.wait(lambda: any("camera is stalled" in line and "which is not rorg's" in line for line in robot.lines))
+        robot.wait(
+            lambda: any("camera is stalled" in line and "belongs to another rorg" in line for line in robot.lines)
+        )
         assert {c.service for c in robot.containers()} == {"mapper"}
         assert robot.engine.inspect(stranger) is None
         robot.declare({"mapper": {"always_on": True}})

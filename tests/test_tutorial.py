@@ -29,8 +29,16 @@ echo '{pages.SAID}files'
 find / -xdev -type f -newer /wheels/began -not -path "*/rorg-venv/*" -not -path "$HOME/robot/*" || true
 echo '{pages.SAID}end'
 """
-KNOWN = {"/root/.gitconfig", "/etc/hostname", "/etc/resolv.conf", "/etc/hosts", "/.dockerenv"}
-"""Of the test and of the container."""
+KNOWN = {
+    "/var/lib/rorg/instance",
+    "/var/lib/rorg/requests.yaml",
+    "/root/.gitconfig",
+    "/etc/hostname",
+    "/etc/resolv.conf",
+    "/etc/hosts",
+    "/.dockerenv",
+}
+"""Of a robot that was taken down, of the test, and of the container."""
 
 
 @pytest.fixture(scope="session")

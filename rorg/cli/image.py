@@ -190,8 +190,8 @@ def _load(robot: _Robot, path: Path) -> None:
     from rorg.errors import EngineError, Invalid
     from rorg.images.archive import read_records
     from rorg.images.docker import library_errors
-    from rorg.manifest.files import open_regular
     from rorg.model.units import counted
+    from rorg.regular_file import open_regular
 
     loaded, what = 0, f"load {path}"
     try:

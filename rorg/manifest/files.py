@@ -1,15 +1,14 @@
-"""The one reader of files that others may have written: those of a tree of manifests, of a project to import, and of
-the state directory. It reads regular files only, judges each before it opens it, never blocks, and reads no more than a
-limit. Each caller says where a file may lie."""
+"""Where files of a tree of manifests, and of a project to import, may lie, and how large they may be. How they are read
+is in rorg/regular_file.py."""
 
 from __future__ import annotations
 
 import errno
 import os
-import stat
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import IO
+
+from rorg.regular_file import read_regular
 
 MOST = 4 << 20
 """Bytes of one file. A robot's largest manifests have some 100 KiB."""
@@ -39,12 +38,7 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
         if _leads_out(path, found, root):
             raise OSError(errno.EPERM, "it is a link that leads out of the tree", str(path))
 
-    return _read(path, most, refuse)
-
-
-def read_anywhere(path: Path, most: int) -> bytes:
-    """The same, wherever the file lies: a directory that rorg or a person chose has it."""
-    return _read(path, most, lambda _: None)
+    return read_regular(path, most, refuse)
 
 
 class Outside(PermissionError):
@@ -66,7 +60,7 @@ class Reader:
         self._files += 1
         if self._files > FILES:
             raise OSError(errno.EMFILE, f"the project names more than {FILES} files", str(path))
-        content = _read(path, EACH, lambda found: self._refuse(path, found))
+        content = read_regular(path, EACH, lambda found: self._refuse(path, found))
         self._bytes += len(content)
         if self._bytes > WHOLE:
             raise OSError(errno.EFBIG, f"the project's files have more than {WHOLE >> 20} MiB in all", str(path))
@@ -92,34 +86,6 @@ def _leads_out(path: Path, real: str, root: Path) -> bool:
     written = os.path.abspath(path)
     base = os.path.abspath(root)
     return written == base or written.startswith(f"{base}/")
-
-
-def open_regular(path: Path, refuse: Callable[[str], None] = lambda _: None) -> IO[bytes]:
-    """Opens a regular file. `refuse` gets its real path first, and raises OSError for what may not be read.
-    Raises OSError."""
-    try:
-        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
-    except ValueError as error:
-        raise OSError(errno.EINVAL, "no file can have that name", str(path)) from error
-    try:
-        # Judged before it is opened: to open a device, or a pipe, may already do something.
-        refuse(os.readlink(f"/proc/self/fd/{place}"))
-        mode = os.fstat(place).st_mode
-        if not stat.S_ISREG(mode):
-            number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-            raise OSError(number, "it is not a regular file", str(path))
-        descriptor = os.open(f"/proc/self/fd/{place}", os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
-    finally:
-        os.close(place)
-    return open(descriptor, "rb")
-
-
-def _read(path: Path, most: int, refuse: Callable[[str], None]) -> bytes:
-    with open_regular(path, refuse) as file:
-        content = file.read(most + 1) or b""  # nothing: a file of the kernel's that would make us wait
-    if len(content) > most:
-        raise OSError(errno.EFBIG, f"it has more than {most >> 20} MiB", str(path))
-    return content
 
 
 def _plain(content: bytes, path: Path) -> str:

@@ -11,7 +11,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from rorg.manifest.files import read_anywhere
+from rorg.regular_file import read_regular
 
 LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]{8}")
 """The name of a file on its way to its place."""
@@ -25,7 +25,7 @@ def read_state(path: Path) -> str:
     """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
 
     Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
-    return read_anywhere(path, MOST).decode("utf-8", errors="replace")
+    return read_regular(path, MOST).decode("utf-8", errors="replace")
 
 
 def open_private(path: Path, flags: int) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -24,27 +24,36 @@ class Measured:
     memory: float
 
 
+# The kernel counts what a process had before exec into its peak. So a small process starts the command, not a large
+# session of tests.
+STARTER = """
+import json, os, resource, signal, sys
+told, seconds, memory, *words = sys.argv[1:]
+pid = os.fork()
+if not pid:
+    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
+    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
+    os.execv(sys.executable, [sys.executable, "-m", "rorg", *words])
+signal.signal(signal.SIGALRM, lambda *_: os.kill(pid, signal.SIGKILL))
+signal.alarm(60)
+_, status, used = os.wait4(pid, 0)
+found = os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+open(told, "w").write(json.dumps(found))
+"""
+
+
 def measured(*words: str | Path, cwd: Path, env: dict[str, str] | None = None) -> Measured:
     """Runs one command to its end, or to its limits. A read that blocks is ended by a deadline on the clock."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
-        resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
-
-    with tempfile.TemporaryFile("w+") as said:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "rorg", *map(str, words)],
+    with tempfile.NamedTemporaryFile("r") as told:
+        limits = [told.name, str(MOST_SECONDS), str(MOST_MEMORY)]
+        ended = subprocess.run(
+            [sys.executable, "-S", "-c", STARTER, *limits, *map(str, words)],
             cwd=cwd,
             env={**os.environ, **(env or {})},
             stdin=subprocess.DEVNULL,
-            stdout=said,
+            stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            preexec_fn=limit,
+            text=True,
         )
-        timeout = subprocess.Popen(["sh", "-c", f"sleep 60; kill -9 {process.pid}"], start_new_session=True)
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        os.killpg(timeout.pid, 9)
-        timeout.wait()
-        said.seek(0)
-        return Measured(process.returncode, said.read(), used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+        code, cpu, memory = json.load(told)
+    return Measured(code, ended.stdout, cpu, memory)
