@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import commands
 import pytest
@@ -33,6 +34,9 @@ def frozen(dockerd):
     if not hasattr(dockerd, "folder"):
         pytest.skip("somebody else runs this engine")
     dockerd.process.send_signal(signal.SIGSTOP)
+    threads = Path(f"/proc/{dockerd.process.pid}/task")
+    # The signal takes a moment to reach all threads; until then the engine may answer.
+    wait_for(lambda: all(stat.read_text().rpartition(")")[2].split()[0] == "T" for stat in threads.glob("*/stat")))
     try:
         yield
     finally:
