@@ -12,6 +12,8 @@ from conftest import wait_for
 from robots import write_tree
 
 from rorg.client import Client, Error, NotFound
+from rorg.model.catalog import Request
+from rorg.store.committer import Committer
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
@@ -124,3 +126,16 @@ def test_a_held_request_outlives_a_restart_of_rorg(tmp_path):
         robot.wait(lambda: "camera" not in robot.active())
     finally:
         robot.close()
+
+
+def test_a_caller_that_gives_up_waiting_stops_no_other_change(tmp_path):
+    file = RequestsFile(StateDir(tmp_path).prepare().requests)
+    committer = Committer(file, lambda changed: 1)
+    given_up, later = (
+        committer.submit(lambda asked, id=id: asked.put(Request(id, "developer", ("arm",)))) for id in ("first", "next")
+    )
+    given_up.cancel()
+    committer.start()
+    assert later.result(10) == 1
+    assert {r.id for r in file.document.requests} == {"first", "next"}
+    committer.stop()

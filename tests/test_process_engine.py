@@ -157,6 +157,34 @@ print(engine.inspect(made).state)
     assert time.monotonic() - began < 20
 
 
+def test_without_a_descriptor_left_nothing_is_said_of_a_container(tmp_path):
+    code = f"""
+import os, resource
+from pathlib import Path
+from rorg.engines.process.engine import ProcessEngine
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.errors import Unreachable
+engine = ProcessEngine("me", Path({str(tmp_path)!r}))
+spec = {{"image": "x", "command": ["sleep", "1000"]}}
+made = engine.create("s", spec, {{LABEL_OWNER: "me", LABEL_SERVICE: "s"}})
+engine.start(made)
+free, limits = os.dup(0), resource.getrlimit(resource.RLIMIT_NOFILE)
+for call in (lambda: engine.inspect(made), engine.list, lambda: engine.stop(made, "SIGKILL", 1.0)):
+    os.close(free)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, limits[1]))
+    try:
+        print(call())
+    except Unreachable as error:
+        print("not known")
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    free = os.dup(0)
+print(engine.inspect(made).state)
+engine.stop(made, "SIGKILL", 10.0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "not known\n" * 3 + "running\n", done.stderr
+
+
 def test_only_what_somebody_asked_for_is_told_to_mean_nothing_here(tmp_path):
     robot = RealRobot(tmp_path, "process", None)
     try:

@@ -293,3 +293,14 @@ def test_a_build_that_prints_a_secret_leaves_none_in_its_log(place, tmp_path):
     log = Path(result.log).read_text()
     assert f"noetic-of-old {MASK}" in log
     assert BUILD not in log + result.message + result.step + str(place.heard.all)
+
+
+def test_services_of_long_ago_are_forgotten_those_of_now_are_not():
+    masker = Masker()
+    for number in range(600):
+        key = {"environment": {"KEY": f"secret-of-{number:04}"}}
+        services = {n: Service(n, spec=key, secrets=("KEY",)) for n in (f"s{number}", "stays")}
+        masker.learn(Catalog(services=services))
+    assert masker.of("s599") is not masker
+    assert masker.of("stays") is not masker
+    assert masker.of("s0") is masker, "who is not known hides all"

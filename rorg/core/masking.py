@@ -124,7 +124,7 @@ class Masker:
         self._forms: tuple[str, ...] = ()
         """All that is looked for, what is longer first."""
         self._parts: dict[str, Masker] = {}
-        """Of each service one that knows its own secrets."""
+        """Of each service one that knows its own secrets; services of earlier trees first, the last KEPT of them."""
         self._names: tuple[str, ...] = ()
         """Of services that other services declare: their words, which are shown though there is a secret in them."""
 
@@ -138,7 +138,12 @@ class Masker:
         found = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in said}
         self._look_for(found)
         for name, own in _own_secrets(catalog).items():
-            self._parts.setdefault(name, Masker())._look_for(own & found)
+            part = self._parts.pop(name, None) or Masker()
+            part._look_for(own & found)
+            self._parts[name] = part
+        past = [*self._parts][: -len(catalog.services) or None]
+        for name in past[:-KEPT]:
+            del self._parts[name]
         self._names = tuple(name for name in managed if any(form in name for form in self._forms))
 
     def _look_for(self, found: set[str]) -> None:

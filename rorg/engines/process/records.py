@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.engines.process.table import is_same, stat
+from rorg.engines.process.table import is_same, known, stat
 from rorg.errors import EngineError
 from rorg.store.files import make_directory, read_state, write_atomic
-from rorg.store.state_dir import read_json
 
 Record = Mapping[str, Any]
 """id, name, spec, labels, live and created_at; once it was started pid, ticks, boot, log_from and started_at."""
@@ -33,7 +32,12 @@ class Records:
         make_directory(directory)
 
     def ids(self) -> list[str]:
-        return sorted(p.name for p in self.directory.iterdir() if os.path.lexists(p / "record.json"))
+        """Of all records. Raises Unreachable."""
+        try:
+            return sorted(p.name for p in self.directory.iterdir() if os.path.lexists(p / "record.json"))
+        except OSError as error:
+            known(error, str(self.directory))
+            raise
 
     def folder(self, container: str) -> Path:
         return self.directory / container
@@ -42,12 +46,13 @@ class Records:
         return self.folder(container) / "log"
 
     def read(self, container: str) -> dict[str, Any]:
-        """Raises EngineError: gone where there is none, other where it cannot be read."""
+        """Raises EngineError: gone where there is none, other where what lies there is no record; Unreachable where
+        nothing is known of it now."""
         path = self.folder(container) / "record.json"
         if not os.path.lexists(path):
             raise EngineError(f"find {container}", "no such container", kind="gone")
-        record = read_json(path) or {}
-        if record.get("id") != container or not _whole(record):
+        record = _json(path)
+        if not isinstance(record, dict) or record.get("id") != container or not _whole(record):
             raise EngineError(
                 f"find {container}", f"{path} cannot be read", "ending its processes, and removing its folder"
             )
@@ -57,7 +62,7 @@ class Records:
         write_atomic(self.folder(record["id"]) / "record.json", json.dumps(record), mode=0o600)
 
     def state(self, record: Record) -> tuple[str, int | None]:
-        """created, running, paused or exited; and the exit code of the last."""
+        """created, running, paused or exited; and the exit code of the last. Raises Unreachable."""
         if not record.get("pid"):
             return "created", None
         child = self.children.get(record["id"])
@@ -68,8 +73,22 @@ class Records:
             return ("paused" if facts and facts[0] == "T" else "running"), None
         try:
             return "exited", int(read_state(self.folder(record["id"]) / "exit"))
-        except (OSError, ValueError):
-            return "exited", 137
+        except OSError as error:
+            known(error, f"the exit code of {record['id'][:12]}")
+        except ValueError:
+            pass
+        return "exited", 137
+
+
+def _json(path: Path) -> Any:
+    """What a file says, or None where it says nothing. Raises Unreachable where nothing is known of it now."""
+    try:
+        return json.loads(read_state(path))
+    except OSError as error:
+        known(error, str(path))
+    except (ValueError, RecursionError):
+        pass
+    return None
 
 
 def _whole(record: Record) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -9,12 +10,22 @@ import time
 from functools import cache
 from pathlib import Path
 
+from rorg.errors import Unreachable
+
 MARK = "RORG_CONTAINER"
 """Environment variable that every process we start inherits: the id of its container."""
 BEGIN = 5.0
 """Seconds within which a program has begun, however busy the machine is."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
+SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+"""Errors that say nothing about a file or process: no descriptor or memory is left to look at it."""
+
+
+def known(error: OSError, what: str) -> None:
+    """Raises Unreachable for an error that leaves open what it is about; any other one tells that it is gone."""
+    if error.errno in SHORT_OF:
+        raise Unreachable(f"look at {what}", error.strerror or str(error), "a higher limit of open files") from error
 
 
 @cache
@@ -24,10 +35,12 @@ def boot_id() -> str:
 
 
 def stat(pid: int) -> tuple[str, int, int, float, int] | None:
-    """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone."""
+    """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone.
+    Raises Unreachable."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(errors="replace")  # names are bytes, and cut anywhere
-    except OSError:
+    except OSError as error:
+        known(error, f"process {pid}")
         return None
     fields = text[text.rindex(")") + 2 :].split()
     cpu = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -56,7 +69,8 @@ def members(leader: int, container: str) -> list[int]:
 def _marked(pid: int, container: str) -> bool:
     try:
         environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-    except OSError:
+    except OSError as error:
+        known(error, f"process {pid}")
         return False
     return f"{MARK}={container}".encode() in environment
 
@@ -94,7 +108,8 @@ def signal_group(leader: int, started: int, boot: str, container: str, number: i
     """Signals all processes of a container; False when none of them is left."""
     try:
         descriptor = os.pidfd_open(leader)
-    except OSError:
+    except OSError as error:
+        known(error, f"process {leader}")
         descriptor = -1
     try:
         # With the descriptor open the pid cannot come to mean another process between the check and the signal.
@@ -118,7 +133,8 @@ def signal_group(leader: int, started: int, boot: str, container: str, number: i
 def _signal_one(pid: int, container: str, number: int) -> None:
     try:
         descriptor = os.pidfd_open(pid)
-    except OSError:
+    except OSError as error:
+        known(error, f"process {pid}")
         return
     try:
         if _marked(pid, container):
