@@ -15,7 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from hypothesis import HealthCheck, Phase, example, given, reject, settings
+import pytest
+from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
 from robots import VirtualRobot, write_tree
 
@@ -40,6 +41,8 @@ from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
 from rorg.sim.robot import OFTEN, SimRobot
 
+ROBOTS = Path(__file__).parent / "cases/robots"
+"""Found by the properties, and made as small as they go."""
 NAMES = [f"s{n}" for n in range(6)]
 DEVICE = "/dev/arm"
 EXAMPLES = int(os.environ.get("RORG_TEST_EXAMPLES") or 0)
@@ -241,69 +244,18 @@ def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
     live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
-PASSING_NAME_TAKEN = (
-    {
-        "s0": {
-            "container": {},
-            "needs": [],
-            "always_on": False,
-            "idle": {"action": "remove", "linger": "5s", "min_active": "2s"},
-            "ready": {"delay": "300ms"},
-            "interlock": {"file": "/allow"},
-            "driver": {"devices": ["/dev/arm"]},
-            "priority": 20,
-            "protected": False,
-            "exclusive": [],
-            "conflicts": [],
-            "update": {"when": "now", "bake": "5s", "atomic": False},
-            "resources": {"cpu": 0.5, "memory": "1Gi"},
-        },
-        "s1": {
-            "container": {"volumes_from": ["s0"]},
-            "needs": [{"service": "s0", "restart": True}],
-            "always_on": False,
-            "idle": {"action": "remove", "linger": "5s", "min_active": "0s"},
-            "ready": {"delay": "300ms"},
-            "live": {"tcp": 1234},
-            "driver": {"devices": ["/dev/arm"], "unplugged": "keep"},
-            "priority": 80,
-            "protected": False,
-            "exclusive": ["cam"],
-            "conflicts": [],
-            "update": {"when": "now", "bake": "2s", "atomic": False},
-            "resources": {"cpu": 0.5, "memory": "1Gi"},
-        },
-    },
-    "network_mode",
-    [
-        ("kill", "s0", 0.0),
-        ("dies", "s0", 0.2),
-        ("restart", "s1", 0.0),
-        ("request", "s1", 0.2),
-        ("revert", "s1", 0.2),
-        ("refused", "s1", 0.02),
-        ("release", "s1", 3.0),
-        ("restart", "s1", 0.02),
-        ("dies", "s1", 0.1),
-        ("retry", "s0", 0.2),
-        ("request", "s1", 0.1),
-        ("revert", "s0", 3.0),
-        ("dies", "s1", 0.1),
-        ("replace", "s0", 0.2),
-        ("replace", "s1", 0.0),
-        ("restart", "s1", 0.02),
-    ],
-)
-"""A container that never started is joined to one that is gone, and has the name that the next one gets."""
-
-
 @HALF
 @given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
-@example(*PASSING_NAME_TAKEN)
 def test_what_is_joined_follows_what_it_joins(specs, option, events):
     first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
     second |= {"container": joined(option, NAMES[0]), "always_on": True}
     live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
+
+
+@pytest.mark.parametrize("case", sorted(ROBOTS.glob("*.json")), ids=lambda path: path.stem)
+def test_a_robot_that_failed_once_does_not_again(case):
+    found = json.loads(case.read_text())
+    globals()[found.pop("property")].hypothesis.inner_test(**found)
 
 
 def test_what_is_not_declared_any_more_is_planned_as_anew(tmp_path):

@@ -68,7 +68,9 @@ class _Reconciled:
         if current is None:
             new_name = self.free_name([c for c, _ in stale])
             steps.append(self.create(new_name, stale, swap.old))
-        steps += self.clear([p for p in stale if p[0] is not swap.old], True)
+        others = self.clear([p for p in stale if p[0] is not swap.old], True)
+        # The trial goes on beside what is removed here, so the removals are no part of a replacement.
+        steps += [replace(step, surplus=True) for step in others] if swap.under_way else others
         if swap.old:
             steps += self.make_room(swap.old)
         if current:
