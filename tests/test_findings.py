@@ -172,7 +172,8 @@ def test_checks_take_a_small_part_of_the_time_of_a_load(tmp_path):
     build(tmp_path, {"s0": "image: ros:1\n", "roscore": "image: ros:1\ncommand: roscore\nready: {tcp: 11311}\n"})
     loaded = load(tmp_path)
     whole = least(lambda: load(tmp_path))
-    assert least(lambda: validate(loaded.catalog, loaded.sources)) < 0.2 * whole
+    part = least(lambda: validate(loaded.catalog, loaded.sources))
+    assert part < 0.3 * whole
 
 
 def least(do) -> float:
