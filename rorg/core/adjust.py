@@ -72,20 +72,26 @@ def _shares(view: View, service: Service, container: Container) -> int | None:
 
 
 def _restart(view: View, service: Service, moving: Callable[[str], bool], container: Container) -> str:
-    """Why the run of now must end though the service is wanted; empty when it may go on."""
+    """Why the current run must end although the service is wanted; empty if it may go on."""
     if not container.alive or service.name not in view.s.wanted:
         return ""
     if view.s.restarts.get(service.name) == container.incarnation:
         return "restart requested"
-    memory = view.s.memory.of(service.name)
-    if memory.hung == container.incarnation:
-        return memory.error
     paths = content_to_restart_for(view, service, container)
     if paths and not deferred(view, service, paths):
         return f"changed: {', '.join(paths)}"
+    return cannot_go_on(view, service, moving, container)
+
+
+def cannot_go_on(view: View, service: Service, moving: Callable[[str], bool], container: Container) -> str:
+    """What is wrong with a run that nobody asked to end: it hangs, or a need whose restart restarts it was restarted.
+    Empty if nothing is."""
+    memory = view.s.memory.of(service.name)
+    if memory.hung == container.incarnation:
+        return memory.error
     for need in service.restarts_with:
         current = view.current(need)
-        # Its readiness is waited for, since what ends now still wants to say goodbye to it.
+        # Wait until the need is ready: what ends now may still want to say goodbye to it.
         if (
             current
             and current.state == "running"

@@ -69,9 +69,10 @@ def is_made_ahead(view: View, name: str) -> bool:
 
 
 def awaited(view: View, service: Service) -> Waiting | None:
-    """Why what runs is not replaced by what is joined to the containers of now; None where nothing stands against it.
-    It may yet be that the one comes back to which it is joined."""
-    for name in service.joins:
+    """Why the running container is not yet replaced by one that is joined to the current containers; None if nothing
+    speaks against it. The container that it is joined to may still come back. An unwanted run ends whatever happens to
+    that one, so it waits for nothing."""
+    for name in service.joins if service.name in view.s.wanted else ():
         if view.active(service.name) and not _together(view, service, name) and tried(view, name):
             up = came_up_at(view.s.memory.of(name), view.desired.catalog.services[name])
             return Waiting(service.name, f"{name} has another container, which is on trial", up)

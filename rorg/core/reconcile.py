@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from rorg.core.adjust import adjust, passing_name
+from rorg.core.adjust import adjust, cannot_go_on, passing_name
 from rorg.core.ceasing import cease
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
@@ -61,6 +61,9 @@ class _Reconciled:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
+        if swap.old and (why := self.must_restart(swap.old)):
+            ended = [stop(swap.old, why, self.service)]
+            return restarting(swap.old, [*ended, *self.run(swap.old, ended)])
         if current is None and self.not_to_be_made():
             return self.cease(stale[0][0]) if stale else []
         steps: list[Step] = []
@@ -138,6 +141,14 @@ class _Reconciled:
             return [replace(s, part_of=Part.REPLACE, reason=why) for s in steps]
         steps = restarting(old, steps)
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
+
+    def must_restart(self, old: Container) -> str:
+        """Why the current run ends and begins again while its change waits for others of its set: no new container of
+        the set takes its place before all are there. Empty if the run goes on."""
+        waits = self.step.update.held and self.name in self.s.wanted and old.id not in self.moved
+        if not waits or not old.alive or self.name in self.s.restarts:
+            return ""
+        return cannot_go_on(self.view, self.service, self.moving, old)
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
         """Those that may be gone back to. One that would only be joined to others is what the new one is; what cannot
