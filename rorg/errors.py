@@ -16,7 +16,7 @@ class Exit(IntEnum):
     OK = 0
     """OK, or no differences."""
     DIFFERENCES = 1
-    """`rorg diff` only: the plan is not empty."""
+    """`rorg diff`: the plan is not empty. `rorg stop`: another request keeps the service wanted."""
     USAGE = 2
     """Wrong usage, or an invalid manifest or request."""
     UNREACHABLE = 3
@@ -81,6 +81,12 @@ class Refused(RorgError):
     """Refused on purpose: lock held, confirmation missing, stale plan."""
 
     code = Exit.REFUSED
+
+
+class StillWanted(RorgError):
+    """The request is over, and the service goes on because something else asks for it."""
+
+    code = Exit.DIFFERENCES
 
 
 class Unconfirmed(Refused):

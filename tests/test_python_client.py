@@ -682,13 +682,13 @@ def test_an_error_keeps_what_it_says_when_it_is_sent_to_another_process():
 def test_stop_names_who_holds_what_goes_on_running(robot):
     folder = ("--state-dir", str(robot.state))
     with robot.client().request("arm", id="tour", wait=60):
-        told = commands.rorg("stop", "arm", *folder, code=5).stderr
+        told = commands.rorg("stop", "arm", *folder, code=1).stderr
         assert "rorg: cannot stop arm: request 'tour' of developer holds it; try `rorg release tour`" in told
-        told = commands.rorg("stop", "lidar", *folder, code=5).stderr
+        told = commands.rorg("stop", "lidar", *folder, code=1).stderr
         assert "cannot stop lidar: " in told
         assert "tour" in told
         robot.client().request("arm", id="arm", ttl=None)
-        told = commands.rorg("stop", "arm", *folder, code=5)
+        told = commands.rorg("stop", "arm", *folder, code=1)
         assert "request 'arm' of developer released" in told.stdout + told.stderr
         assert "request 'tour' of developer holds it" in told.stderr
     assert "nothing to release" in commands.rorg("stop", "arm", *folder).stderr

@@ -21,7 +21,7 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """End a request, as `rorg release` does. Exits 5 if a service of this name is still wanted after that, and says who
+    """End a request, as `rorg release` does. Exits 1 if a service of this name is still wanted after that, and says who
     holds it.
 
     Example: rorg stop navigation
@@ -29,7 +29,7 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.operating import operating
     from rorg.cli.release import command as release
-    from rorg.errors import Refused
+    from rorg.errors import StillWanted
 
     robot = operating(Context(state_dir, None))
     if robot.requesters(id):
@@ -39,7 +39,7 @@ def command(
         return
     for one in _known(robot, id):
         if one["wanted"]:
-            raise Refused(f"stop {one['service']}", *_held(one))
+            raise StillWanted(f"stop {one['service']}", *_held(one))
 
 
 def _held(one: Why) -> tuple[str, str]:
