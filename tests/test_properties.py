@@ -642,8 +642,9 @@ class Watch:
         run = found[action.container]
         if fits(run, name, desired):
             return  # another node of its device, or another network, is no change of its manifest
-        if not {*joined_of(run.joined).values()} <= found.keys():
-            return  # what it is joined to is gone: it cannot go on as it is, nor be gone back to
+        joined, shared = joined_of(run.joined).values(), namespaces(desired.catalog.services[name], run)
+        if any(id not in found or (id in shared and not found[id].alive) for id in joined):
+            return  # what it is joined to is gone or over: it cannot go on as it is, nor be gone back to
         members = {*desired.sets.get(desired.catalog.services[name].update.atomic, ())}
         if run.previous in found and any(robot.memory.of(m).update.failed for m in members):
             return  # the change of one has failed, and the others go back too

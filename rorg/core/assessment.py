@@ -113,11 +113,13 @@ def _evicted(
 ) -> tuple[Memory, Eviction, Admission]:
     """What pressure changes: who is shed has to be admitted anew."""
     catalog, shed = inputs.desired.catalog, memory.pressure.shed
+    free = admit(catalog, requests, holds) if shed else admission
     memory, eviction = evict(
         memory,
         inputs.desired,
         admission,
-        admit(catalog, requests, holds) if shed else admission,
+        free,
+        {s.service: _priority_if_back(s.service, memory, inputs, free, requests, holds) for s in shed},
         inputs.observed,
         inputs.load,
         _excluded(memory, holds),
@@ -127,6 +129,22 @@ def _evicted(
     if memory.pressure.shed != shed:
         admission = admit(catalog, requests, _excluded(memory, holds))
     return memory, eviction, admission
+
+
+def _priority_if_back(
+    name: str,
+    memory: Memory,
+    inputs: Inputs,
+    free: Admission,
+    requests: tuple[Request, ...],
+    holds: Mapping[str, str],
+) -> int:
+    """The priority of a service if it were no longer shed, -1 if nobody would want it. Of two that exclude each other,
+    the second is wanted only because the first is shed: with both back, admission would leave it out. It stays shed."""
+    if name in free.priorities:
+        return free.priorities[name]
+    out = {n: why for n, why in _excluded(memory, holds).items() if n != name or n in holds}
+    return admit(inputs.desired.catalog, requests, out).priorities.get(name, -1)
 
 
 def _prewarmed(

@@ -31,15 +31,19 @@ def evict(
     desired: Desired,
     admission: Admission,
     free: Admission,
+    back: Mapping[str, int],
     observed: Observed,
     load: Load | None,
     excluded: Collection[str],
     locked: Collection[str],
     suspended: bool,
 ) -> tuple[Memory, Eviction]:
-    """Steps the state of pressure by a sample, and says what follows. `free` is the admission as if nothing were shed;
-    `excluded` must not be active anyway; `locked` must not be touched now. While suspended nothing can be done, so
-    nothing more is concluded; without thresholds nothing is in force."""
+    """Advance the state of pressure by one sample and say which measures follow.
+
+    `free` is the admission as if nothing were shed. `back` holds the priority that each shed service would have if it
+    came back, -1 if nobody would want it then. `excluded` services must not be active anyway; `locked` ones must not be
+    touched now. While suspended nothing can be done, so no new conclusion is drawn. Without thresholds no measure is in
+    force."""
     policy = desired.catalog.policy
     if policy.pressure is None:
         return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Eviction()
@@ -50,9 +54,7 @@ def evict(
         over = excess(policy.pressure, policy.budget, load) if load else {}
         victims = Victims(desired, admission, free, excluded, locked, states, load, over)
         # Shedding is for what is wanted but for this, and never for what is protected by now, or needed by that.
-        state = without(
-            state, [s.service for s in state.shed if not 0 <= free.priorities.get(s.service, -1) < PROTECTED]
-        )
+        state = without(state, [s.service for s in state.shed if not 0 <= back.get(s.service, -1) < PROTECTED])
         state = advance(
             state,
             policy.pressure,

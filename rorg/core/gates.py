@@ -7,7 +7,7 @@ from typing import Protocol
 
 from rorg.core.digest import rules_of
 from rorg.core.images import held_back
-from rorg.core.joining import awaited, ended
+from rorg.core.joining import awaited, ended, is_cut_off
 from rorg.core.memory import Progress
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
 from rorg.core.plan import Part, Waiting
@@ -76,8 +76,7 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
     if locked:
         return (), Waiting(name, f"interlock: {locked}")
     begins = operation.begins or step.part_of
-    ends_anyway = not view.active(name) or name in view.s.restarts  # and begins with the new one then
-    if swap and memory.update.held and not ends_anyway:
+    if swap and memory.update.held and not _ends_anyway(view, service):
         return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
     limits = view.desired.catalog.policy.pressure
     # Of what is to run only: a change does not keep a service that is shed from being stopped.
@@ -92,6 +91,14 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
     if operation.ends and name not in view.s.wanted:
         return _cease(view, service, earlier, leaving)
     return FREE
+
+
+def _ends_anyway(view: View, service: Service) -> bool:
+    """Whether no run can go on until its set is complete. The service then begins with its new container."""
+    current = view.current(service.name)
+    if current is None or not current.active or service.name in view.s.restarts:
+        return True
+    return is_cut_off(view, service, current)
 
 
 def _join(view: View, service: Service, earlier: Earlier) -> Passage:

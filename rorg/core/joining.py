@@ -16,7 +16,7 @@ from rorg.core.plan import Waiting
 from rorg.core.rollout import came_up_at, candidate, has_come_up
 from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
-from rorg.model.joining import resolved
+from rorg.model.joining import ends_with, resolved
 
 
 @lru_cache(maxsize=1024)
@@ -91,6 +91,17 @@ def ended(view: View, service: Service, name: str, container: str) -> str:
     if there is None or current is None or not current.alive:
         return "has ended, and with it what would be joined"
     return "runs in another container than the one to join"
+
+
+def is_cut_off(view: View, service: Service, container: Container) -> bool:
+    """Whether a container cannot go on as it is: what it is joined to is gone or, if it shares a namespace, has ended
+    and made way for another container."""
+    for name, there in joined_of(container.joined).items():
+        other = next((c for c in view.of(name) if c.id == there), None)
+        ended = other is not None and not other.alive and there != _current(view, name)
+        if name in service.joins and (other is None or (ended and name in ends_with(service.joins))):
+            return True
+    return False
 
 
 def tried(view: View, name: str) -> bool:

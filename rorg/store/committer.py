@@ -78,8 +78,8 @@ class Committer:
             self._thread.join(PATIENCE)
 
     def submit(self, edit: Edit, caller: str = "") -> Future[int]:
-        """The future has the change's generation once the disk has it, or the error with which it was refused. It cannot
-        be cancelled: a submitted change is made whether or not its caller still waits."""
+        """The future has the change's generation once the disk has it, or the error with which it was refused. It
+        cannot be cancelled: a submitted change is made whether or not its caller still waits."""
         future: Future[int] = Future()
         future.set_running_or_notify_cancel()
         with self._news:
