@@ -8,6 +8,7 @@ from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
 from rorg.core.joining import tried
+from rorg.core.memory import NO_ANSWER
 from rorg.core.observed import Container
 from rorg.core.operations import Rename, Signal, Update
 from rorg.core.pressure import LOWERED_SHARES
@@ -88,7 +89,7 @@ def cannot_go_on(view: View, service: Service, moving: Callable[[str], bool], co
     Empty if nothing is."""
     memory = view.s.memory.of(service.name)
     if memory.hung == container.incarnation:
-        return memory.error
+        return memory.error or NO_ANSWER
     for need in service.restarts_with:
         current = view.current(need)
         # Wait until the need is ready: what ends now may still want to say goodbye to it.

@@ -79,6 +79,10 @@ class Attempt:
     """It failed since the engine cannot do that at all."""
 
 
+NO_ANSWER = "it does not answer any more"
+"""Why a run hangs, if what its probe said was forgotten: a changed manifest begins with a clean slate."""
+
+
 @dataclass(frozen=True, slots=True)
 class Progress:
     """Of one service. Times are of the loop's monotonic clock, in seconds."""

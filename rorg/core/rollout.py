@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from rorg.core.content import changed
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
-from rorg.core.memory import Memory, ProbeResult, Progress
+from rorg.core.memory import NO_ANSWER, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.plan import Action
@@ -140,7 +140,7 @@ def _verdict(step: Progress, service: Service, current: Container, seen: Seen) -
     if step.well_since is not None:
         return _of_a_bake(step, service, current, seen)
     if step.hung == step.incarnation:
-        return _Verdict(error=step.error)
+        return _Verdict(error=step.error or NO_ANSWER)
     said = f": {step.probe}" if step.probe else ""
     if step.was_ready:
         return _Verdict(error=f"not ready any more{said}")
