@@ -36,8 +36,8 @@ from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Plugged
-from rorg.model.live import LIVE
 from rorg.model.objects import EngineObject
+from rorg.model.options import LIVE
 from rorg.model.units import parse_time
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))

@@ -15,7 +15,7 @@ from rorg.core.masking import MASK, masked
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
-from rorg.model.live import LIVE
+from rorg.model.options import LIVE
 from rorg.model.units import format_memory
 
 LONG = 60

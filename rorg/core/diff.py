@@ -13,7 +13,7 @@ from rorg.core.masking import same
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
-from rorg.model.live import LIVE
+from rorg.model.options import LIVE
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.model.options import OPTIONS
 from rorg.model.ports import parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
@@ -17,10 +18,6 @@ NOTHING = None
 
 _NO_MODES = frozenset(("rw", "rprivate", "consistent", "cached", "delegated"))
 """What a volume is by itself, or what means nothing on Linux."""
-
-
-def _flag(value: Any) -> Any:
-    return NOTHING if value is False else value
 
 
 def _each(turn: Turn) -> Turn:
@@ -62,10 +59,6 @@ def _paths(value: Any) -> Any:
 
 def _same(value: Any) -> Any:
     return value
-
-
-def _full(value: Any) -> Any:
-    return value or NOTHING
 
 
 def _among(*defaults: Any) -> Turn:
@@ -135,72 +128,18 @@ def _limit(value: Any) -> Any:
     return NOTHING if value <= 0 else value
 
 
-_SETS: Mapping[str, Turn] = {
-    "cap_add": _capability,
-    "cap_drop": _capability,
-    "device_cgroup_rules": _same,
-    "devices": _device,
-    "group_add": _same,
-    "gpus": _same,
-    "links": _same,
-    "security_opt": _security,
-    "tmpfs": _tmpfs,
-    "volumes": _volume,
-}
-_FLAGS = ("network_disabled", "oom_kill_disable", "privileged", "publish_all_ports", "read_only", "stdin_open", "tty")
-_EMPTY = (
-    "annotations",
-    "blkio_config",
-    "command",
-    "dns",
-    "dns_opt",
-    "dns_search",
-    "domainname",
-    "env_file",
-    "hostname",
-    "ipc",
-    "labels",
-    "pid",
-    "storage_opt",
-    "sysctls",
-    "ulimits",
-    "user",
-    "userns_mode",
-    "uts",
-    "volumes_from",
-    "cgroup_parent",
-    "working_dir",
-    "mac_address",
-    "runtime",
-    "volume_driver",
-    "platform",
-    "cpuset",
-    "cpuset_mems",
-)
 _TURNS: Mapping[str, Turn] = {
-    **{name: _each(turn) for name, turn in _SETS.items()},
-    **dict.fromkeys(_FLAGS, _flag),
-    **dict.fromkeys(_EMPTY, _full),
-    **dict.fromkeys(
-        (
-            "cpu_period",
-            "cpu_quota",
-            "cpu_rt_period",
-            "cpu_rt_runtime",
-            "cpu_shares",
-            "cpus",
-            "mem_limit",
-            "mem_reservation",
-            "memswap_limit",
-            "oom_score_adj",
-            "shm_size",
-        ),
-        _among(0),
-    ),
+    "cap_add": _each(_capability),
+    "cap_drop": _each(_capability),
+    "device_cgroup_rules": _each(_same),
+    "devices": _each(_device),
     "expose": _spread(parse_expose),
     "extra_hosts": _hosts,
+    "gpus": _each(_same),
+    "group_add": _each(_same),
     "healthcheck": _healthcheck,
     "isolation": _among("", "default"),
+    "links": _each(_same),
     "masked_paths": _paths,
     "network_mode": _among("", "default", "bridge"),
     "networks": _networks,
@@ -208,13 +147,20 @@ _TURNS: Mapping[str, Turn] = {
     "ports": _spread(_ports),
     "readonly_paths": _paths,
     "restart": _restart,
+    "security_opt": _each(_security),
     "stop_signal": _signal,
+    "tmpfs": _each(_tmpfs),
+    "volumes": _each(_volume),
 }
 
 
 def normal(option: str, value: Any) -> Any:
-    """The normal form of one option's value; None for what is as if it had not been declared."""
-    return value if value is None or option not in _TURNS else _tried(_TURNS[option], value)
+    """The normal form of one option's value; None if it means the same as no declaration."""
+    if value is None:
+        return None
+    if option in _TURNS:
+        return _tried(_TURNS[option], value)
+    return value or NOTHING if option in OPTIONS and OPTIONS[option].empty else value
 
 
 def normal_fields(fields: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.devices import Plugged
 from rorg.model.joining import NAMESPACES
-from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
+from rorg.model.options import LIVE
 from rorg.model.units import stamp
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
