@@ -14,9 +14,8 @@ from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
 from rorg.core.view import View
 from rorg.model.codes import BLOCKED
-from rorg.model.objects import EngineObject, subject
+from rorg.model.objects import EngineObject, keys_of, subject
 from rorg.model.units import format_seconds
-from rorg.model.used import keys_of
 
 
 def declared_objects(situation: Situation) -> list[str]:

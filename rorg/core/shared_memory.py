@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from rorg.core.observed import Observed
 from rorg.model.catalog import Service
-from rorg.model.ros2 import declares_ros2
+from rorg.model.ros import declares_ros2
 
 FILE = re.compile(r"(?:sem\.)?((?:fastrtps|fastdds|fast_datasharing)_.+?)(?:_el|_sl|_mutex)?")
 """A segment or a port of its transport, with the locks and the semaphore beside it."""

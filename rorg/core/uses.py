@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rorg.model.catalog import Catalog
-from rorg.model.objects import EngineObject
-from rorg.model.used import keys_of
+from rorg.model.objects import EngineObject, keys_of
 
 Uses = Mapping[str, tuple[str, ...]]
 

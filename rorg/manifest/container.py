@@ -16,6 +16,7 @@ from rorg.manifest.long_forms import Device, EnvFiles, PortForm
 from rorg.manifest.option_forms import (
     Bytes,
     Cores,
+    Duration,
     Labels,
     Limit,
     Limitless,
@@ -27,7 +28,6 @@ from rorg.manifest.option_forms import (
     Words,
 )
 from rorg.manifest.option_parts import BlkioConfig, Gpus, Healthcheck, Hosts, Logging, Networks, Ulimits, Volume
-from rorg.manifest.scalars import Duration
 
 CONTAINER_NAME = r"^(\$\{service\}|[a-zA-Z0-9]([a-zA-Z0-9_.-]|\$\{service\}))([a-zA-Z0-9_.-]|\$\{service\})*$"
 PERIOD = "write 1000 to 1000000, in microseconds"

@@ -5,28 +5,36 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.declarations import policy_of, requests_of
 from rorg.manifest.documents import Source, read_tree, unexpected
-from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
+from rorg.manifest.profiles import Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import PROCESS, check_programs
-from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
-from rorg.manifest.render import render
+from rorg.manifest.references import (
+    check_conflicts,
+    check_container_names,
+    check_cycles,
+    check_spelling,
+    expand_groups,
+    requests_of,
+    resolve,
+    unknown_permitted,
+    unknown_profiles,
+)
+from rorg.manifest.render import policy_of, render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
-from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, few_suggestions, nearest
+from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
+from rorg.model.diagnostics import Diagnostic, Where, few_suggestions
 from rorg.model.image_names import stems
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
@@ -85,7 +93,7 @@ def _load(
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
-    diagnostics += more + check_spelling(sources)
+    diagnostics += [*more, *check_spelling(sources)]
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
@@ -188,13 +196,8 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
         first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
         where = source.where("metadata", "name")
         if first:
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the name '{source.name}' is taken by a {first.kind} at {first.where('metadata', 'name')}",
-                    "another name",
-                )
-            )
+            taken = f"is taken by a {first.kind} at {first.where('metadata', 'name')}"
+            diagnostics.append(Diagnostic(where, f"the name '{source.name}' {taken}", "another name"))
         elif source.name == DEVELOPER and (
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
         ):
@@ -210,55 +213,33 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
 def _catalog(
     by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str
 ) -> tuple[Catalog, list[Diagnostic]]:
-    profiles = {**built_in_profiles(), **by_kind.get("Profile", {})}
+    profiles, sources = {**built_in_profiles(), **by_kind.get("Profile", {})}, by_kind.get("Service", {})
     merged, diagnostics = merge_profiles(profiles)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
-    for name, source in by_kind.get("Service", {}).items():
-        wanted = source.spec.profile or ()
-        diagnostics += _unknown_profiles(source, wanted, {*profiles, *broken})
-        services[name], found = _rendered(source, merged.of(wanted), policy, engine)
+    for name, source in sources.items():
+        diagnostics += unknown_profiles(source, {*profiles, *broken})
+        services[name], found = _rendered(source, merged.of(source.spec.profile or ()), policy, engine)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
     known = {*services, *groups, *broken}
-    diagnostics += _resolve_all(by_kind.get("Service", {}), services, groups, known, engine)
-    diagnostics += check_container_names(services, by_kind.get("Service", {}))
-    diagnostics += check_idling(services, by_kind.get("Service", {}))
-    diagnostics += check_cycles(services, by_kind.get("Service", {}))
-    diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
+    diagnostics += _resolve_all(sources, services, groups, known, engine)
+    for check in (check_container_names, check_cycles):
+        diagnostics += check(services, sources)
+    diagnostics += unknown_permitted(sources, known)
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
-    images, of_images = _images(by_kind, services)
+    images, of_images = images_of(by_kind.get("Image", {}), services)
+    images, of_secrets = secrets_of(services, images, sources)
     services, networks, volumes, found = _objects(by_kind, services, engine)
     diagnostics += found
     stated = policy_of(policy) if policy else Policy()
     catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
     if not any(d.severity == "error" for d in diagnostics):
-        diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
-    diagnostics += of_images
-    diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
+        diagnostics += check_conflicts(catalog, sources)
+    diagnostics += [*of_images, *of_secrets, *check_programs(services, sources, images, engine)]
     return catalog, diagnostics
-
-
-def _unknown_profiles(source: Source, names: Iterable[str], known: set[str]) -> Iterator[Diagnostic]:
-    for index, name in enumerate(names):
-        if name not in known:
-            at = ("spec", "profile", index)
-            where = source.where(*at) if at in source.document.values else source.where("spec", "profile")
-            yield Diagnostic(where, f"unknown profile '{name}'", nearest(name, known))
-
-
-def _unknown_permitted(
-    services: Mapping[str, Service], sources: Mapping[str, Source], known: set[str]
-) -> Iterator[Diagnostic]:
-    """Names that mean nothing, in what services may do."""
-    for name, source in sources.items():
-        for field in ("may_request", "may_restart", "may_act_for"):
-            for index, other in enumerate(getattr(services[name], field)):
-                if other not in known and (field, other) != ("may_act_for", EVERY):
-                    where = source.where("spec", field, index)
-                    yield Diagnostic(where, f"unknown service '{other}'", nearest(other, known))
 
 
 def _objects(
@@ -271,14 +252,6 @@ def _objects(
     found += [*more, *check_default(services, sources, networks)]
     services = {n: joined(s, networks, volumes) for n, s in services.items()}
     return services, networks, volumes, [*found, *misspelt(services, sources, networks, volumes)]
-
-
-def _images(
-    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
-) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}), services)
-    images, found = secrets_of(services, images, by_kind.get("Service", {}))
-    return images, [*diagnostics, *found]
 
 
 def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tuple[Service, list[Diagnostic]]:
@@ -295,37 +268,11 @@ def _resolve_all(
     known: set[str],
     engine: str,
 ) -> list[Diagnostic]:
-    """Fills in what services say of each other, in place."""
+    """Resolves what services say of each other, in place."""
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
-        joined, of_joins = join(source, services[name], services, groups, known)
-        services[name], found = _resolve(source, joined, groups, known)
+        with_joins, of_joins = join(source, services[name], services, groups, known)
+        services[name], found = resolve(source, with_joins, groups, known)
         diagnostics += of_joins + found
     more = told_of_processes if engine == PROCESS else check_shared_memory
     return [*diagnostics, *more(services, sources)]
-
-
-def _resolve(
-    source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
-) -> tuple[Service, list[Diagnostic]]:
-    """Names in `needs` and `conflicts`: unknown ones are errors, groups become their members."""
-    diagnostics = []
-    resolved: dict[str, tuple[str, ...]] = {}
-    for field in ("needs", "conflicts"):
-        names: list[str] = []
-        written = [getattr(n, "service", n) for n in getattr(source.spec, field)]
-        for name in getattr(service, field):
-            where = (
-                source.where("spec", field, written.index(name)) if name in written else source.where("spec", "profile")
-            )
-            if field == "conflicts" and (name == service.name or name in service.needs):
-                what = "itself" if name == service.name else f"'{name}', which it needs"
-                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
-            elif name not in known:
-                by = "" if name in written else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
-                diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
-            names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
-        resolved[field] = tuple(dict.fromkeys(names))
-    follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
-    needs, conflicts = resolved["needs"], resolved["conflicts"]
-    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics

@@ -9,10 +9,9 @@ from pydantic import Field, model_validator
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
 from rorg.manifest.objects import NetworkSpec, VolumeSpec
-from rorg.manifest.option_forms import Many, Pairs, Strict, Words
+from rorg.manifest.option_forms import ImageName, Many, Name, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
-from rorg.manifest.scalars import ImageName, Name
 from rorg.manifest.service import Needs, Priority, Restart, ServiceSpec
 
 API_VERSION = "rorg/v1"

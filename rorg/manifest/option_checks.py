@@ -65,25 +65,9 @@ FSETID IPC_LOCK IPC_OWNER KILL LEASE LINUX_IMMUTABLE MAC_ADMIN MAC_OVERRIDE MKNO
 NET_BROADCAST NET_RAW PERFMON SETFCAP SETGID SETPCAP SETUID SYSLOG SYS_ADMIN SYS_BOOT SYS_CHROOT SYS_MODULE SYS_NICE
 SYS_PACCT SYS_PTRACE SYS_RAWIO SYS_RESOURCE SYS_TIME SYS_TTY_CONFIG WAKE_ALARM"""
 CAPABILITIES = frozenset(_CAPABILITIES.split())
-ULIMITS = frozenset(
-    (
-        "core",
-        "cpu",
-        "data",
-        "fsize",
-        "locks",
-        "memlock",
-        "msgqueue",
-        "nice",
-        "nofile",
-        "nproc",
-        "rss",
-        "rtprio",
-        "rttime",
-        "sigpending",
-        "stack",
-    )
-)
+_ULIMITS = """
+core cpu data fsize locks memlock msgqueue nice nofile nproc rss rtprio rttime sigpending stack"""
+ULIMITS = frozenset(_ULIMITS.split())
 SIGNALS = frozenset(
     (*signal.Signals.__members__, *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15)))
 )
@@ -191,22 +175,14 @@ def _security(value: str) -> None:
         raise ValueError(f"'{value}' is not a security option; write no-new-privileges, seccomp=, apparmor= or label=")
 
 
-def _volumes_from(value: str) -> None:
-    if not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", value, re.ASCII):
-        raise ValueError(f"'{value}' is not a container; write NAME, or NAME:ro")
-
-
 def _word(value: str) -> None:
     if not re.fullmatch(r"\S+", value):
         raise ValueError(f"'{value}' is not one word")
 
 
 def _sysctl(name: str) -> None:
-    if not re.match(
-        r"(net\.|fs\.mqueue\.|kernel\.(msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|"
-        r"domainname)$)",
-        name,
-    ):
+    of_kernel = "msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|domainname"
+    if not re.match(rf"(net\.|fs\.mqueue\.|kernel\.({of_kernel})$)", name):
         raise ValueError(f"'{name}' is not namespaced; set it on the host")
 
 
@@ -233,12 +209,13 @@ def _key(name: str) -> None:
 
 CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
 CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(check_image), checked(_word)
-NETWORK_MODE, SECURITY, VOLUMES_FROM = checked(_network_mode), checked(_security), checked(_volumes_from)
+NETWORK_MODE, SECURITY = checked(_network_mode), checked(_security)
 IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "container:"))
 PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))
 VOLUME, DEVICE, TMPFS = checked(parse_volume), checked(parse_device), checked(parse_tmpfs)
 PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
 TARGET, PUBLISHED = checked(check_target), checked(check_published)
+VOLUMES_FROM = like(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", "a container; write NAME, or NAME:ro")
 DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
 HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
 DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")

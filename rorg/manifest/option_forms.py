@@ -5,11 +5,12 @@ from __future__ import annotations
 import shlex
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, WithJsonSchema
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written
-from rorg.manifest.scalars import Memory
+from rorg.model import image_names
+from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
 MIB = 1 << 20
 LEAST_MEMORY = 6 * MIB
@@ -74,6 +75,36 @@ def _not_ours(value: dict[str, str]) -> dict[str, str]:
     if any(name.startswith("rorg.io/") for name in value):
         raise ValueError("labels that begin with rorg.io/ are rorg's own")
     return value
+
+
+Duration = Annotated[
+    float,
+    BeforeValidator(parse_duration),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"type": "string", "pattern": DURATION}]}),
+    Written("duration"),
+]
+Interval = Annotated[Duration, Field(ge=0.05)]
+"""Of what is done again and again."""
+Memory = Annotated[
+    int,
+    BeforeValidator(parse_memory),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": -1}, {"type": "string", "pattern": MEMORY}]}),
+    Written("size"),
+]
+Name = Annotated[str, StringConstraints(pattern=NAME, strict=True), Written("name")]
+
+
+def _image_name(value: str) -> str:
+    image_names.check_name(value)
+    return value
+
+
+ImageName = Annotated[
+    str,
+    AfterValidator(_image_name),
+    WithJsonSchema({"type": "string", "pattern": image_names.NAME, "maxLength": image_names.LONGEST}),
+    Written("image name"),
+]
 
 
 Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text")]

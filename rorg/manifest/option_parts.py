@@ -9,8 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, field
-from rorg.manifest.option_forms import MOST, Bytes, Pairs, Strict
-from rorg.manifest.scalars import Duration
+from rorg.manifest.option_forms import MOST, Bytes, Duration, Pairs, Strict
 from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
 
 

@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.fields import Written, field, unchanging
-from rorg.manifest.option_forms import Strict
+from rorg.manifest.option_forms import Duration, Interval, Memory, Name, Strict
 from rorg.manifest.probes import Interlock
-from rorg.manifest.scalars import Duration, Interval, Memory, Name
 
 
 def _units(value: object) -> object:

@@ -8,9 +8,8 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.fields import Written, unchanging
-from rorg.manifest.option_forms import Strict, Words
+from rorg.manifest.option_forms import Duration, Interval, Strict, Words
 from rorg.manifest.patterns import compiled
-from rorg.manifest.scalars import Duration, Interval
 
 
 def _port(value: object) -> str:
@@ -126,16 +125,6 @@ class Interlock(Probe):
 
 
 FORMS = (
-    "delay",
-    "completed",
-    "tcp",
-    "http",
-    "file",
-    "exec",
-    "log",
-    "engine",
-    "ros_node",
-    "ros_topic",
-    "ros_service",
-    "all",
+    *("delay", "completed", "tcp", "http", "file", "exec", "log", "engine"),
+    *("ros_node", "ros_topic", "ros_service", "all"),
 )

@@ -14,7 +14,8 @@ from rorg.manifest.rendered_container import container_of
 from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
-from rorg.model.ros2 import without_master
+from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
+from rorg.model.ros import without_master
 
 ROS_MASTER = "http://localhost:11311"
 """Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
@@ -129,6 +130,23 @@ def _updating(spec: Any, policy: Any) -> Updating:
     said = {**first, **(spec.update.model_dump(exclude_none=True) if spec.update else {})}
     atomic = said.pop("atomic", False)
     return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
+
+
+def policy_of(spec: Any) -> Policy:
+    """The Policy of a manifest's spec."""
+    budget, pressure = spec.budget, spec.pressure
+    return Policy(
+        spec.resync,
+        spec.bulk_workers,
+        Budget(**budget.model_dump()) if budget else None,
+        Thresholds(**pressure.model_dump()) if pressure else None,
+        dict(spec.resources),
+        spec.purge_ros,
+        spec.purge_shm,
+        spec.removals,
+        ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
+        HistoryPolicy(**spec.history.model_dump()) if spec.history else HistoryPolicy(),
+    )
 
 
 def probe(model: Any, role: str, master: str = "") -> Probe | None:

@@ -11,11 +11,10 @@ from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.driver import Driver
 from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.option_forms import Strict, Words
+from rorg.manifest.option_forms import Memory, Name, Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.ros import Ros
-from rorg.manifest.scalars import Memory, Name
 from rorg.model.units import NAME
 
 Priority = Annotated[int, Field(ge=0, le=100)]
@@ -87,24 +86,11 @@ Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
 Restart = Literal["always", "on-failure", "never"]
 
 
-def _container_only(spec: ServiceSpec) -> list[str]:
-    names = (
-        "image",
-        "command",
-        "profile",
-        "idle",
-        "update",
-        "ready",
-        "live",
-        "interlock",
-        "ros",
-        "driver",
-        "mounts",
-        "container",
-        "restart",
-        "inherit_environment",
-    )
-    return [n for n in names if getattr(spec, n) is not None]
+_OF_CONTAINERS = (
+    *("image", "command", "profile", "idle", "update", "ready", "live", "interlock", "ros", "driver", "mounts"),
+    *("container", "restart", "inherit_environment"),
+)
+"""Fields that a meta-service cannot have."""
 
 
 class ServiceSpec(Strict):
@@ -224,7 +210,7 @@ class ServiceSpec(Strict):
     @model_validator(mode="after")
     def _type(self) -> ServiceSpec:
         if self.type == "meta":
-            extra = _container_only(self)
+            extra = [name for name in _OF_CONTAINERS if getattr(self, name) is not None]
             if extra:
                 raise ValueError(f"a meta service has no container: drop {', '.join(extra)}")
         elif self.image is None:

@@ -10,8 +10,7 @@ from rorg.manifest.documents import Source
 from rorg.manifest.programs import PROCESS
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic, close_to
-from rorg.model.objects import EngineObject, Kind
-from rorg.model.used import keys_of
+from rorg.model.objects import EngineObject, Kind, keys_of
 
 Objects = Mapping[str, EngineObject]
 """Of one kind, by the name that services write."""

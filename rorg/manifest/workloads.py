@@ -10,8 +10,7 @@ from pydantic import BeforeValidator, Field
 
 from rorg.manifest.fields import Written, field
 from rorg.manifest.one_document import OneDocument, read_document
-from rorg.manifest.option_forms import Strict
-from rorg.manifest.scalars import Duration, Memory, Name
+from rorg.manifest.option_forms import Duration, Memory, Name, Strict
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.workload import Behaviour, Distribution, Workload
 

@@ -81,9 +81,13 @@ def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A remedy that names the closest known name, or the known ones where none is close."""
+    """A remedy that names the closest known name, or a few known names if none is close."""
     names = sorted(known)
-    close = close_to(name, names)
-    if close:
+    if close := close_to(name, names):
         return f"'{close}'"
     return f"one of {', '.join(names)}" if names and len(names) <= 12 else ""
+
+
+def unknown(where: Where, what: str, name: str, known: Iterable[str]) -> Diagnostic:
+    """The error for a name that means nothing; `what` is the kind of thing that it should name."""
+    return Diagnostic(where, f"unknown {what} '{name}'", nearest(name, known))

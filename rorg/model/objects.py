@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rorg.model.diagnostics import Where
+from rorg.model.volumes import is_path
 
 Kind = Literal["network", "volume"]
 KINDS: tuple[Kind, ...] = ("network", "volume")
@@ -50,3 +51,22 @@ def subject(kind: str, name: str) -> str:
 def is_object(name: str) -> bool:
     """Whether a subject of a plan is a network or a volume, and no service."""
     return "/" in name
+
+
+def keys_of(spec: Mapping[str, Any]) -> Iterator[str]:
+    """All networks and named volumes that a container of this spec uses, declared or not."""
+    for name in spec.get("networks") or ():
+        yield subject("network", name)
+    if spec.get("network_mode"):
+        yield subject("network", str(spec["network_mode"]))
+    for volume in spec.get("volumes") or ():
+        if name := _named(volume):
+            yield subject("volume", name)
+
+
+def _named(volume: Any) -> str:
+    """The name of a volume; empty for a path of the host, and for one without a name."""
+    if isinstance(volume, Mapping):
+        return str(volume.get("source") or "") if volume.get("type") == "volume" else ""
+    source, colon, _ = volume.partition(":")
+    return source if colon and not is_path(source) else ""

@@ -12,38 +12,10 @@ ACCESS = ("rw", "ro")
 PROPAGATION = ("private", "rprivate", "slave", "rslave", "shared", "rshared")
 _MODES = (ACCESS, ("z", "Z"), PROPAGATION, ("nocopy",), ("consistent", "cached", "delegated"))
 """Of each at most one."""
-_TMPFS_FLAGS = frozenset(
-    (
-        "rw",
-        "ro",
-        "suid",
-        "nosuid",
-        "dev",
-        "nodev",
-        "exec",
-        "noexec",
-        "sync",
-        "async",
-        "dirsync",
-        "mand",
-        "nomand",
-        "atime",
-        "noatime",
-        "diratime",
-        "nodiratime",
-        "remount",
-        "bind",
-        "rbind",
-        "relatime",
-        "norelatime",
-        "strictatime",
-        "nostrictatime",
-        "defaults",
-        *PROPAGATION,
-        "unbindable",
-        "runbindable",
-    )
-)
+_FLAGS = """
+rw ro suid nosuid dev nodev exec noexec sync async dirsync mand nomand atime noatime diratime nodiratime remount bind
+rbind relatime norelatime strictatime nostrictatime defaults unbindable runbindable"""
+_TMPFS_FLAGS = frozenset((*_FLAGS.split(), *PROPAGATION))
 _TMPFS_VALUES = ("size", "mode", "uid", "gid", "nr_inodes", "nr_blocks", "mpol")
 
 

@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, texts_of
 
@@ -26,7 +25,29 @@ LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manip
 """Names of drivers that move something. Words of other services as well, so only names of drivers count."""
 NEVER = 86_400.0
 """Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
+INFRASTRUCTURE = {
+    "roscore": "the ROS master",
+    "rosmaster": "the ROS master",
+    "fast-discovery-server": "a discovery server",
+    "fastdds": "a discovery server",
+    "rmw_zenohd": "a router",
+    "zenohd": "a router",
+    "rosbridge_websocket": "a bridge",
+    "rorg_ros": "rorg's own bridge",
+    "mosquitto": "a message broker",
+}
+"""Programs that all others talk to, by the name of their command. A call to one that is paused does not fail: it hangs
+until it is resumed."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
+
+
+def _infrastructure(robot: Robot) -> Iterator[Finding]:
+    for subject in (s for s in robot.subjects if s.service.idle.action == "pause"):
+        names = (word.rpartition("/")[2] for word in subject.words)
+        what = next((INFRASTRUCTURE[name] for name in names if name in INFRASTRUCTURE), "")
+        if what:
+            message = f"'{subject.name}' would be paused when idle, but it is {what}: all that talk to it would hang"
+            yield Finding("pause-of-infrastructure", subject.source.where("spec", "idle", "action"), message)
 
 
 def _actuators(robot: Robot) -> Iterator[Finding]:
@@ -135,4 +156,4 @@ def _never_paused(robot: Robot) -> Iterator[Finding]:
             yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
 
 
-CHECKS = (_actuators, _nodes, _callees, _servers, _never_paused, _lingering)
+CHECKS = (_infrastructure, _actuators, _nodes, _callees, _servers, _never_paused, _lingering)

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
 from rorg.model.graph import closure
-from rorg.model.units import format_memory, parse_memory
+from rorg.model.units import format_memory
 
 MOST_FILES = 1 << 20
 """Python 2 and roslaunch close every number up to the limit for each process that they start."""
 
 
-def memory_of(value: object) -> int:
-    """Bytes of an option; 0 for none, and for no limit."""
-    try:
-        return max(0, value if isinstance(value, int) else parse_memory(str(value)))
-    except ValueError:
-        return 0
+def memory_limit(subject: Subject) -> int:
+    """Bytes; 0 for no limit."""
+    return max(0, subject.options.get("mem_limit") or 0)
+
+
+def always_on(robot: Robot) -> tuple[set[str], float, int]:
+    """The services that are active without any request, with the cores and the bytes that they are expected to use."""
+    services = robot.catalog.services
+    names = closure(services, [s.name for s in services.values() if s.always_on])
+    return names, sum(services[n].cpu for n in names), sum(services[n].memory for n in names)
 
 
 def _expected(robot: Robot) -> Iterator[Finding]:
     """Limits below what the same manifest expects to be used."""
     for subject in robot.subjects:
-        limit, cores = memory_of(subject.options.get("mem_limit") or 0), float(subject.options.get("cpus") or 0)
+        limit, cores = memory_limit(subject), subject.options.get("cpus") or 0
         memory, cpu = subject.service.memory, subject.service.cpu
         if 0 < limit < memory:
             message = f"mem_limit {format_memory(limit)} is below the {format_memory(memory)} of resources.memory: the "
@@ -38,12 +41,11 @@ def _expected(robot: Robot) -> Iterator[Finding]:
 
 def _budgets(robot: Robot) -> Iterator[Finding]:
     """What is always on does not fit the budget of the Policy."""
-    budget, services = robot.catalog.policy.budget, robot.catalog.services
+    budget = robot.catalog.policy.budget
     policy = next(iter(robot.sources.get("Policy", {}).values()), None)
     if budget is None or policy is None:
         return
-    always = closure(services, [s.name for s in services.values() if s.always_on])
-    cpu, memory = sum(services[n].cpu for n in always), sum(services[n].memory for n in always)
+    _, cpu, memory = always_on(robot)
     for name, used, most, shown in (
         ("cpu", cpu, budget.cpu, f"{cpu:g} cores"),
         ("memory", memory, budget.memory, format_memory(memory)),
@@ -106,12 +108,11 @@ def _kernel(robot: Robot) -> Iterator[Finding]:
         if options.get("shm_size") and options.get("ipc") == "host":
             message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
             yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
-        if options.get("oom_kill_disable") and not memory_of(options.get("mem_limit") or 0):
+        if options.get("oom_kill_disable") and not memory_limit(subject):
             message = "the kernel may kill anything but this, which may take all memory"
             yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
-        nofile = (options.get("ulimits") or {}).get("nofile")
-        most = nofile.get("soft", 0) if isinstance(nofile, dict) else nofile or 0
-        if subject.ros1 and (int(most) > MOST_FILES or int(most) < 0):
+        most = options.get("ulimits", {}).get("nofile", {}).get("soft", 0)
+        if subject.ros1 and (most > MOST_FILES or most < 0):
             message = (
                 f"nofile {most}: roslaunch closes each of these for every node that it starts, which takes minutes"
             )

@@ -7,17 +7,14 @@ from collections.abc import Iterator, Mapping
 from rorg.manifest.documents import Source
 from rorg.manifest.validation.allowing import allowed
 from rorg.manifest.validation.codes import CODES
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.limits import memory_of
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.limits import always_on, memory_limit
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.ros2 import shares_memory
 from rorg.manifest.validation.run import allows_of, diagnostics
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.model.catalog import RUN, Catalog
 from rorg.model.diagnostics import Diagnostic
-from rorg.model.graph import closure
 from rorg.model.machine import ABSENT, DEVICE, DIRECTORY, Machine
-from rorg.model.ports import parse_ports
 from rorg.model.units import format_memory
 
 OF_CGROUP_1 = ("mem_swappiness", "oom_kill_disable", "cpu_rt_runtime", "cpu_rt_period")
@@ -91,16 +88,11 @@ def _writes(subject: Subject, mount: Mount, machine: Machine) -> Iterator[Findin
 
 
 def _ports(subject: Subject, machine: Machine) -> Iterator[Finding]:
-    for text in subject.options.get("ports") or ():
-        try:
-            found = parse_ports(text) if isinstance(text, str) else []
-        except ValueError:
-            continue
-        for port in found:
-            if port.host.isdigit() and port.port.endswith("/tcp") and int(port.host) in machine.ports:
-                program = machine.ports[int(port.host)]
-                message = f"port {port.host} of this machine is in use" + (f" by {program}" if program else "")
-                yield Finding("port-in-use", subject.item("ports", text), message)
+    for index, port in subject.published:
+        if port.port.endswith("/tcp") and int(port.host) in machine.ports:
+            program = machine.ports[int(port.host)]
+            message = f"port {port.host} of this machine is in use" + (f" by {program}" if program else "")
+            yield Finding("port-in-use", subject.item("ports", subject.options["ports"][index]), message)
 
 
 def _runtimes(subject: Subject, machine: Machine) -> Iterator[Finding]:
@@ -121,9 +113,8 @@ def _kernel(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if options.get(name) and machine.cgroup == 2:
             yield Finding("cgroup-version", subject.option(name), f"{name} is of cgroup v1, and this machine has v2")
     for name, limit in (("nofile", "fs.nr_open"), ("nproc", "kernel.pid_max")):
-        value = limits.get(name)
-        most = max(value.values(), default=0) if isinstance(value, dict) else value or 0
-        if limit in machine.sysctls and int(most) > machine.sysctls[limit]:
+        most = max(limits.get(name, {}).values(), default=0)
+        if limit in machine.sysctls and most > machine.sysctls[limit]:
             message = f"{name} {most} is above {limit}, which is {machine.sysctls[limit]} here"
             yield Finding("limit-above-kernel", subject.option("ulimits", name), message)
     if "rtprio" in limits and machine.sysctls.get("kernel.sched_rt_runtime_us", -1) == 0:
@@ -132,7 +123,7 @@ def _kernel(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 
 def _size(subject: Subject, machine: Machine) -> Iterator[Finding]:
-    cores, memory = float(subject.options.get("cpus") or 0), memory_of(subject.options.get("mem_limit") or 0)
+    cores, memory = subject.options.get("cpus") or 0, memory_limit(subject)
     if cores > machine.cpus:
         message = f"cpus {cores:g}, and this machine has {machine.cpus}: the engine refuses it"
         yield Finding("more-than-machine", subject.option("cpus"), message)
@@ -143,9 +134,7 @@ def _size(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
     """All that is always on, beside what there is."""
-    services, by_name = robot.catalog.services, {s.name: s for s in robot.subjects}
-    always = closure(services, [s.name for s in services.values() if s.always_on])
-    cpu, memory = sum(services[n].cpu for n in always), sum(services[n].memory for n in always)
+    by_name, (always, cpu, memory) = robot.by_name, always_on(robot)
     for used, most, shown in ((cpu, machine.cpus, f"{cpu:g} cores"), (memory, machine.memory, format_memory(memory))):
         if most and used > most and by_name:
             worst = max((by_name[n] for n in always if n in by_name), key=lambda s: (s.service.memory, s.name))

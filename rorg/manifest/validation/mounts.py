@@ -8,8 +8,7 @@ import stat
 from collections.abc import Iterator
 
 from rorg.manifest.files import real
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN

@@ -7,10 +7,9 @@ from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
-from rorg.model.ports import Published, parse_ports
+from rorg.model.ports import Published
 
 LOCAL = ("localhost", "127.0.0.1", "::1", "")
 URI = r"http://[^/\s]+:[0-9]+/?"
@@ -109,26 +108,15 @@ def _ports(robot: Robot) -> Iterator[Finding]:
     """The same port of the machine, published by two services that may run at once."""
     taken: list[tuple[Subject, Published]] = []
     for subject in robot.subjects:
-        for index, text in enumerate(subject.options.get("ports") or ()):
-            try:
-                found = parse_ports(text) if isinstance(text, str) else []
-            except ValueError:
-                found = []
-            for port in (p for p in found if p.host.isdigit()):
-                first = next(
-                    (s for s, p in taken if s is not subject and _same(p, port) and not robot.apart(s, subject)), None
-                )
-                taken.append((subject, port))
-                if first:
-                    where = subject.option("ports", index) if _own(subject, index, text) else subject.option("ports")
-                    message = f"port {port.host} of this machine is published by '{first.name}' too"
-                    yield Finding("port-taken-twice", where, message)
-                    break
-
-
-def _own(subject: Subject, index: int, text: object) -> bool:
-    written = subject._list("container", "ports")
-    return index < len(written) and str(written[index]) == str(text)
+        told = set[int]()
+        for index, port in subject.published:
+            rivals = (s for s, p in taken if s is not subject and _same(p, port) and not robot.apart(s, subject))
+            first = next(rivals, None)
+            taken.append((subject, port))
+            if first and index not in told:
+                told.add(index)
+                message = f"port {port.host} of this machine is published by '{first.name}' too"
+                yield Finding("port-taken-twice", subject.item("ports", subject.options["ports"][index]), message)
 
 
 def _same(one: Published, other: Published) -> bool:

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.subject import SHELLS
 from rorg.model.image_names import HUB, declared
 
 ROS1_NAMES, ROS2_NAMES = (
@@ -19,6 +19,11 @@ SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_
 PYTHON = re.compile(r"python[0-9.]*")
 WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
 ASKS = r"\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b"
+OPERATORS = ("&&", "||", ";", "|", ">", ">>", "2>&1", "<", "&")
+EXPANDED = re.compile(r"(?<!\$)\$(\(|\{?[A-Za-z_]\w*)|`")
+"""What a shell puts something else in the place of."""
+BEHIND = re.compile(r"(?<![&>|<])&(?![&>0-9])")
+"""What begins a program beside the shell."""
 LOOP = (re.compile(r"\b(until|while)\b"), re.compile(ASKS), re.compile(r"\bsleep\b"))
 """Words of a loop that waits, one behind another."""
 
@@ -66,12 +71,12 @@ def _probes(robot: Robot) -> Iterator[Finding]:
                 message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
                 yield Finding("costly-probe", subject.at(*asked.path), message)
         check = subject.options.get("healthcheck") or {}
-        test = check.get("test") or ""
-        found = _cli(test if isinstance(test, str) else " ".join(map(str, test)))
+        test = check.get("test") or []
+        found = _cli(" ".join(test))
         if found and not check.get("disable"):
             message = f"{found} takes a second each time, and the engine asks it all the time"
             yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
-        off = check.get("disable") or test in ("NONE", ["NONE"])
+        off = check.get("disable") or test == ["NONE"]
         for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
             message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
             yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
@@ -156,4 +161,39 @@ def _requests(robot: Robot) -> Iterator[Finding]:
                 yield Finding("requests-itself", subject.at("may_request", index), message)
 
 
-CHECKS = (_images, _distributions, _probes, _waiting, _daemons, _variables, _requests)
+def _shell_words(robot: Robot) -> Iterator[Finding]:
+    for subject in robot.subjects:
+        words = tuple(subject.options.get("command") or ())
+        if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
+            continue
+        found = _for_a_shell(words)
+        if found:
+            message = f"no shell runs this command, and '{found}' is handed to the program as it is"
+            yield Finding("shell-words-without-shell", subject.command(), message)
+        elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
+            message = "sudo gains nothing under no-new-privileges"
+            yield Finding("sudo-without-privileges", subject.command(), message)
+
+
+def _for_a_shell(words: tuple[str, ...]) -> str:
+    """The first word that means something to a shell alone. Behind `-c` and the like stands the text of another
+    program."""
+    if words[0] in ("source", "."):
+        return words[0]
+    found = next((w for w in words if w in OPERATORS), "")
+    if found:
+        return found
+    text = next((n for n, w in enumerate(words) if w in ("-c", "-e", "--eval")), len(words))
+    return next((w for w in words[:text] if EXPANDED.search(w)), "")
+
+
+def _beside(robot: Robot) -> Iterator[Finding]:
+    """Programs beside the one that the container ends with."""
+    for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
+        text = re.sub(r"'[^']*'|\"[^\"]*\"", "", subject.script)
+        if BEHIND.search(text.rstrip()) and not re.search(r"\bwait -n\b|\btrap\b", text):
+            message = f"'{subject.name}' begins a program in the background: nobody sees how that ends"
+            yield Finding("program-in-background", subject.command(), message)
+
+
+CHECKS = (_shell_words, _beside, _images, _distributions, _probes, _waiting, _daemons, _variables, _requests)

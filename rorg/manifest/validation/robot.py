@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import Catalog
+from rorg.model.diagnostics import Where
 from rorg.model.graph import closure
 from rorg.model.joining import SERVICE
 
@@ -52,42 +55,10 @@ class Robot:
         return {}
 
     def needs(self, name: str) -> set[str]:
-        """All that a service needs, with itself."""
-        known = self._needed.get(name)
-        if known is None:
-            direct = self.catalog.services[name].needs if name in self.catalog.services else ()
-            known = {name}.union(*(self._needed[n] if n in self._needed else self._closure(n) for n in direct))
-            self._needed[name] = known
-        return known
-
-    @cached_property
-    def _dependants(self) -> dict[str, set[str]]:
-        return {}
-
-    def dependants(self, name: str) -> set[str]:
-        """All that need a service, directly or not, with itself."""
-        if name not in self._dependants:
-            found, pending = set[str](), [name]
-            while pending:
-                one = pending.pop()
-                if one not in found:
-                    found.add(one)
-                    pending += self._direct.get(one, ())
-            self._dependants[name] = found
-        return self._dependants[name]
-
-    @cached_property
-    def _direct(self) -> dict[str, list[str]]:
-        """By name, those whose manifests or profiles say that they need it."""
-        found: dict[str, list[str]] = {}
-        for name, service in self.catalog.services.items():
-            for need in service.needs:
-                found.setdefault(need, []).append(name)
-        return found
-
-    def _closure(self, name: str) -> set[str]:
-        found = self._needed[name] = closure(self.catalog.services, [name])
-        return found
+        """The service and everything that it needs."""
+        if name not in self._needed:
+            self._needed[name] = closure(self.catalog.services, [name])
+        return self._needed[name]
 
     def whose(self, subject: Subject, option: str) -> str:
         """Whose network (`network_mode`) or shared memory (`ipc`) its container has: `host`, a service's by its name,
@@ -122,12 +93,23 @@ class Robot:
         return found
 
 
+class Finding(NamedTuple):
+    """One finding of a check. The table of codes has what holds for all findings of its code."""
+
+    code: str
+    where: Where
+    message: str
+    remedy: str = ""
+    """Empty: the remedy of the table."""
+    severity: str = ""
+    """Empty: the severity of the table."""
+
+
+Check = Callable[[Robot], Iterator[Finding]]
+
+
 def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:
-    """Of services that should have one value: those that have another one than most, with that of most."""
-    counts: dict[str, int] = {}
-    for subject in subjects:
-        counts[values[subject.name]] = counts.get(values[subject.name], 0) + 1
-    if len(counts) < 2:
-        return []
-    usual = max(counts, key=lambda v: (counts[v], v))
+    """(service, most common value) of each service whose value is not the most common one, though all should agree."""
+    counts = Counter(values[subject.name] for subject in subjects)
+    usual = max(counts, key=lambda v: (counts[v], v), default="")
     return [(s, usual) for s in subjects if values[s.name] != usual]

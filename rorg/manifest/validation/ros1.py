@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import combinations
 
-from rorg.manifest.idling import INFRASTRUCTURE
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.idle import INFRASTRUCTURE
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import names_in, names_of_nodes, ports_named, ports_of, text_of, texts_of
 from rorg.model.diagnostics import Where
@@ -35,7 +35,7 @@ def _needing(robot: Robot) -> Iterator[Finding]:
     """Nodes and the master that they register with."""
     masters = {s.name: s for s in robot.masters}
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
-        mine = [masters[n] for n in sorted(masters) if subject.name in robot.dependants(n)]
+        mine = [masters[n] for n in sorted(masters) if n in robot.needs(subject.name)]
         waits = "roslaunch" not in subject.programs or any("--wait" in word for word in subject.words)
         if not mine:
             name = next(iter(masters))
@@ -89,7 +89,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     """Names and ports of other services, in what a service is started with."""
     givers: dict[str, Subject] = {}
     for subject in robot.subjects:
-        own = names_of_nodes(subject) if subject.ros1 else set()
+        own = names_of_nodes(subject) if subject.ros1 else frozenset[str]()
         said = {a.probe.target for a in subject.asked_ready if a.probe.kind in ("ros_service", "ros_topic")}
         own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
@@ -101,7 +101,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
         named |= {f":{port}" for port in ports_named(subject)} & givers.keys()
         found = {g.name: n for n in sorted(named) if (g := givers[n]) is not subject and not g.is_master}
         asked = robot.asks_for(subject) if found else set()
-        own = names_of_nodes(subject) if found and subject.ros1 else set()
+        own = names_of_nodes(subject) if found and subject.ros1 else frozenset()
         for name, what in sorted(found.items()):
             other = givers[what]
             back = subject.name in robot.needs(name)
@@ -112,4 +112,25 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
             yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
 
 
-CHECKS = (_masters, _needing, _unprobed, _times, _hidden)
+def _parameters(robot: Robot) -> Iterator[Finding]:
+    """One master has one value for each name, whoever sets it."""
+    declaring = [(s, s.service.ros) for s in robot.subjects if s.service.ros]
+    for (one, first), (other, second) in combinations(declaring, 2):
+        if robot.apart(one, other) or first.master != second.master:
+            continue
+        before, now = first.values, second.values
+        for name in now:
+            rival = next((n for n in before if _within(n, name) and (n != name or before[n] != now[name])), "")
+            if rival:
+                what = "another value" if rival == name else f"its {rival}"
+                message = f"'{other.name}' sets {name}, for which '{one.name}' has {what}"
+                where = other.at("ros", "parameters", name)
+                yield Finding("ros-parameter-twice", where, message, "declaring it in a service that both need")
+
+
+def _within(one: str, other: str) -> bool:
+    """Whether one of two names is the other, or in its namespace."""
+    return f"{one}/".startswith(f"{other}/") or f"{other}/".startswith(f"{one}/")
+
+
+CHECKS = (_masters, _needing, _unprobed, _times, _hidden, _parameters)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot, minority
+from rorg.manifest.validation.robot import Finding, Robot, minority
 from rorg.manifest.validation.subject import Subject
-from rorg.model.ros2 import RELEASES
-from rorg.model.units import parse_memory
+from rorg.model.ros import RELEASES
 
 MOST_DOMAIN = 232
 """Above it, ports are beyond those that there are: the domain's first one is 7400 + 250 * domain."""
@@ -119,16 +117,9 @@ def _memory(robot: Robot) -> Iterator[Finding]:
 def _size(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.ros2 if shares_memory(s)):
         size = subject.options.get("shm_size")
-        if size is not None and subject.ipc != "host" and _bytes(size) < SMALLEST:
+        if size is not None and subject.ipc != "host" and size < SMALLEST:
             message = f"shm_size {size} is too little for the shared memory of one participant"
             yield Finding("shm-too-small", subject.option("shm_size"), message)
-
-
-def _bytes(value: object) -> int:
-    try:
-        return value if isinstance(value, int) else parse_memory(str(value))
-    except ValueError:
-        return SMALLEST
 
 
 def _users(robot: Robot) -> Iterator[Finding]:

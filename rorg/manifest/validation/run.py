@@ -6,42 +6,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.manifest.documents import Source, unexpected
-from rorg.manifest.validation import (
-    commands,
-    devices,
-    idle,
-    limits,
-    mounts,
-    networks,
-    programs,
-    ros1,
-    ros2,
-    ros_parameters,
-    stopping,
-    variables,
-)
+from rorg.manifest.validation import devices, idle, limits, mounts, networks, programs, ros1, ros2, stopping, variables
 from rorg.manifest.validation.allowing import allowed
 from rorg.manifest.validation.codes import CODES
-from rorg.manifest.validation.finding import Check, Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Check, Finding, Robot
 from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic, Where
 
-FAMILIES = (
-    networks,
-    stopping,
-    idle,
-    ros1,
-    ros_parameters,
-    ros2,
-    devices,
-    mounts,
-    commands,
-    limits,
-    programs,
-    variables,
-)
+FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, limits, programs, variables)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 

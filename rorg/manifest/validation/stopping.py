@@ -8,8 +8,7 @@ from pathlib import Path
 
 from rorg.manifest.dockerfile_programs import Programs, programs_of
 from rorg.manifest.images import read_dockerfile
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.manifest.validation.texts import read
 from rorg.model.image_names import declared

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,8 +13,8 @@ from typing import Any, NamedTuple
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
-from rorg.model.ros import MASTERS, PROGRAMS
-from rorg.model.ros2 import declares_ros2, without_master
+from rorg.model.ports import Published, parse_ports
+from rorg.model.ros import MASTERS, PROGRAMS, declares_ros2, without_master
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
@@ -73,12 +74,12 @@ class Subject:
 
     @cached_property
     def env(self) -> Mapping[str, str]:
-        return {name: str(value) for name, value in self.options.get("environment", {}).items()}
+        return dict(self.options.get("environment", {}))
 
     @cached_property
     def words(self) -> tuple[str, ...]:
         """What runs, as far as the manifest says it: entry point, then command."""
-        return (*_words(self.options.get("entrypoint")), *_words(self.options.get("command")))
+        return (*(self.options.get("entrypoint") or ()), *(self.options.get("command") or ()))
 
     @cached_property
     def script(self) -> str:
@@ -164,13 +165,16 @@ class Subject:
     @cached_property
     def devices(self) -> tuple[tuple[str, str], ...]:
         """(on the host, inside) of each device that is named by a path."""
-        found = []
-        for value in self.options.get("devices") or ():
-            if isinstance(value, str):
-                host, _, rest = value.partition(":")
-                found.append((host, rest.partition(":")[0] or host))
-            elif isinstance(value, Mapping) and value.get("source"):
-                found.append((str(value["source"]), str(value.get("target") or value["source"])))
+        parts = (value.split(":") for value in self.options.get("devices") or ())
+        return tuple((host, rest[0] if rest and rest[0] else host) for host, *rest in parts)
+
+    @cached_property
+    def published(self) -> tuple[tuple[int, Published], ...]:
+        """(index in `ports`, port) of each port of this machine that it publishes."""
+        found = list[tuple[int, Published]]()
+        for index, text in enumerate(self.options.get("ports") or ()):
+            with suppress(ValueError):  # a mistake that the model of the container has reported
+                found += [(index, port) for port in parse_ports(text) if port.host.isdigit()]
         return tuple(found)
 
     @property
@@ -205,9 +209,9 @@ class Subject:
             return self.source.where("spec", "container", "environment", name)
         written = self._written("container", "environment")
         if isinstance(written, list):
-            for index, item in enumerate(written):
-                if str(item).partition("=")[0] == name:
-                    return self.option("environment", index)
+            names = [str(item).partition("=")[0] for item in written]
+            if name in names:
+                return self.option("environment", names.index(name))
         declared = ("spec", "profile") in self.source.document.values
         return self.source.where("spec", "profile") if declared else self.option("environment")
 
@@ -252,12 +256,6 @@ class Subject:
 def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:
     for index, one in enumerate(probe.questions if probe else ()):
         yield Asked(role, one, index if probe and probe.parts else None)
-
-
-def _words(value: object) -> tuple[str, ...]:
-    if isinstance(value, str):
-        return tuple(value.split())
-    return tuple(map(str, value)) if isinstance(value, list | tuple) else ()
 
 
 def _commands(text: str) -> Iterator[tuple[str, ...]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from pathlib import Path
+from typing import Any, TypeVar
 
 from rorg.manifest.files import read_text
 from rorg.manifest.validation.subject import Subject
@@ -24,7 +25,22 @@ _CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9
 _WORD = re.compile(r"[\w/.:~-]{3,}")
 _NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
 LOCAL = ("localhost", "127.0.0.1")
+T = TypeVar("T")
 READ = (".launch", ".xml", ".sh", ".bash", ".py", ".yaml", ".yml")
+
+
+def once(find: Callable[[Subject], T]) -> Callable[[Subject], T]:
+    """Keeps what was found of a service with it, for the next check that asks."""
+
+    @wraps(find)
+    def found(subject: Subject) -> T:
+        memo: dict[str, Any] = subject.memo
+        if find.__name__ not in memo:
+            memo[find.__name__] = find(subject)
+        value: T = memo[find.__name__]
+        return value
+
+    return found
 
 
 @lru_cache(maxsize=4096)
@@ -54,31 +70,20 @@ def inside(subject: Subject, word: str) -> str:
     return ""
 
 
-def named_files(subject: Subject) -> list[tuple[str, str]]:
+@once
+def named_files(subject: Subject) -> tuple[tuple[str, str], ...]:
     """(word, path on the machine) of each file of the tree that the command names by its path in the container."""
-    if "named" not in subject.memo:
-        subject.memo["named"] = list(_named_files(subject)) if subject.mounts_of_tree else []
-    return list(subject.memo["named"])
+    found: dict[str, str] = {}
+    for word in (word for command in subject.commands for word in command if "/" in word and subject.mounts_of_tree):
+        path = inside(subject, word.partition(":=")[2] or word)
+        if path and len(found) < MOST_FILES:
+            found.setdefault(path, word)
+    return tuple((word, path) for path, word in found.items())
 
 
-def _named_files(subject: Subject) -> Iterator[tuple[str, str]]:
-    seen: set[str] = set()
-    for command in subject.commands:
-        for word in command:
-            path = inside(subject, word.partition(":=")[2] or word) if "/" in word else ""
-            if path and path not in seen and len(seen) < MOST_FILES:
-                seen.add(path)
-                yield word, path
-
-
+@once
 def files_of(subject: Subject) -> dict[str, str]:
     """The texts of the tree that a service is started with, by their paths."""
-    if "files" not in subject.memo:
-        subject.memo["files"] = _files_of(subject)
-    return dict(subject.memo["files"])
-
-
-def _files_of(subject: Subject) -> dict[str, str]:
     found = {path: read(path, subject.source.root) for _, path in named_files(subject) if path.endswith(READ)}
     return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in found.items()}
 
@@ -93,13 +98,11 @@ def _said(text: str) -> str:
     return " ".join([*pieces, text[at:]])
 
 
+@once
 def texts_of(subject: Subject) -> tuple[str, ...]:
     """All words that a service is started with: its own, then those of each file."""
-    if "texts" not in subject.memo:
-        values = (f"{name}={value}" for name, value in subject.env.items())
-        subject.memo["texts"] = ("\n".join((" ".join(subject.words), *values)), *files_of(subject).values())
-    found: tuple[str, ...] = subject.memo["texts"]
-    return found
+    values = (f"{name}={value}" for name, value in subject.env.items())
+    return ("\n".join((" ".join(subject.words), *values)), *files_of(subject).values())
 
 
 def text_of(subject: Subject) -> str:
@@ -107,17 +110,12 @@ def text_of(subject: Subject) -> str:
     return "\n".join(texts_of(subject))
 
 
-def names_of_nodes(subject: Subject) -> set[str]:
+@once
+def names_of_nodes(subject: Subject) -> frozenset[str]:
     """Its nodes in the ROS graph, as far as its command, its launch files and its probes name them."""
-    if "nodes" not in subject.memo:
-        subject.memo["nodes"] = _names_of_nodes(subject)
-    return set(subject.memo["nodes"])
-
-
-def _names_of_nodes(subject: Subject) -> set[str]:
     found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if word.startswith("__name")}
     found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
-    own = {name.strip("/") for name in found}
+    own = frozenset(name.strip("/") for name in found)
     return own.union(*map(_nodes_in, files_of(subject).values())) - {"rosout", ""}
 
 
@@ -145,31 +143,19 @@ def _calls_in(text: str) -> frozenset[tuple[str, str]]:
     return frozenset(call for word in _paths_in(text) if ":" in word for call in _CALLED.findall(word))
 
 
+@once
 def ports_of(subject: Subject) -> frozenset[str]:
     """Ports of this machine at which it answers, as far as its probes and what it publishes name them."""
-    if "ports" not in subject.memo:
-        subject.memo["ports"] = frozenset(_ports_of(subject))
-    found: frozenset[str] = subject.memo["ports"]
-    return found
+    probed = (_ANSWERS.match(str(a.probe.target)) for a in subject.asked_ready if a.probe.kind in ("tcp", "http"))
+    published = (text.rpartition(":")[0].rpartition(":")[2] for text in subject.options.get("ports") or ())
+    return frozenset([*(found[1] for found in probed if found), *filter(None, published)])
 
 
-def _ports_of(subject: Subject) -> Iterator[str]:
-    for asked in subject.asked_ready:
-        if asked.probe.kind in ("tcp", "http"):
-            found = _ANSWERS.match(str(asked.probe.target))
-            yield from found.groups() if found else ()
-    for text in subject.options.get("ports") or ():
-        if isinstance(text, str) and text.count(":") >= 1:
-            yield text.rpartition(":")[0].rpartition(":")[2]
-
-
+@once
 def calls_of(subject: Subject) -> frozenset[tuple[str, str]]:
     """(host, port) of each place that its words, its environment, its files and its probes name."""
-    if "calls" not in subject.memo:
-        probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
-        subject.memo["calls"] = frozenset().union(*map(_calls_in, (*texts_of(subject), *probed)))
-    found: frozenset[tuple[str, str]] = subject.memo["calls"]
-    return found
+    probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
+    return frozenset[tuple[str, str]]().union(*map(_calls_in, (*texts_of(subject), *probed)))
 
 
 def ports_named(subject: Subject) -> set[str]:

@@ -6,58 +6,24 @@ import difflib
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.model.diagnostics import close_to
 from rorg.model.image_names import declared, plain
 
 ALIKE = 0.86
 """From this likeness on (of difflib) a name is taken for another one that is known."""
-KNOWN = (
-    "ROS_MASTER_URI",
-    "ROS_HOSTNAME",
-    "ROS_IP",
-    "ROS_NAMESPACE",
-    "ROS_LOG_DIR",
-    "ROS_HOME",
-    "ROS_PACKAGE_PATH",
-    "ROS_DISTRO",
-    "ROS_VERSION",
-    "ROS_PYTHON_VERSION",
-    "ROS_ETC_DIR",
-    "ROS_ROOT",
-    "ROS_DOMAIN_ID",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_STATIC_PEERS",
-    "ROS_DISCOVERY_SERVER",
-    "ROS_SUPER_CLIENT",
-    "ROS_SECURITY_ENABLE",
-    "ROS_SECURITY_KEYSTORE",
-    "ROS_SECURITY_STRATEGY",
-    "RMW_IMPLEMENTATION",
-    "RCUTILS_COLORIZED_OUTPUT",
-    "RCUTILS_CONSOLE_OUTPUT_FORMAT",
-    "RCUTILS_LOGGING_BUFFERED_STREAM",
-    "RCUTILS_LOGGING_USE_STDOUT",
-    "ROSCONSOLE_FORMAT",
-    "ROSCONSOLE_CONFIG_FILE",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_BUILTIN_TRANSPORTS",
-    "CYCLONEDDS_URI",
-    "AMENT_PREFIX_PATH",
-    "CMAKE_PREFIX_PATH",
-)
+_KNOWN = """
+ROS_MASTER_URI ROS_HOSTNAME ROS_IP ROS_NAMESPACE ROS_LOG_DIR ROS_HOME ROS_PACKAGE_PATH ROS_DISTRO ROS_VERSION
+ROS_PYTHON_VERSION ROS_ETC_DIR ROS_ROOT ROS_DOMAIN_ID ROS_LOCALHOST_ONLY ROS_AUTOMATIC_DISCOVERY_RANGE
+ROS_STATIC_PEERS ROS_DISCOVERY_SERVER ROS_SUPER_CLIENT ROS_SECURITY_ENABLE ROS_SECURITY_KEYSTORE ROS_SECURITY_STRATEGY
+RMW_IMPLEMENTATION RCUTILS_COLORIZED_OUTPUT RCUTILS_CONSOLE_OUTPUT_FORMAT RCUTILS_LOGGING_BUFFERED_STREAM
+RCUTILS_LOGGING_USE_STDOUT ROSCONSOLE_FORMAT ROSCONSOLE_CONFIG_FILE FASTRTPS_DEFAULT_PROFILES_FILE
+FASTDDS_DEFAULT_PROFILES_FILE FASTDDS_BUILTIN_TRANSPORTS CYCLONEDDS_URI AMENT_PREFIX_PATH CMAKE_PREFIX_PATH"""
+KNOWN = tuple(_KNOWN.split())
 BEGINS = ("RO", "RM", "RSO", "RC", "FAST", "CYC", "AMENT", "CMAKE")
 RMW = (
-    "rmw_fastrtps_cpp",
-    "rmw_fastrtps_dynamic_cpp",
-    "rmw_cyclonedds_cpp",
-    "rmw_connextdds",
-    "rmw_connext_cpp",
-    "rmw_gurumdds_cpp",
-    "rmw_zenoh_cpp",
+    *("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds", "rmw_connext_cpp"),
+    *("rmw_gurumdds_cpp", "rmw_zenoh_cpp"),
 )
 
 
