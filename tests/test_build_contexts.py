@@ -99,7 +99,7 @@ WRONG = [
     ("maps: 'docker-image://Not/Good'", "'Not/Good' is not an image reference"),
     ("maps: nav", "images stand on each other: nav -> nav"),
     ("other: ../../maps", "warning: Dockerfile uses no 'other', so this changes nothing; try COPY --from=other in it"),
-    ("stage: ../../maps", "Dockerfile has a stage of that name; try another name for one of both"),
+    ("stage: ../../maps", "Dockerfile has a stage of that name; try another name for one of the two"),
 ]
 
 

@@ -1,7 +1,7 @@
-"""What else an image is built from: the contexts that its Dockerfile uses by a name, and where layers are kept.
+"""Additional build contexts, which a Dockerfile uses by name, and `cache_from`.
 
-A context that is an image takes the place of the name in the Dockerfile. One that is a directory becomes an Image of
-its own, of nothing but its files, so that every builder can copy from it; it is built, kept and pruned as all are.
+An image as a context replaces the name in the Dockerfile. A directory becomes an Image of its own that holds only its
+files, so that every builder can copy from it. rorg builds, keeps and prunes it like any other Image.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rorg.model.diagnostics import Diagnostic, Where, nearest
 from rorg.model.image_names import check_name, declared, plain
 
 FILES = "FROM scratch\nCOPY . /\n"
-"""The Dockerfile of a directory that is an image."""
+"""The Dockerfile of an image that is made from a directory."""
 REFERENCE = re.compile(r"(?:docker-image://|image:)(.*)", re.DOTALL)
 REMOTE = re.compile(r"[a-z][a-z+-]*://|git@|(?:target|oci-layout):", re.IGNORECASE)
 CACHE = re.compile(r"type=registry,ref=([^,]+)")
@@ -30,7 +30,8 @@ TAKEN = "./directory, docker-image://REFERENCE, service:NAME or the name of an I
 
 @dataclass
 class Contexts:
-    """Of one Image. `stands_for`: name in the Dockerfile (in its shortest form) -> reference of an image."""
+    """The contexts of one Image. `stands_for`: name in the Dockerfile (in its shortest form) -> reference of an
+    image."""
 
     stands_for: dict[str, str] = field(default_factory=dict)
     made: dict[str, Image] = field(default_factory=dict)
@@ -38,7 +39,7 @@ class Contexts:
 
 
 def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Contexts:
-    """What an Image declares as additional contexts. `images` are the names of all Images of the tree."""
+    """Reads the additional contexts of an Image. `images` are the names of all Images of the tree."""
     found = Contexts()
     for name, value in source.spec.additional_contexts.items():
         where = source.where("spec", "additional_contexts", name)
@@ -57,7 +58,7 @@ def _read(
     images: Collection[str],
     where: Where,
 ) -> tuple[str, str] | None:
-    """Takes one context in; or what is wrong with it, and a remedy."""
+    """Adds one context to `found`, or returns (what is wrong, remedy)."""
     reference, wrong = "", None
     if match := REFERENCE.fullmatch(value):
         reference = match[1]
@@ -66,10 +67,10 @@ def _read(
         service = services.get(value.removeprefix("service:"))
         if service is None or service.spec is None:
             known = {n for n, s in services.items() if s.spec is not None}
-            return f"'{value}' is no service with an image", nearest(value.removeprefix("service:"), known)
+            return f"'{value}' is not a service with an image", nearest(value.removeprefix("service:"), known)
         reference = str(service.spec["image"])
     elif REMOTE.match(value):
-        wrong = f"rorg builds from '{value}' on no engine", TAKEN
+        wrong = f"rorg cannot build from '{value}' on any engine", TAKEN
     elif declared(value, images):
         reference = declared(value, images)
     else:
@@ -90,7 +91,7 @@ def _no_reference(text: str) -> tuple[str, str] | None:
 def _directory(
     found: Contexts, source: Source, name: str, value: str, images: Collection[str], where: Where
 ) -> tuple[str, tuple[str, str] | None]:
-    """The Image that a directory becomes; or what is wrong with it."""
+    """Returns the name of the Image that a directory becomes, or (what is wrong, remedy)."""
     path = str(real(source.directory / os.path.expanduser(value)))
     if not os.path.isdir(path):
         return "", (f"no directory {path}", "creating it, or " + TAKEN)
@@ -100,7 +101,7 @@ def _directory(
     except ValueError:
         return "", (f"'{name}' cannot name a context", "small letters and digits")
     if called in images or called in found.made:
-        return "", (f"its files become the image '{called}', which is another one", "another name for one of both")
+        return "", (f"its files become the image '{called}', which already exists", "another name for one of the two")
     image = Image(called, path, "Dockerfile", {}, None, str(real(source.directory)), where, inline=FILES)
     found.made[called] = replace(image, bases=())
     return called, None
@@ -109,9 +110,9 @@ def _directory(
 def stood_in(
     image: Image, source: Source, whole: Dockerfile, uses: tuple[Use, ...], found: Contexts
 ) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
-    """The image, and what its Dockerfile uses, with the images that stand for names. `whole`: all of the file, whatever
-    is built of it. A name that nothing uses is told, and one of a stage is refused: Docker takes the stage's place
-    there, and not every builder can."""
+    """Replaces the names of contexts in the image and in its uses. `whole` is the complete Dockerfile, even if only
+    some stages are built. Reports names that nothing uses, and refuses the name of a stage: Docker would use the
+    context in its place, and not every builder can."""
     names = {
         use.reference: found.stands_for[plain(use.reference)]
         for use in uses
@@ -122,7 +123,7 @@ def stood_in(
         where = source.where("spec", "additional_contexts", name, key=True)
         if name.lower() in map(str.lower, whole.stages):
             message = f"additional_contexts.{name}: {image.dockerfile} has a stage of that name"
-            told.append(Diagnostic(where, message, "another name for one of both"))
+            told.append(Diagnostic(where, message, "another name for one of the two"))
         elif plain(name) in found.stands_for and plain(name) not in {plain(use.reference) for use in whole.uses}:
             message = f"{image.dockerfile} uses no '{name}', so this changes nothing"
             told.append(Diagnostic(where, message, f"COPY --from={name} in it", "warning"))
@@ -131,7 +132,7 @@ def stood_in(
 
 
 def cache_of(source: Source) -> tuple[tuple[str, ...], list[Diagnostic]]:
-    """References of images whose layers a build may use. They say nothing of what comes of it."""
+    """Returns images whose layers a build may use. They do not change the result of the build."""
     spec: Any = source.spec
     found, diagnostics = [], []
     for index, value in enumerate(spec.cache_from):

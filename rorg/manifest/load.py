@@ -1,4 +1,4 @@
-"""A tree of manifests to a Catalog, or to everything that is wrong with it: `load(root)`."""
+"""Loads a tree of manifests into a Catalog, or returns everything that is wrong with it: `load(root)`."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ from rorg.model.units import counted
 
 @dataclass(frozen=True)
 class Loaded:
-    """What came of reading a tree. `catalog` is None when there are errors; warnings let it pass."""
+    """The result of reading a tree. `catalog` is None if there are errors; warnings do not prevent it."""
 
     catalog: Catalog | None
     diagnostics: tuple[Diagnostic, ...] = ()
     read: Catalog | None = None
-    """As much of it as could be read, whether it is good or not: its secrets are in no message either."""
+    """Everything that could be read, valid or not, so that its secrets can be masked in messages."""
     sources: Mapping[str, Mapping[str, Source]] | None = None
-    """The manifests that the Catalog was made of, by kind and name."""
+    """The manifests behind the Catalog, by kind and name."""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -64,13 +64,15 @@ def load(
     engine: str = "",
     robot: str = "",
 ) -> Loaded:
-    """Reads and checks a whole tree, with the files of `edits` in place of those on the disk (None: gone). All errors
-    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is. `engine`:
-    the name of the one that the tree is for; empty where that is not known, and then nothing is checked for it.
-    `robot`: whose overlay is laid over it; empty for the base alone.
+    """Reads and checks a whole tree.
 
-    Raises Invalid when `root` is no readable directory or holds no manifest at all, and nothing else: what nobody
-    thought of is an error of the tree too, and the robot goes on with the last good one.
+    `edits` replace files on disk (None: deleted). `found` receives the other files that the tree depends on, before
+    they are read. `engine` is the name of the engine that will run the tree; if it is empty, engine-specific checks are
+    skipped. `robot` selects an overlay; empty means the base alone.
+
+    Returns all errors at once, sorted by place; a tree is accepted as a whole or not at all. Raises only Invalid, if
+    `root` is not a readable directory or holds no manifests. Unexpected exceptions become errors of the tree, and the
+    robot keeps its last good one.
     """
     if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
@@ -107,7 +109,7 @@ def _load(
 
 
 def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Sorted by place, errors before warnings where they are too many; and how many more there are."""
+    """Sorts by place. If there are too many, errors come before warnings, and the last line counts the rest."""
     found = sorted(set(diagnostics))
     if len(found) <= MOST_TOLD:
         return tuple(found)
@@ -118,14 +120,14 @@ def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
-    """What the checks of the whole say; only errors of a tree that is refused anyway: who is missing in it may be
-    what its others need."""
+    """Findings about the tree as a whole. If the tree is refused anyway, only errors: services that could not be read
+    may be the ones that others need."""
     found = validate(catalog, by_kind)
     return [d for d in found if d.severity == "error"] if refused else found
 
 
 def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
-    """Files that are called otherwise than what they declare: one of both may be a typing error."""
+    """Warns about files whose name differs from the name that they declare: either may be a typo."""
     return [
         Diagnostic(
             s.where("metadata", "name"),
@@ -139,19 +141,19 @@ def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
 
 
 def load_or_raise(root: Path, engine: str = "", robot: str = "") -> Catalog:
-    """The Catalog of a tree, or Invalid with every diagnostic in its message."""
+    """Returns the Catalog of a tree, or raises Invalid with every diagnostic in its message."""
     return usable(root, load(root, engine=engine, robot=robot))
 
 
 def usable(root: Path, loaded: Loaded) -> Catalog:
-    """What was loaded, or Invalid."""
+    """Returns what was loaded, or raises Invalid."""
     if loaded.catalog is None:
         raise unusable(root, loaded.errors)
     return loaded.catalog
 
 
 def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
-    """Why the tree cannot be used."""
+    """The error for a tree that cannot be used."""
     lines = "\n".join(map(str, errors))
     return Invalid(
         f"use the manifests in {root}",
@@ -161,18 +163,18 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 
 MOST_TOLD = 200
-"""Mistakes of a tree that are listed."""
+"""Maximum number of listed mistakes."""
 UNTOLD = ("where", "origins", "fingerprint", "joins")
-"""What is no part of what a tree declares, or follows from the rest."""
+"""Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
     *("purge_shm", "prewarm", "connected"),
 )
-"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
+"""Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
 
 
 def fingerprint(catalog: Catalog) -> str:
-    """Of all that a tree declares, wherever it is written."""
+    """A digest of everything that a tree declares, independent of where it is written."""
 
     def content(value: Any) -> dict[str, Any]:
         told = (f.name for f in fields(value) if f.name not in UNTOLD and not (f.name in LATER and _unsaid(value, f)))
@@ -182,13 +184,13 @@ def fingerprint(catalog: Catalog) -> str:
 
 
 def _unsaid(value: Any, field: Field[Any]) -> bool:
-    """It is as where nothing is declared."""
+    """Whether the field has its default."""
     factory = field.default_factory
     return bool(getattr(value, field.name) == (field.default if factory is MISSING else factory()))
 
 
 def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:
-    """Sources by kind and name. Services and groups share one namespace, since a request names either."""
+    """Groups sources by kind and name. Services and groups share one namespace, because a request names either."""
     found: dict[str, dict[str, Source]] = {}
     diagnostics: list[Diagnostic] = []
     for source in sources:
@@ -245,7 +247,7 @@ def _catalog(
 def _objects(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service], engine: str
 ) -> tuple[dict[str, Service], dict[str, EngineObject], dict[str, EngineObject], list[Diagnostic]]:
-    """The services by what the engine calls their networks and volumes; and these."""
+    """Returns services with the engine's names of their networks and volumes, and these networks and volumes."""
     networks, found = objects_of("network", by_kind.get("Network", {}), engine)
     volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
     sources = by_kind.get("Service", {})

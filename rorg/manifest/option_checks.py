@@ -1,6 +1,6 @@
-"""Values of container options, checked as the engine will: what passes here, `create` and `start` take.
+"""Checks of the values of container options, as strict as the engine's: `create` and `start` accept what passes here.
 
-A Profile may say `${service}` in any text; it is checked again when that is filled in.
+A text in a Profile may contain `${service}`. Such text is checked again after it is filled in.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from rorg.model.ports import check_published, check_target, parse_expose, parse_
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
-"""Context of the check after `${...}` was filled in."""
+"""Validation context once every `${...}` is filled in."""
 
 
 def checked(check: Callable[[str], Any]) -> AfterValidator:
-    """Text that `check` does not raise ValueError for."""
+    """A validator for text: fails if `check` raises ValueError."""
 
     def run(value: str, info: ValidationInfo) -> str:
         if not ("${" in value and info.context != FINAL):
@@ -33,23 +33,23 @@ def checked(check: Callable[[str], Any]) -> AfterValidator:
 
 
 def turned(turn: Callable[[str], str]) -> AfterValidator:
-    """Text as `turn` writes it."""
+    """A validator that replaces text by what `turn` makes of it."""
     return AfterValidator(lambda value, info: value if "${" in value and info.context != FINAL else turn(value))
 
 
 def require(pattern: str, value: str, what: str) -> None:
-    """Raises ValueError for text that does not match as a whole."""
+    """Raises ValueError unless the whole text matches."""
     if not re.fullmatch(pattern, value, re.ASCII):
         raise ValueError(f"'{value}' is not {what}")
 
 
 def like(pattern: str, what: str) -> AfterValidator:
-    """Text that matches as a whole."""
+    """A validator for text: the whole of it must match."""
     return checked(lambda value: require(pattern, value, what))
 
 
 def between(*ranges: tuple[float, float], what: str) -> AfterValidator:
-    """A number in one of these ranges, ends included; `what` says how to write it."""
+    """A validator for a number in one of these ranges, ends included; `what` says how to write it."""
 
     def check(value: Any) -> Any:
         if not any(low <= value <= high for low, high in ranges):
@@ -72,7 +72,7 @@ SIGNALS = frozenset(
     (*signal.Signals.__members__, *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15)))
 )
 NUMBERS = frozenset(str(n) for n in range(1, 65) if n not in (32, 33))
-"""Of signals that the engine sends: libc keeps 32 and 33 to itself."""
+"""Numbers of signals that the engine can send; libc reserves 32 and 33."""
 
 
 def _near(name: str, known: Collection[str]) -> str:
@@ -112,7 +112,7 @@ def _ip(value: str) -> None:
 
 
 def _extra_host(value: str) -> str:
-    """NAME:ADDRESS; Compose takes NAME=ADDRESS and brackets too."""
+    """Returns NAME:ADDRESS; Compose also accepts NAME=ADDRESS and brackets around the address."""
     found = re.match(r"([^:=\s]+)[:=](\S+)$", value)
     if not found:
         raise ValueError(f"'{value}' is not a host; write NAME:ADDRESS")
@@ -138,7 +138,7 @@ def _working_dir(value: str) -> None:
 
 
 def check_image(value: str) -> None:
-    """Raises ValueError for what is no reference of an image."""
+    """Raises ValueError if this is not a reference of an image."""
     part = r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*"
     domain = r"(?=localhost/|[^/]*[.:])(?:[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?|\[[0-9a-fA-F:]+\])(?::[0-9]+)?"
     digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
@@ -187,7 +187,7 @@ def _sysctl(name: str) -> None:
 
 
 def keys(check: Callable[[str], None]) -> AfterValidator:
-    """A mapping whose keys pass."""
+    """A validator for a mapping: each key must pass the check."""
 
     def run(value: dict[str, Any]) -> dict[str, Any]:
         for key in value:

@@ -1,4 +1,5 @@
-"""The forms that values of options are written in: words, pairs, cores, amounts of memory; each turned into one."""
+"""The forms that values are written in: words, pairs, cores, durations, sizes, names. Each form is converted to one
+type."""
 
 from __future__ import annotations
 
@@ -14,12 +15,12 @@ from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memor
 
 MIB = 1 << 20
 LEAST_MEMORY = 6 * MIB
-"""The engine refuses a smaller limit."""
+"""Bytes. The engine refuses a smaller memory limit."""
 MOST = float(1 << 62)
 
 
 class Strict(BaseModel):
-    """Unknown keys are errors, and no scalar is turned into another type."""
+    """The base of all models: unknown keys are errors, and scalars are never converted to another type."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -36,7 +37,7 @@ def _one_or_many(value: object) -> object:
 
 
 def _pairs(value: object) -> object:
-    """`[K=V]` or `{K: V}` as {K: "V"}; numbers and booleans become text, as in Compose."""
+    """Converts `[K=V]` to {K: "V"}; `{K: V}` stays. Numbers and booleans become text later, as in Compose."""
     if isinstance(value, list):
         if not all(isinstance(item, str) and "=" in item for item in value):
             raise ValueError("each item must read KEY=VALUE")
@@ -45,12 +46,12 @@ def _pairs(value: object) -> object:
 
 
 def _scalar(value: object) -> object:
-    """Compose takes true and false in mappings of text, and makes these words of them."""
+    """Compose accepts true and false in mappings of text, and reads them as these words."""
     return _text(("false", "true")[value] if isinstance(value, bool) else value)
 
 
 def _bare(value: object) -> object:
-    """A label without a value has an empty one, as in Compose."""
+    """A label without a value has an empty value, as in Compose."""
     if isinstance(value, list):
         return [f"{item}=" if isinstance(item, str) and "=" not in item else item for item in value]
     return {k: "" if v is None else v for k, v in value.items()} if isinstance(value, dict) else value
@@ -84,7 +85,7 @@ Duration = Annotated[
     Written("duration"),
 ]
 Interval = Annotated[Duration, Field(ge=0.05)]
-"""Of what is done again and again."""
+"""The interval of something periodic."""
 Memory = Annotated[
     int,
     BeforeValidator(parse_memory),
@@ -128,4 +129,4 @@ Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memo
 
 T = TypeVar("T")
 Many = Annotated[list[T], BeforeValidator(_one_or_many), Written("text | list of text")]
-"""A list; one alone needs no list."""
+"""A list; a single item may be written without brackets."""

@@ -1,7 +1,7 @@
-"""Own programs: what a manifest says of a service that is a process of this machine, and of one that is a container.
+"""Checks and options that depend on the engine: a service as a process of this machine, or as a container.
 
-Which engine runs a tree stands in no manifest. Whoever knows it (the loop, `rorg validate --engine`) has the tree
-checked for it; else only what holds on every engine is.
+Manifests do not name their engine. The caller that knows it (the loop, `rorg validate --engine`) passes it in;
+otherwise only the checks for all engines run.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ PROCESS, DOCKER = "process", "docker"
 
 
 def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[str, Any]:
-    """The options of a service as its engine takes them. A process begins beside its manifest, unless `working_dir`
-    says otherwise; paths that begin with `./`, `../` or `~/` are beside it too."""
+    """The options of a service for its engine. Without `working_dir`, a process starts in its manifest's directory;
+    paths that begin with `./`, `../` or `~/` are relative to it too."""
     found = dict(options)
     folder = found.get("working_dir", "." if engine == PROCESS else None)
     if folder is not None and engine != DOCKER:
@@ -36,8 +36,8 @@ def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[
 def check_programs(
     services: Mapping[str, Service], sources: Mapping[str, Source], images: Collection[str], engine: str
 ) -> list[Diagnostic]:
-    """What cannot work on this engine. What lies in the tree and is missing is an error; what this machine lacks is a
-    warning, since the next one may have it. Nothing is said of an engine that is not known."""
+    """Reports what cannot work on this engine. A missing file inside the tree is an error. A missing file outside is a
+    warning, because another machine may have it. No checks run for an unknown engine."""
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
         spec = services[name].spec
@@ -49,7 +49,7 @@ def check_programs(
 
 
 def missing(source: Source) -> set[Path]:
-    """What a service names beside its manifest, and is not there: when it comes, the tree is another one."""
+    """Missing files that a service names beside its manifest; the tree changes when they appear."""
     spec: Any = source.spec
     folder = source.directory / os.path.expanduser(getattr(spec.container, "working_dir", None) or ".")
     words = [*(getattr(spec.container, "entrypoint", None) or ()), *(spec.command or ())]

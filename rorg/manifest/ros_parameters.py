@@ -1,4 +1,4 @@
-"""The ROS parameters of a Service with the texts of the files that they name."""
+"""ROS parameters of a Service, with the contents of the files that they name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def parameter_files(source: Source) -> Iterator[Path]:
 
 
 def parameters_of(source: Source, master: str, found: list[Diagnostic]) -> RosParameters | None:
-    """With the texts of files. `master` is the URI of the one that the service uses; what is wrong goes to `found`."""
+    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master; errors go to
+    `found`."""
     ros: Ros | None = source.spec.ros
     if ros is None or not ros.parameters:
         return None

@@ -1,4 +1,4 @@
-"""Options of one container that the engine does not take together, in the container as it is rendered."""
+"""Options of one rendered container that the engine does not accept together."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from rorg.model.volumes import mounted_at, parse_tmpfs, same_path
 
 
 class Clash(NamedTuple):
-    """One finding: the option that is wrong (or a path below it), what is wrong, a remedy, and the option that it does
-    not go with, which may come from elsewhere; its code, where it has one."""
+    """Two options that do not go together: the path of the wrong one, a message, a remedy, the option that it clashes
+    with (which may come from a profile), and the code of the finding if it has one."""
 
     path: tuple[str | int, ...]
     message: str
@@ -26,7 +26,7 @@ Rule = Callable[[Options], Iterator[Clash]]
 
 
 def clashes(options: Options) -> list[Clash]:
-    """All that does not go together in one container."""
+    """Returns all clashes within one container."""
     return [clash for rule in RULES for clash in rule(options)]
 
 
@@ -40,7 +40,7 @@ def _network(options: Options) -> Iterator[Clash]:
         yield Clash(("networks",), message, "dropping one of them", "network_mode")
     if mode.startswith(("container:", "service:")):
         for option in (o for o in _OF_NETWORKS if options.get(o)):
-            message = f"{option} is not for a container that uses the network of another one"
+            message = f"{option} is not for a container that uses another container's network"
             yield Clash((option,), message, "declaring it there", "network_mode")
     elif mode in ("host", "none"):
         useless = ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ()))
@@ -64,10 +64,7 @@ def _namespaces(options: Options) -> Iterator[Clash]:
         }
         for option, theirs in foreign.items():
             if theirs and options.get(option) == "host":
-                message, remedy = (
-                    f"'{name}' belongs to the host under {option}: host",
-                    f"setting it on the host, or another {option}",
-                )
+                message = f"'{name}' belongs to the host under {option}: host"
                 code = "sysctls-with-host-network" if option == "network_mode" else ""
                 yield Clash(("sysctls", name), message, f"setting it on the host, or another {option}", option, code)
 
@@ -88,7 +85,7 @@ def _limits(options: Options) -> Iterator[Clash]:
 
 
 def _places(options: Options) -> Iterator[Clash]:
-    """Two things at one place in the container. A volume without a name gives way by itself."""
+    """Two mounts at one path. A volume without a name gives way to the other one, so it is not reported."""
     taken = {same_path(parse_tmpfs(value)[0]) for value in options.get("tmpfs", ())}
     for index, value in enumerate(options.get("volumes", ())):
         place = mounted_at(value)
@@ -109,7 +106,7 @@ _DRIVERS: Mapping[str, tuple[str, ...] | None] = {
     **dict.fromkeys(("none", "gelf", "fluentd", "awslogs", "splunk", "gcplogs", "etwlogs", "logentries")),
     "syslog": (*_COMMON, *(f"syslog-{name}" for name in _SYSLOG)),
 }
-"""Drivers of logs and their options; None where any may be given. Others are plugins."""
+"""Logging drivers and their options; None if a driver accepts any. Unlisted drivers are plugins."""
 _BUFFER = ("mode", "max-buffer-size")
 _SIZE = r"[0-9]+(\.[0-9]+)? ?[kKmMgGtTpP]?[iI]?[bB]?"
 _LOG_VALUES = {

@@ -1,4 +1,4 @@
-"""Warnings that somebody has seen and lets pass: `# rorg: allow CODE: reason` on the line, or before it."""
+"""Warnings that someone has reviewed and allowed: `# rorg: allow CODE: reason` on the line or before it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ WITHOUT_REASON, UNKNOWN, UNUSED = "allow-without-reason", "allow-unknown-code", 
 
 
 def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
-    """What is left, with what is wrong with the comments themselves. `machine`: findings about this machine are among
-    them; without them nobody knows whether a comment about one has an effect."""
+    """Returns the remaining diagnostics, and those about the comments themselves. `machine`: whether findings about
+    this machine are included. Without them, a comment that allows one may look unused."""
     good: dict[tuple[str, str], list[Allow]] = {}
     for allow in allows:
         if allow.reason and allow.code in CODES:
@@ -38,7 +38,10 @@ def _wrong(allows: Iterable[Allow], used: Collection[Allow], machine: bool) -> I
         elif not allow.reason:
             remedy = f"# rorg: allow {allow.code}: why this is right here"
             yield _warning(
-                allow, f"'{allow.code}' is allowed without a reason, and so it is not", remedy, WITHOUT_REASON
+                allow,
+                f"'{allow.code}' is allowed without a reason, so the comment has no effect",
+                remedy,
+                WITHOUT_REASON,
             )
         elif allow not in used and (machine or not code.machine):
             yield _warning(allow, f"nothing here is '{allow.code}'", "dropping this comment", UNUSED)

@@ -1,4 +1,4 @@
-"""Hardware: names that stay, no more than is needed, and not for two at once."""
+"""Hardware: stable names, least privileges, and no device for two services at a time."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ UNSTABLE = (
     (re.compile(r"/dev/hidraw[0-9]+|/dev/bus/usb/.+"), "a link by a udev rule of your own"),
     (re.compile(r"/dev/sd[a-z]+[0-9]*"), "/dev/disk/by-id/..."),
 )
-"""Names that the kernel counts up, and what stays instead."""
+"""Names that the kernel counts up, and stable alternatives."""
 ALONE = re.compile(r"/dev/(tty(USB|ACM|S|AMA|THS)\w*|serial/.+|video[0-9]+|v4l/.+|input/(?!mice).+|hidraw[0-9]+)")
-"""Devices of which two programs at once get half of the data each, or an error."""
+"""Devices that two programs cannot share: each gets half of the data, or an error."""
 GROUPS = (
     (re.compile(r"/dev/(tty|serial/)"), "dialout"),
     (re.compile(r"/dev/(video|v4l/)"), "video"),
@@ -34,7 +34,7 @@ def _paths(robot: Robot) -> Iterator[Finding]:
         for host, where in named:
             stable = next((remedy for form, remedy in UNSTABLE if form.fullmatch(host)), "")
             if stable:
-                message = f"{host} may be another device after it was unplugged, or after a start of the machine"
+                message = f"{host} may be another device after unplugging, or after a reboot of the machine"
                 yield Finding("unstable-device-path", where, message, stable)
 
 
@@ -47,12 +47,12 @@ def _whole(robot: Robot) -> Iterator[Finding]:
                 yield Finding("whole-dev-mounted", subject.volume(mount), message)
         if any(host.rstrip("/") == "/dev" for host, _ in subject.devices):
             host = next(host for host, _ in subject.devices if host.rstrip("/") == "/dev")
-            message = f"'{subject.name}' gets every device that is there when it is made"
+            message = f"'{subject.name}' gets every device that exists when its container is created"
             yield Finding("whole-dev-mounted", subject.device(host), message)
 
 
 def _bound(robot: Robot) -> Iterator[Finding]:
-    """A file of a device without the right to use it: the kernel asks the control group, not the file."""
+    """A device file without the right to use it: the kernel checks the control group, not only the file."""
     for subject in robot.subjects:
         if subject.options.get("privileged") or subject.options.get("device_cgroup_rules"):
             continue
@@ -67,7 +67,7 @@ def _bound(robot: Robot) -> Iterator[Finding]:
 def _privileges(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         if subject.options.get("privileged"):
-            more = ", and what its driver names is in vain" if subject.service.driver else ""
+            more = ", so the devices of its driver have no effect" if subject.service.driver else ""
             message = f"'{subject.name}' has all devices and all capabilities: it is root on this machine{more}"
             yield Finding("privileged", subject.option("privileged"), message)
         for cap in subject.options.get("cap_add") or ():
@@ -83,7 +83,7 @@ def _shared(robot: Robot) -> Iterator[Finding]:
         for host, _ in subject.devices:
             other = first.setdefault(host, subject)
             if other is not subject and ALONE.fullmatch(host) and not robot.apart(other, subject):
-                message = f"{host} is used by '{other.name}' too, and both may run at once"
+                message = f"{host} is used by '{other.name}' too, and both may run at the same time"
                 remedy = f"conflicts: [{other.name}], or exclusive: [{re.sub('[^a-z0-9]+', '-', subject.name)}] in both"
                 yield Finding("device-shared", subject.device(host), message, remedy)
 
@@ -121,7 +121,9 @@ def _screens(robot: Robot) -> Iterator[Finding]:
             message = f"DISPLAY is {display}, and its socket is not in the container"
             yield Finding("display-without-x11", subject.variable("DISPLAY"), message)
         elif display.startswith(":") and subject.ipc != "host" and subject.env.get("QT_X11_NO_MITSHM") != "1":
-            message = f"'{subject.name}' offers the screen shared memory, and ipc: {subject.ipc} keeps it from it"
+            message = (
+                f"'{subject.name}' offers the screen shared memory, and ipc: {subject.ipc} hides it from the server"
+            )
             yield Finding("x11-private-ipc", subject.variable("DISPLAY"), message)
         name = next((n for n in NVIDIA if subject.env.get(n) not in (None, "", "none", "void")), "")
         if name and not subject.options.get("gpus") and subject.options.get("runtime") != "nvidia":

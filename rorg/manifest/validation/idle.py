@@ -1,4 +1,4 @@
-"""What becomes of services that nobody wants, and what that does to those that talk to them."""
+"""Idle services: what pausing or stopping them does to the services that talk to them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ ACTUATORS = re.compile(
     r"ackermann|diff_drive|dynamixel|(?<![a-z])(motors?|wheels?|servos?|grippers?|thrusters?|actuators?)(?![a-z])",
     re.IGNORECASE,
 )
-"""Words by which programs are known that move something."""
+"""Words that identify programs which move something."""
 HINTS = (
     *("cmd", "twist_mux", "control", "trajectory", "ackermann", "diff_drive", "dynamixel"),
     *("motor", "wheel", "servo", "gripper", "thruster", "actuator"),
 )
-"""Parts of these words: to look for one of them takes a hundredth of the time of the expression."""
+"""Parts of these words. Searching for them takes a hundredth of the time of the expression."""
 LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manipulator|ptu)(?![a-z])")
-"""Names of drivers that move something. Words of other services as well, so only names of drivers count."""
+"""Names of drivers that move something. Other services use these words too, so only drivers count."""
 NEVER = 86_400.0
-"""Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
+"""Seconds. A longer delay means: never ready while it runs."""
 INFRASTRUCTURE = {
     "roscore": "the ROS master",
     "rosmaster": "the ROS master",
@@ -36,8 +36,8 @@ INFRASTRUCTURE = {
     "rorg_ros": "rorg's own bridge",
     "mosquitto": "a message broker",
 }
-"""Programs that all others talk to, by the name of their command. A call to one that is paused does not fail: it hangs
-until it is resumed."""
+"""Programs that all others talk to, by the name of their command. A call to a paused one does not fail; it hangs until
+the program resumes."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
 
 
@@ -64,14 +64,14 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
 
 @lru_cache(maxsize=8192)
 def _actuator(text: str) -> str:
-    """The first word by which it moves something; empty for none."""
+    """The first word that shows that it moves something; empty if there is none."""
     low = text.lower()
     found = ACTUATORS.search(text) if any(hint in low for hint in HINTS) else None
     return found[0] if found else ""
 
 
 def _nodes(robot: Robot) -> Iterator[Finding]:
-    """Two services with one name in the ROS graph."""
+    """Services with the same node name in the ROS graph."""
     owners: dict[str, list[Subject]] = {}
     for subject in robot.ros1:
         for name in sorted(names_of_nodes(subject)):
@@ -84,7 +84,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
                 if not robot.apart(first, other) and ("", first.name, other.name) not in told:
                     told.add(("", first.name, other.name))
                     message = (
-                        f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them from running at once"
+                        f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them from running together"
                     )
                     remedy = f"conflicts: [{first.name}]"
                     yield Finding("conflict-not-declared", other.command(), message, remedy)
@@ -96,7 +96,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
 
 
 def _callees(robot: Robot) -> Iterator[Finding]:
-    """Those that others call, or that newcomers must hear from."""
+    """Paused services that others call, or that late subscribers must hear from."""
     for subject in (s for s in robot.subjects if s.pauses):
         where = subject.at("idle", "action")
         for asked in (a for a in subject.asked_ready if a.probe.kind == "ros_service"):
@@ -113,7 +113,7 @@ def _callees(robot: Robot) -> Iterator[Finding]:
 
 
 def _servers(robot: Robot) -> Iterator[Finding]:
-    """Those that others connect to, which do not keep them active."""
+    """Paused servers that others connect to without keeping them active."""
     for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
         others = (s for s in robot.subjects if s is not subject and not robot.apart(s, subject))
         found = [(s, port) for s in others if (port := _called(s, subject))]
@@ -127,7 +127,7 @@ def _servers(robot: Robot) -> Iterator[Finding]:
 
 
 def _called(caller: Subject, server: Subject) -> str:
-    """The port of a server that a caller names; empty where it names none, or one of another place."""
+    """The port of a server that a caller uses; empty if it uses none, or one on another host."""
     ports, names = ports_of(server), (server.name, server.service.container_name)
     shared = caller.network == "host" and (server.network == "host" or server.options.get("ports"))
     hosts = (*names, *(LOCAL if shared else ()))
@@ -148,7 +148,7 @@ def _lingering(robot: Robot) -> Iterator[Finding]:
 
 
 def _never_paused(robot: Robot) -> Iterator[Finding]:
-    """Who says itself what is done instead of a pause, and would not be paused."""
+    """Services with `connected` that are never paused."""
     for subject in robot.subjects:
         said = ("spec", "idle", "connected") in subject.source.document.values
         if said and subject.mindful and subject.service.idle.action != "pause":

@@ -1,4 +1,4 @@
-"""Limits, logs and memory: what does not fit what is expected, or the machine."""
+"""Limits, logs and memory that do not fit expectations or the machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rorg.model.graph import closure
 from rorg.model.units import format_memory
 
 MOST_FILES = 1 << 20
-"""Python 2 and roslaunch close every number up to the limit for each process that they start."""
+"""Python 2 and roslaunch close every descriptor up to the limit for each process that they start."""
 
 
 def memory_limit(subject: Subject) -> int:
@@ -26,7 +26,7 @@ def always_on(robot: Robot) -> tuple[set[str], float, int]:
 
 
 def _expected(robot: Robot) -> Iterator[Finding]:
-    """Limits below what the same manifest expects to be used."""
+    """Limits below the expected use in the same manifest."""
     for subject in robot.subjects:
         limit, cores = memory_limit(subject), subject.options.get("cpus") or 0
         memory, cpu = subject.service.memory, subject.service.cpu
@@ -40,7 +40,7 @@ def _expected(robot: Robot) -> Iterator[Finding]:
 
 
 def _budgets(robot: Robot) -> Iterator[Finding]:
-    """What is always on does not fit the budget of the Policy."""
+    """Always-on services that exceed the Policy's budget."""
     budget = robot.catalog.policy.budget
     policy = next(iter(robot.sources.get("Policy", {}).values()), None)
     if budget is None or policy is None:
@@ -56,7 +56,7 @@ def _budgets(robot: Robot) -> Iterator[Finding]:
 
 
 def _uncounted(robot: Robot) -> Iterator[Finding]:
-    """What a budget does not know of."""
+    """Services that the budget cannot count."""
     budget = robot.catalog.policy.budget
     if budget is None:
         return
@@ -67,16 +67,16 @@ def _uncounted(robot: Robot) -> Iterator[Finding]:
 
 
 def _read_only(robot: Robot) -> Iterator[Finding]:
-    """ROS writes logs before it does anything else."""
+    """Read-only containers: ROS writes logs before it does anything else."""
     for subject in (s for s in robot.subjects if s.ros and s.options.get("read_only")):
         writes = subject.options.get("tmpfs") or any(not m.read_only for m in subject.mounts)
         if not writes:
-            message = f"'{subject.name}' may write nowhere, and ROS begins with a log file"
+            message = f"'{subject.name}' cannot write anywhere, and ROS starts with a log file"
             yield Finding("read-only-ros", subject.option("read_only"), message)
 
 
 def _homes(robot: Robot) -> Iterator[Finding]:
-    """A user that the image may not know has / for its home, and ROS writes there."""
+    """Users that the image may not know: their home is /, and ROS writes there."""
     for subject in (s for s in robot.subjects if s.ros and s.uid.isdigit() and s.uid != "0"):
         told = any(name in subject.env for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"))
         if not told and not any(mount.target == "/.ros" for mount in subject.mounts):
@@ -109,7 +109,7 @@ def _kernel(robot: Robot) -> Iterator[Finding]:
             message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
             yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
         if options.get("oom_kill_disable") and not memory_limit(subject):
-            message = "the kernel may kill anything but this, which may take all memory"
+            message = "the kernel may kill anything except this, which may take all memory"
             yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
         most = options.get("ulimits", {}).get("nofile", {}).get("soft", 0)
         if subject.ros1 and (most > MOST_FILES or most < 0):
@@ -120,7 +120,7 @@ def _kernel(robot: Robot) -> Iterator[Finding]:
 
 
 def _zones(robot: Robot) -> Iterator[Finding]:
-    """Times in logs that cannot be compared."""
+    """Services with different time zones, whose logs cannot be compared."""
     seen: dict[str, Subject] = {}
     for subject in (s for s in robot.subjects if s.env.get("TZ")):
         seen.setdefault(subject.env["TZ"], subject)

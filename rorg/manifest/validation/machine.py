@@ -1,4 +1,4 @@
-"""A robot against the machine that it is to run on."""
+"""Checks of a robot against the machine that it will run on."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from rorg.model.units import format_memory
 
 OF_CGROUP_1 = ("mem_swappiness", "oom_kill_disable", "cpu_rt_runtime", "cpu_rt_period")
 ENOUGH_SHM = 64 << 20
-"""Bytes: a participant of Fast DDS takes 0.6 MB, images and point clouds several times their size."""
+"""Bytes. A participant of Fast DDS takes 0.6 MB; images and point clouds take several times their size."""
 WRITES, OTHERS_WRITE = 0o222, 0o002
 
 
 def named_paths(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> set[str]:
-    """The paths of the machine that a robot names: devices, and what it mounts."""
+    """The paths of the machine that a robot uses: devices and mounts."""
     robot = Robot(catalog, sources)
     found = {host for s in robot.subjects for host, _ in s.devices if host.startswith("/")}
     return found | {m.path for s in robot.subjects for m in s.mounts if m.path and not m.source.startswith(RUN)}
 
 
 def check_machine(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]], machine: Machine) -> list[Diagnostic]:
-    """What cannot be on this machine, without what comments let pass."""
+    """Returns what cannot work on this machine, without what comments allow."""
     robot = Robot(catalog, sources)
     allows = [a for a in allows_of(sources) if a.code in CODES and CODES[a.code].machine and a.reason]
     found = (f for s in robot.subjects for check in _CHECKS for f in check(s, machine))
@@ -73,7 +73,7 @@ def _mounts(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 
 def _writes(subject: Subject, mount: Mount, machine: Machine) -> Iterator[Finding]:
-    """A directory that the container's user may not write to, though it is not mounted read only."""
+    """A directory that the container's user cannot write to, though it is not mounted read-only."""
     node = machine.nodes.get(mount.path)
     if node is None or node.kind != DIRECTORY or mount.read_only or not subject.uid.isdigit() or subject.uid == "0":
         return
@@ -133,7 +133,7 @@ def _size(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 
 def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
-    """All that is always on, beside what there is."""
+    """Always-on services that need more than the machine has."""
     by_name, (always, cpu, memory) = robot.by_name, always_on(robot)
     for used, most, shown in ((cpu, machine.cpus, f"{cpu:g} cores"), (memory, machine.memory, format_memory(memory))):
         if most and used > most and by_name:
@@ -143,7 +143,7 @@ def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
 
 
 def _shared_memory(robot: Robot, machine: Machine) -> Iterator[Finding]:
-    """What ROS 2 needs of /dev/shm: once for all, since they share it."""
+    """The shared memory that ROS 2 needs; reported once, because all services share it."""
     users = [s for s in robot.ros2 if shares_memory(s) and s.ipc == "host"]
     if users and machine.shm is not None and machine.shm < ENOUGH_SHM:
         message = f"{format_memory(machine.shm)} of /dev/shm are free here, and {users[0].name} sends through it"

@@ -1,4 +1,4 @@
-"""Files of this machine inside of containers."""
+"""Files of this machine inside containers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OURS = "rorg.sock"
 SYSTEM = ("/bin", "/etc", "/lib", "/lib64", "/opt", "/opt/ros", "/sbin", "/usr", "/usr/bin", "/usr/lib", "/var")
 HOST = ("/", "/etc", "/proc", "/root", "/home", "/usr", "/var", "/var/lib/docker")
 MOST_ENTRIES = 500
-"""Names in a mounted directory that are looked at."""
+"""Maximum number of entries checked in a mounted directory."""
 
 
 def _sockets(robot: Robot) -> Iterator[Finding]:
@@ -38,7 +38,7 @@ def _sockets(robot: Robot) -> Iterator[Finding]:
 
 
 def _sources(robot: Robot) -> Iterator[Finding]:
-    """What is mounted from beside a manifest, and is not there: the engine makes an empty directory of it."""
+    """Missing sources of mounts inside the tree: the engine would create an empty directory."""
     for subject in robot.subjects:
         for mount in _of_tree(subject):
             if not os.path.lexists(mount.path):
@@ -69,7 +69,7 @@ def _shown(subject: Subject, mount: Mount) -> str:
 
 
 def _dead_links(path: str) -> Iterator[str]:
-    """Relative ones that lead nowhere. Absolute ones may be there in the container."""
+    """Dead relative links. Absolute ones may exist in the container."""
     try:
         with os.scandir(path) as entries:
             for number, entry in enumerate(entries):
@@ -97,7 +97,7 @@ def _hiding(robot: Robot) -> Iterator[Finding]:
 
 
 def _files(robot: Robot) -> Iterator[Finding]:
-    """What the command names of the tree: whether it is there, and whether it can be run."""
+    """Files of the tree in the command: whether they exist and can be executed."""
     for subject in robot.subjects:
         starts = {command[0] for command in subject.commands if command}
         for word, path in named_files(subject):

@@ -1,4 +1,4 @@
-"""Networks: who can be reached from where, and who is in whose way."""
+"""Networks: which services reach each other, and which take each other's ports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ANY = ("", "0.0.0.0", "::")
 
 
 def _host_names(robot: Robot) -> Iterator[Finding]:
-    """A name that nobody can look up: ROS 1 tells it to others, and calls itself by it."""
+    """Host names that nothing can resolve: ROS 1 tells them to other nodes, and calls itself by them."""
     for subject in robot.subjects:
         name = subject.options.get("hostname")
         if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
@@ -32,7 +32,7 @@ def _host_names(robot: Robot) -> Iterator[Finding]:
 
 
 def _mixed(robot: Robot) -> Iterator[Finding]:
-    """ROS tells every node the address of every other one, and any port: all must be in one network."""
+    """ROS tells every node the addresses of all others, with any port: all must be on one network."""
     for subject in (s for s in robot.subjects if s.ros and s.network not in ("host", "none")):
         if subject.network.startswith(("container:", "service:")):
             continue
@@ -44,7 +44,7 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
             message = f"'{subject.name}' is on another network ({_shown(subject)}) than '{beside.name}' (host)"
         elif subject.ros1 and name in LOCAL and (name or subject.network in ("bridge", "default")):
             said = f"says '{name}'" if name else "is not said"
-            message = f"ROS 1 on {subject.network}, and the address at which others reach it {said}"
+            message = f"ROS 1 on {subject.network}, and the address where others reach it {said}"
         else:
             continue
         remedy = "network_mode: host for all of them, or ROS_IP with the container's address"
@@ -52,7 +52,7 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
 
 
 def _local_only(robot: Robot) -> Iterator[Finding]:
-    """ROS 2 that looks for others on its own machine alone, where each container counts as one."""
+    """ROS 2 programs that search only their own machine: each container counts as a machine."""
     for subject in (s for s in robot.ros2 if s.network not in ("host", "none") and ":" not in s.network):
         local = subject.env.get("ROS_LOCALHOST_ONLY") == "1"
         name = "ROS_LOCALHOST_ONLY" if local else "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -76,7 +76,7 @@ def _alone(robot: Robot) -> Iterator[Finding]:
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
-    """Where ROS 1 looks for its master, and by which name it is called back."""
+    """The address of the ROS 1 master, and the name at which it calls back."""
     for subject in robot.ros1:
         uri, env = subject.env.get("ROS_MASTER_URI", ""), subject.env
         host = urlsplit(uri).hostname or ""
@@ -87,7 +87,7 @@ def _masters(robot: Robot) -> Iterator[Finding]:
             message = "both ROS_IP and ROS_HOSTNAME are set, and ROS_IP is ignored"
             yield Finding("ros-ip-and-hostname", subject.variable("ROS_IP"), message)
         elif host not in LOCAL and env.get("ROS_HOSTNAME", env.get("ROS_IP")) in LOCAL[:-1]:
-            message = f"the master is on '{host}', and nodes there are told to answer to localhost"
+            message = f"the master is on '{host}', and it would call nodes back at localhost"
             yield Finding("ros-master-elsewhere", subject.variable("ROS_MASTER_URI"), message)
 
 
@@ -105,7 +105,7 @@ def _differing(robot: Robot) -> Iterator[Finding]:
 
 
 def _ports(robot: Robot) -> Iterator[Finding]:
-    """The same port of the machine, published by two services that may run at once."""
+    """The same port of the machine, published by two services that may run at the same time."""
     taken: list[tuple[Subject, Published]] = []
     for subject in robot.subjects:
         told = set[int]()
@@ -125,7 +125,7 @@ def _same(one: Published, other: Published) -> bool:
 
 
 def _probed(robot: Robot) -> Iterator[Finding]:
-    """One that answers for another: both are probed by the same port of the host network."""
+    """Services that are probed at the same port of the host: one answers for the other."""
     first: dict[str, Subject] = {}
     for subject, asked in ((s, a) for s in robot.subjects if s.network == "host" for a in s.asked_ready):
         if asked.probe.kind != "tcp":

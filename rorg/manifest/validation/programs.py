@@ -1,4 +1,4 @@
-"""What runs: images, variables, probes, and how one is kept waiting for another."""
+"""What runs: images, commands, variables, probes, and how one service waits for another."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
 ASKS = r"\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b"
 OPERATORS = ("&&", "||", ";", "|", ">", ">>", "2>&1", "<", "&")
 EXPANDED = re.compile(r"(?<!\$)\$(\(|\{?[A-Za-z_]\w*)|`")
-"""What a shell puts something else in the place of."""
+"""Text that a shell expands."""
 BEHIND = re.compile(r"(?<![&>|<])&(?![&>0-9])")
-"""What begins a program beside the shell."""
+"""A program in the background of a shell."""
 LOOP = (re.compile(r"\b(until|while)\b"), re.compile(ASKS), re.compile(r"\bsleep\b"))
-"""Words of a loop that waits, one behind another."""
+"""Words of a waiting loop, in order."""
 
 
 def _images(robot: Robot) -> Iterator[Finding]:
-    """References that mean another image tomorrow."""
+    """References that may mean another image tomorrow."""
     for subject in robot.subjects:
         name = str(subject.options.get("image") or "")
         if name.endswith(":latest") and not declared(name, robot.catalog.images):
@@ -62,7 +62,7 @@ def _distributions(robot: Robot) -> Iterator[Finding]:
 
 
 def _probes(robot: Robot) -> Iterator[Finding]:
-    """Programs of ROS as probes: each takes a second and a share of a CPU."""
+    """ROS programs as probes: each takes a second and a share of a CPU."""
     for subject in robot.subjects:
         for asked in subject.asked:
             command = asked.probe.target
@@ -88,7 +88,7 @@ def _cli(text: str) -> str:
 
 
 def _loops(script: str) -> bool:
-    """Whether a shell asks and sleeps in a loop."""
+    """Whether a script polls and sleeps in a loop."""
     at = 0
     for word in LOOP:
         found = word.search(script, at)
@@ -99,7 +99,7 @@ def _loops(script: str) -> bool:
 
 
 def _waiting(robot: Robot) -> Iterator[Finding]:
-    """Guesses how long another service takes, in place of asking it."""
+    """Services that guess how long another one takes, instead of checking it."""
     for subject in (s for s in robot.subjects if s.script):
         commands = [c for c in subject.commands if c]
         sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())
@@ -112,7 +112,7 @@ def _waiting(robot: Robot) -> Iterator[Finding]:
 
 
 def _daemons(robot: Robot) -> Iterator[Finding]:
-    """The command ros2 starts a daemon, which stays, and remembers nodes that are gone."""
+    """The command ros2 starts a daemon, which stays and remembers nodes that are gone."""
     for subject in robot.subjects:
         for command in subject.commands:
             words = [w.rpartition("/")[2] for w in command]
@@ -124,7 +124,7 @@ def _daemons(robot: Robot) -> Iterator[Finding]:
 
 @lru_cache(maxsize=4096)
 def _secret(name: str) -> bool:
-    """The value of a variable that is called so is for few eyes."""
+    """Whether the name of a variable says that its value is secret."""
     return SECRET.search(name) is not None
 
 
@@ -132,7 +132,7 @@ def _variables(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         for name, value in sorted(subject.env.items()):
             if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
-                message = f"the value of {name} stands in the manifest, and is shown wherever it is"
+                message = f"the value of {name} is in the manifest, and is shown with it"
                 yield Finding("secret-in-manifest", subject.variable(name), message)
         words = subject.words
         first = words[0].rpartition("/")[2] if words else ""
@@ -176,8 +176,7 @@ def _shell_words(robot: Robot) -> Iterator[Finding]:
 
 
 def _for_a_shell(words: tuple[str, ...]) -> str:
-    """The first word that means something to a shell alone. Behind `-c` and the like stands the text of another
-    program."""
+    """The first word that only a shell understands. The text behind `-c` and similar options is for another program."""
     if words[0] in ("source", "."):
         return words[0]
     found = next((w for w in words if w in OPERATORS), "")
@@ -188,11 +187,11 @@ def _for_a_shell(words: tuple[str, ...]) -> str:
 
 
 def _beside(robot: Robot) -> Iterator[Finding]:
-    """Programs beside the one that the container ends with."""
+    """Programs in the background, whose end nothing notices."""
     for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
         text = re.sub(r"'[^']*'|\"[^\"]*\"", "", subject.script)
         if BEHIND.search(text.rstrip()) and not re.search(r"\bwait -n\b|\btrap\b", text):
-            message = f"'{subject.name}' begins a program in the background: nobody sees how that ends"
+            message = f"'{subject.name}' begins a program in the background: nothing notices how it ends"
             yield Finding("program-in-background", subject.command(), message)
 
 

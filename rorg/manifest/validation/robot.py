@@ -1,4 +1,4 @@
-"""A whole tree as checks look at it: its services, and how they stand to each other."""
+"""A whole tree as checks see it, and the findings that they return."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rorg.model.joining import SERVICE
 
 @dataclass(frozen=True)
 class Robot:
-    """The whole tree as checks look at it."""
+    """A whole tree: its services, and their relations."""
 
     catalog: Catalog
     sources: Mapping[str, Mapping[str, Source]]
@@ -61,7 +61,7 @@ class Robot:
         return self._needed[name]
 
     def whose(self, subject: Subject, option: str) -> str:
-        """Whose network (`network_mode`) or shared memory (`ipc`) its container has: `host`, a service's by its name,
+        """The owner of a container's network (`network_mode`) or shared memory (`ipc`): `host`, the name of a service,
         or `container:NAME`."""
         passed: set[str] = set()
         while (value := str(subject.options.get(option) or "")).startswith(SERVICE) and subject.name not in passed:
@@ -70,7 +70,8 @@ class Robot:
         return value if value == "host" or ":" in value else subject.name
 
     def apart(self, one: Subject, other: Subject) -> bool:
-        """Whether they are never active at once: they conflict, or want the same of what there is too little."""
+        """Whether they are never active at the same time: they conflict, or both need more of an exclusive resource
+        than exists."""
         a, b = one.service, other.service
         if a.name in b.conflicts or b.name in a.conflicts:
             return True
@@ -82,7 +83,7 @@ class Robot:
         )
 
     def asks_for(self, subject: Subject) -> set[str]:
-        """All that a service needs, or may request by itself."""
+        """Everything that a service needs, or may request by itself."""
         found = set(self.needs(subject.name))
         for name in subject.service.may_request:
             for member in self.catalog.members(name):

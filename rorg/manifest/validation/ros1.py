@@ -1,4 +1,4 @@
-"""ROS 1: the master, and what each service needs of the others."""
+"""ROS 1: the master, its parameters, and what each service needs from the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rorg.manifest.validation.texts import names_in, names_of_nodes, ports_named
 from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
-"""Words by which programs are known that give simulated time."""
+"""Words that identify programs which publish simulated time."""
 SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
 
 
@@ -32,7 +32,7 @@ def _place(subject: Subject) -> tuple[str, str]:
 
 
 def _needing(robot: Robot) -> Iterator[Finding]:
-    """Nodes and the master that they register with."""
+    """Nodes, and the master with which they register."""
     masters = {s.name: s for s in robot.masters}
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
         mine = [masters[n] for n in sorted(masters) if n in robot.needs(subject.name)]
@@ -63,7 +63,7 @@ def _need(subject: Subject, name: str) -> Where:
 
 
 def _unprobed(robot: Robot) -> Iterator[Finding]:
-    """What others need counts as ready as soon as its process is there; it answers later."""
+    """Needed services without `ready` count as ready as soon as their process exists; they answer later."""
     needed = {n for s in robot.subjects for n in s.service.needs}
     for subject in robot.subjects:
         if subject.name not in needed or subject.service.ready is not None:
@@ -76,7 +76,7 @@ def _unprobed(robot: Robot) -> Iterator[Finding]:
 
 
 def _times(robot: Robot) -> Iterator[Finding]:
-    """All that asks for the time waits for ever where nobody gives it."""
+    """Simulated time without a clock: everything that waits for time waits forever."""
     simulated = [s for s in robot.ros1 if "use_sim_time" in (text := text_of(s)) and SIM_TIME.search(text)]
     if not simulated or any(CLOCKS.search(text_of(s)) for s in robot.subjects):
         return
@@ -113,7 +113,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
 
 
 def _parameters(robot: Robot) -> Iterator[Finding]:
-    """One master has one value for each name, whoever sets it."""
+    """Parameters that two services set: a master has one value per name."""
     declaring = [(s, s.service.ros) for s in robot.subjects if s.service.ros]
     for (one, first), (other, second) in combinations(declaring, 2):
         if robot.apart(one, other) or first.master != second.master:
@@ -129,7 +129,7 @@ def _parameters(robot: Robot) -> Iterator[Finding]:
 
 
 def _within(one: str, other: str) -> bool:
-    """Whether one of two names is the other, or in its namespace."""
+    """Whether one of two names equals the other or is in its namespace."""
     return f"{one}/".startswith(f"{other}/") or f"{other}/".startswith(f"{one}/")
 
 

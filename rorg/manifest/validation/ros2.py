@@ -1,4 +1,5 @@
-"""ROS 2: services find each other only in one domain, and shared memory carries data only between alike ones."""
+"""ROS 2: services find each other only in the same domain, and exchange data by shared memory only with the same
+settings."""
 
 from __future__ import annotations
 
@@ -10,19 +11,19 @@ from rorg.manifest.validation.subject import Subject
 from rorg.model.ros import RELEASES
 
 MOST_DOMAIN = 232
-"""Above it, ports are beyond those that there are: the domain's first one is 7400 + 250 * domain."""
+"""Above it there are no ports: the first port of a domain is 7400 + 250 * domain."""
 TAKEN = range(102, 215)
-"""Domains whose ports are among those that Linux takes for connections (net.ipv4.ip_local_port_range)."""
+"""Domains with ports that Linux uses for outgoing connections (net.ipv4.ip_local_port_range)."""
 FAST = "rmw_fastrtps_cpp"
 SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
-"""Implementations that use shared memory by themselves, and are one on the wire."""
+"""Implementations that use shared memory by default, and are compatible with each other."""
 ALIKE = {
     "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF by nobody",
     "ROS_DISCOVERY_SERVER": "they do not find each other",
     "ROS_STATIC_PEERS": "they look for others at different places",
 }
-"""Variables that should have one value, each with what comes of several."""
+"""Variables that should be the same everywhere, with the consequence if they are not."""
 SMALLEST = 16 << 20
 
 
@@ -82,7 +83,7 @@ def _discovery(robot: Robot) -> Iterator[Finding]:
 
 
 def shares_memory(subject: Subject) -> bool:
-    """Whether its data goes through shared memory, where that can be had."""
+    """Whether its data goes through shared memory if possible."""
     env = subject.env
     transports = env.get("FASTDDS_BUILTIN_TRANSPORTS", "")
     own = "FASTRTPS_DEFAULT_PROFILES_FILE" in env or "FASTDDS_DEFAULT_PROFILES_FILE" in env
@@ -90,8 +91,8 @@ def shares_memory(subject: Subject) -> bool:
 
 
 def _sharers(robot: Robot) -> dict[str, list[Subject]]:
-    """Those that send to each other by shared memory alone, by whose memory they have: at one address, each takes the
-    other to be on its own machine."""
+    """Services that exchange data only by shared memory, by the owner of that memory: at the same address, each assumes
+    that the other is on its own machine."""
     found: dict[str, list[Subject]] = {}
     for subject in robot.ros2:
         if shares_memory(subject) and robot.whose(subject, "network_mode") == "host":
@@ -131,7 +132,8 @@ def _users(robot: Robot) -> Iterator[Finding]:
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
-    """Whatever ROS 1 master answers on this machine would be asked, perhaps another robot's."""
+    """ROS 2 programs with ROS 1 probes: whatever master answers on this machine would be asked, perhaps another
+    robot's."""
     for subject in (s for s in robot.subjects if s.without_master):
         for asked in subject.asked:
             if asked.probe.kind.startswith("ros_"):

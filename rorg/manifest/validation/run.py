@@ -1,4 +1,4 @@
-"""All checks of a tree: `check(robot)`."""
+"""Runs all checks of a tree: `validate(catalog, sources)`."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in fami
 
 
 def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> list[Diagnostic]:
-    """What is wrong with a tree whose manifests are right one by one, without what comments let pass. `sources`: by
-    kind and name, those that the Catalog was made of."""
+    """Findings about a tree whose manifests are valid by themselves, without what comments allow. `sources` are the
+    manifests of the Catalog, by kind and name."""
     robot = Robot(catalog, sources)
     found = [d for check in CHECKS for d in _found(check, robot)]
     return allowed(found, allows_of(sources), machine=False)
 
 
 def _found(check: Check, robot: Robot) -> list[Diagnostic]:
-    """What one check says. What it does not understand keeps the others from nothing."""
+    """Runs one check. A crash becomes a warning, so that the other checks still run."""
     try:
         return list(diagnostics(check(robot)))
     except Exception as bug:
@@ -36,7 +36,7 @@ def _found(check: Check, robot: Robot) -> list[Diagnostic]:
 
 
 def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
-    """With what the table says of their codes."""
+    """Completes findings from the table of codes."""
     for found in findings:
         code = CODES[found.code]
         remedy, severity = found.remedy or code.remedy, found.severity or code.severity
@@ -44,5 +44,5 @@ def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
 
 
 def allows_of(sources: Mapping[str, Mapping[str, Source]]) -> list[Allow]:
-    """What comments of these files let pass."""
+    """The comments of these files that allow warnings."""
     return [allow for found in sources.values() for source in found.values() for allow in source.document.allows]

@@ -1,4 +1,4 @@
-"""How services end: who gets the signal, what it does there, and who starts them again."""
+"""How services end: which process gets the signal, what it does then, and what restarts the service."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from rorg.model.ros import MASTERS
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")
 HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
-"""Programs that end by SIGTERM, and cleanly."""
+"""Programs that end cleanly on SIGTERM."""
 EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
 NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
 SHORT = 1.0
-"""Seconds in which no ROS node tells its master that it goes."""
+"""Seconds. No ROS node can unregister from its master in less."""
 
 
 def _restarts(robot: Robot) -> Iterator[Finding]:
@@ -37,7 +37,7 @@ def _signals(robot: Robot) -> Iterator[Finding]:
         signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
         if signal in ("KILL", "9"):
             where = subject.option("stop_signal")
-            yield Finding("stop-by-kill", where, f"'{subject.name}' is killed at once when it is to stop")
+            yield Finding("stop-by-kill", where, f"'{subject.name}' is killed immediately instead of being stopped")
         elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
             end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
             message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
@@ -45,10 +45,10 @@ def _signals(robot: Robot) -> Iterator[Finding]:
 
 
 def _python(subject: Subject) -> bool:
-    """Whether what gets the signal is known to end cleanly by SIGTERM. That of a shell is another matter."""
+    """Whether the program that gets the signal is known to end cleanly on SIGTERM. Shells are checked elsewhere."""
     words = subject.words
     if not words:
-        return True  # the image's own command: nobody knows
+        return True  # the image's own command is unknown
     first = words[0].rpartition("/")[2]
     if first in SHELLS:
         return True
@@ -58,15 +58,15 @@ def _python(subject: Subject) -> bool:
 
 
 def _shells(robot: Robot) -> Iterator[Finding]:
-    """A shell that does not hand on the signal. With an init that signals the whole group all get it, and what is left
-    is that the shell's own exit code hides that of its program."""
+    """Shells that do not forward the signal. With an init that signals the whole group, all processes get it; then the
+    remaining problem is that the shell's exit code hides that of its program."""
     for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
         commands = [c for c in subject.commands if c]
         last = commands[-1] if commands else ()
         if len(commands) < 2 or last[0] == "exec":
             continue
         if NOTHING.match(" ".join(last)) and commands[-2][0] != "exec":
-            message = f"the shell goes on after its program, with '{' '.join(last)}': nobody sees how that ended"
+            message = f"the shell goes on after its program, with '{' '.join(last)}': its exit code is lost"
         elif not _group(subject) and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
             message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace"
         else:
@@ -75,7 +75,7 @@ def _shells(robot: Robot) -> Iterator[Finding]:
 
 
 def _group(subject: Subject) -> bool:
-    """An init hands the signal to the whole group of processes."""
+    """Whether an init sends the signal to the whole process group."""
     return bool(subject.options.get("init")) and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
 
 
@@ -88,7 +88,7 @@ def _graces(robot: Robot) -> Iterator[Finding]:
 
 
 def _images(robot: Robot) -> Iterator[Finding]:
-    """Images of the tree whose own program is begun by a shell, where a service does not say what runs."""
+    """Images of the tree whose program is started by a shell, in services that declare no program."""
     for subject in robot.subjects:
         options = subject.options
         if _group(subject) or options.get("entrypoint") or subject.service.restart == "never":
@@ -104,7 +104,7 @@ def _images(robot: Robot) -> Iterator[Finding]:
 
 
 def _programs(robot: Robot, name: str) -> Programs:
-    """What an Image of the tree begins with, by its Dockerfile and those of the Images that it stands on."""
+    """The programs of an Image of the tree, by its Dockerfile and those of its bases."""
     found, seen = Programs(), set[str]()
     while name and name not in seen:
         seen.add(name)

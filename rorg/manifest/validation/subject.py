@@ -1,4 +1,4 @@
-"""A service as checks look at it: rendered, with the places of what its manifest says of it."""
+"""A service as checks see it: rendered, with the places of its values in the manifest."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 ROS2_PROGRAMS = frozenset(("ros2",))
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 MOST_SCRIPT = 128 << 10
-"""Characters of a shell's text that are looked at."""
+"""Maximum number of characters that checks read of a shell's script."""
 
 
 class Mount(NamedTuple):
-    """One volume: a place of the host, or the name of a volume, and where it is inside."""
+    """One volume: a path of the host or the name of a volume, and its path in the container."""
 
     source: str
     target: str
     read_only: bool
     place: int
-    """In the rendered list."""
+    """Index in the rendered list."""
 
     @property
     def path(self) -> str:
-        """On the host; empty for a volume."""
+        """Path on the host; empty for a named volume."""
         return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
 
 
@@ -45,11 +45,11 @@ class Asked(NamedTuple):
     role: str
     probe: Probe
     part: int | None
-    """In the list of those that must all hold; None where it is the only one."""
+    """Index in the list `all`; None if it is the only question."""
 
     @property
     def path(self) -> tuple[str | int, ...]:
-        """Where it stands in the spec."""
+        """Its path in the spec."""
         return (self.role, self.probe.kind) if self.part is None else (self.role, "all", self.part, self.probe.kind)
 
 
@@ -62,7 +62,7 @@ class Subject:
     top: str = ""
     """The directory of the tree, without links."""
     memo: dict[str, Any] = field(default_factory=dict)
-    """What was read for it once."""
+    """Cache for texts.once."""
 
     @property
     def name(self) -> str:
@@ -78,12 +78,12 @@ class Subject:
 
     @cached_property
     def words(self) -> tuple[str, ...]:
-        """What runs, as far as the manifest says it: entry point, then command."""
+        """The command line, as far as the manifest declares it: entry point, then command."""
         return (*(self.options.get("entrypoint") or ()), *(self.options.get("command") or ()))
 
     @cached_property
     def script(self) -> str:
-        """What a shell is told by `-c`, up to a size; empty if it is told nothing."""
+        """The script that a shell runs by `-c`, up to a maximum length; empty if there is none."""
         for first, second, text in zip(self.words, self.words[1:], self.words[2:], strict=False):
             if first.rpartition("/")[2] in SHELLS and re.fullmatch("-[a-z]*c", second):
                 return text[:MOST_SCRIPT]
@@ -91,12 +91,12 @@ class Subject:
 
     @cached_property
     def commands(self) -> tuple[tuple[str, ...], ...]:
-        """The single commands that run: those of the shell's text, or the one without a shell."""
+        """The single commands: those of the script, or the command line without a shell."""
         return tuple(_commands(self.script)) if self.script else (self.words,)
 
     @cached_property
     def programs(self) -> frozenset[str]:
-        """Names of programs, and of all words that may be one behind another (`entry.sh roslaunch`)."""
+        """Names of programs, including all words that may be a program behind another one (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
 
     @cached_property
@@ -113,7 +113,7 @@ class Subject:
 
     @property
     def uid(self) -> str:
-        """Of its processes, as written; 0 where nothing is said, as most images have it."""
+        """The user of its processes, as written; 0 without a declaration, as in most images."""
         found = str(self.options.get("user") or "0").partition(":")[0]
         return "0" if found == "root" else found
 
@@ -123,7 +123,7 @@ class Subject:
 
     @cached_property
     def without_master(self) -> bool:
-        """Whether it is a program of ROS 2 alone."""
+        """Whether it is a program of ROS 2 only."""
         return without_master(self.env, str(self.options.get("image") or ""), self.programs)
 
     @cached_property
@@ -137,12 +137,12 @@ class Subject:
 
     @cached_property
     def asked(self) -> tuple[Asked, ...]:
-        """What its probes ask it, one by one: first those of `ready`, then those of `live`."""
+        """The questions of its probes: those of `ready`, then those of `live`."""
         return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
 
     @cached_property
     def asked_ready(self) -> tuple[Asked, ...]:
-        """Those of `ready`."""
+        """The questions of `ready`."""
         return tuple(asked for asked in self.asked if asked.role == "ready")
 
     @property
@@ -159,12 +159,12 @@ class Subject:
 
     @cached_property
     def mounts_of_tree(self) -> tuple[Mount, ...]:
-        """Those whose source lies in the tree."""
+        """Mounts whose source is in the tree."""
         return tuple(m for m in self.mounts if m.path and (m.path == self.top or m.path.startswith(f"{self.top}/")))
 
     @cached_property
     def devices(self) -> tuple[tuple[str, str], ...]:
-        """(on the host, inside) of each device that is named by a path."""
+        """(path on the host, path in the container) of each device that is named by a path."""
         parts = (value.split(":") for value in self.options.get("devices") or ())
         return tuple((host, rest[0] if rest and rest[0] else host) for host, *rest in parts)
 
@@ -179,18 +179,18 @@ class Subject:
 
     @property
     def pauses(self) -> bool:
-        """It is paused when nobody wants it, which may happen."""
+        """Whether it may be paused when idle."""
         return self.service.idle.action == "pause" and not self.service.always_on
 
     @property
     def mindful(self) -> bool:
-        """It is not paused while its ROS nodes are connected to those of others."""
+        """Whether it is never paused while its ROS nodes are connected to those of other services."""
         return self.service.idle.connected != "pause"
 
     # -- places ------------------------------------------------------------------------------------------------
 
     def at(self, *path: str | int) -> Where:
-        """Of a field of the spec; of the profile where that says so."""
+        """The place of a field of the spec, or of the profile that sets it."""
         if ("spec", *path[:2]) in self.source.document.values:
             return self.source.where("spec", *path)
         if path and ("spec", path[0]) in self.source.document.values and path[0] != "container":
@@ -200,11 +200,11 @@ class Subject:
         return self.source.where("metadata", "name")
 
     def option(self, name: str, *below: str | int) -> Where:
-        """Of an option of the container."""
+        """The place of an option of the container."""
         return self.at("container", name, *below)
 
     def variable(self, name: str) -> Where:
-        """Of one variable of its environment."""
+        """The place of a variable of its environment."""
         if ("spec", "container", "environment", name) in self.source.document.values:
             return self.source.where("spec", "container", "environment", name)
         written = self._written("container", "environment")
@@ -216,7 +216,7 @@ class Subject:
         return self.source.where("spec", "profile") if declared else self.option("environment")
 
     def volume(self, mount: Mount) -> Where:
-        """Of one volume, by its place inside."""
+        """The place of a volume, by its path in the container."""
         for path in (("container", "volumes"), ("mounts",)):
             for index, item in enumerate(self._list(*path)):
                 if _target(item) == mounted_at(self.options["volumes"][mount.place]):
@@ -224,7 +224,7 @@ class Subject:
         return self.option("volumes")
 
     def device(self, host: str) -> Where:
-        """Of one device, by its path on the host."""
+        """The place of a device, by its path on the host."""
         for path in (("driver", "devices"), ("container", "devices")):
             for index, item in enumerate(self._list(*path)):
                 if (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path"))) == host:
@@ -232,7 +232,7 @@ class Subject:
         return self.option("devices")
 
     def item(self, name: str, *values: str) -> Where:
-        """Of the first of these items in an option that is a list."""
+        """The place of the first of these items in an option that is a list."""
         for index, item in enumerate(self._list("container", name)):
             if item in values:
                 return self.option(name, index)
@@ -269,7 +269,7 @@ def _commands(text: str) -> Iterator[tuple[str, ...]]:
                 command = []
             else:
                 command.append(word)
-    except ValueError:  # a quote that is not closed: the shell will say so
+    except ValueError:  # an unclosed quote: the shell will report it
         command += text.split()
     yield tuple(command)
 

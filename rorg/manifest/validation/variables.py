@@ -1,4 +1,4 @@
-"""Names that somebody most likely meant otherwise: variables of ROS, and images of the tree."""
+"""Names that are most likely misspelt: variables of ROS, and images of the tree."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rorg.model.diagnostics import close_to
 from rorg.model.image_names import declared, plain
 
 ALIKE = 0.86
-"""From this likeness on (of difflib) a name is taken for another one that is known."""
+"""Similarity (of difflib) above which a name counts as a misspelt known one."""
 _KNOWN = """
 ROS_MASTER_URI ROS_HOSTNAME ROS_IP ROS_NAMESPACE ROS_LOG_DIR ROS_HOME ROS_PACKAGE_PATH ROS_DISTRO ROS_VERSION
 ROS_PYTHON_VERSION ROS_ETC_DIR ROS_ROOT ROS_DOMAIN_ID ROS_LOCALHOST_ONLY ROS_AUTOMATIC_DISCOVERY_RANGE
@@ -38,7 +38,7 @@ def _names(robot: Robot) -> Iterator[Finding]:
 
 @lru_cache(maxsize=4096)
 def _like(name: str) -> str:
-    """The variable of ROS that is meant; empty for none."""
+    """The variable of ROS that was probably meant; empty if there is none."""
     if not name.startswith(BEGINS) or name.startswith("RORG_"):
         return ""
     return next(iter(difflib.get_close_matches(name, KNOWN, 1, ALIKE)), "")
