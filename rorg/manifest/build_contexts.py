@@ -17,7 +17,7 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.option_checks import check_image
 from rorg.model.catalog import Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.image_names import check_name, declared, plain
 
 FILES = "FROM scratch\nCOPY . /\n"
@@ -38,73 +38,58 @@ class Contexts:
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
 
+class _Wrong(Exception):
+    """(message, remedy) about one context."""
+
+
 def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Contexts:
     """Reads the additional contexts of an Image. `images` are the names of all Images of the tree."""
     found = Contexts()
     for name, value in source.spec.additional_contexts.items():
-        where = source.where("spec", "additional_contexts", name)
-        wrong = _read(found, source, name, value, services, images, where)
-        if wrong:
-            found.diagnostics.append(Diagnostic(where, f"additional_contexts.{name}: {wrong[0]}", wrong[1]))
+        try:
+            found.stands_for[plain(name)] = _reference(found, source, name, value, services, images)
+        except _Wrong as wrong:
+            where, (message, remedy) = source.where("spec", "additional_contexts", name), wrong.args
+            found.diagnostics.append(Diagnostic(where, f"additional_contexts.{name}: {message}", remedy))
     return found
 
 
-def _read(
-    found: Contexts,
-    source: Source,
-    name: str,
-    value: str,
-    services: Mapping[str, Service],
-    images: Collection[str],
-    where: Where,
-) -> tuple[str, str] | None:
-    """Adds one context to `found`, or returns (what is wrong, remedy)."""
-    reference, wrong = "", None
+def _reference(
+    found: Contexts, source: Source, name: str, value: str, services: Mapping[str, Service], images: Collection[str]
+) -> str:
+    """The reference of the image that a context is, or becomes. Raises _Wrong."""
     if match := REFERENCE.fullmatch(value):
-        reference = match[1]
-        wrong = _no_reference(reference)
-    elif value.startswith("service:"):
-        service = services.get(value.removeprefix("service:"))
-        if service is None or service.spec is None:
-            known = {n for n, s in services.items() if s.spec is not None}
-            return f"'{value}' is not a service with an image", nearest(value.removeprefix("service:"), known)
-        reference = str(service.spec["image"])
-    elif REMOTE.match(value):
-        wrong = f"rorg cannot build from '{value}' on any engine", TAKEN
-    elif declared(value, images):
-        reference = declared(value, images)
-    else:
-        reference, wrong = _directory(found, source, name, value, images, where)
-    if not wrong:
-        found.stands_for[plain(name)] = reference
-    return wrong
+        try:
+            check_image(match[1])
+        except ValueError as error:
+            raise _Wrong(str(error), TAKEN) from None
+        return match[1]
+    if value.startswith("service:"):
+        used = {n: str(s.spec["image"]) for n, s in services.items() if s.spec is not None}
+        service = value.removeprefix("service:")
+        if service not in used:
+            raise _Wrong(f"'{value}' is not a service with an image", nearest(service, used))
+        return used[service]
+    if REMOTE.match(value):
+        raise _Wrong(f"rorg cannot build from '{value}' on any engine", TAKEN)
+    return declared(value, images) or _directory(found, source, name, value, images)
 
 
-def _no_reference(text: str) -> tuple[str, str] | None:
-    try:
-        check_image(text)
-    except ValueError as error:
-        return str(error), TAKEN
-    return None
-
-
-def _directory(
-    found: Contexts, source: Source, name: str, value: str, images: Collection[str], where: Where
-) -> tuple[str, tuple[str, str] | None]:
-    """Returns the name of the Image that a directory becomes, or (what is wrong, remedy)."""
+def _directory(found: Contexts, source: Source, name: str, value: str, images: Collection[str]) -> str:
+    """Makes an Image from a directory and returns its name. Raises _Wrong."""
     path = str(real(source.directory / os.path.expanduser(value)))
     if not os.path.isdir(path):
-        return "", (f"no directory {path}", "creating it, or " + TAKEN)
+        raise _Wrong(f"no directory {path}", "creating it, or " + TAKEN)
     called = f"{plain(source.name).replace(':', '-')}-{re.sub(r'[^a-z0-9]+', '-', name.lower()).strip('-')}-context"
     try:
         check_name(called)
     except ValueError:
-        return "", (f"'{name}' cannot name a context", "small letters and digits")
+        raise _Wrong(f"'{name}' cannot name a context", "small letters and digits") from None
     if called in images or called in found.made:
-        return "", (f"its files become the image '{called}', which already exists", "another name for one of the two")
-    image = Image(called, path, "Dockerfile", {}, None, str(real(source.directory)), where, inline=FILES)
-    found.made[called] = replace(image, bases=())
-    return called, None
+        raise _Wrong(f"its files become the image '{called}', which already exists", "another name for one of the two")
+    where, folder = source.where("spec", "additional_contexts", name), str(real(source.directory))
+    found.made[called] = Image(called, path, "Dockerfile", {}, None, folder, where, inline=FILES)
+    return called
 
 
 def stood_in(
@@ -137,12 +122,11 @@ def cache_of(source: Source) -> tuple[tuple[str, ...], list[Diagnostic]]:
     found, diagnostics = [], []
     for index, value in enumerate(spec.cache_from):
         match = CACHE.fullmatch(value)
-        reference = match[1] if match else value
-        wrong = _no_reference(reference)
-        if wrong:
+        try:
+            check_image(match[1] if match else value)
+            found.append(match[1] if match else value)
+        except ValueError:
             where = source.where("spec", "cache_from", index)
             message = f"cache_from: '{value}' is not an image, and rorg takes layers from nothing else"
             diagnostics.append(Diagnostic(where, message, "name:tag, or type=registry,ref=name:tag"))
-        else:
-            found.append(reference)
     return tuple(found), diagnostics

@@ -6,7 +6,7 @@ import errno
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,9 +15,12 @@ from rorg.manifest.documents import Source
 from rorg.manifest.dotenv import read_dotenv, values_of
 from rorg.manifest.files import read_plain, read_text
 from rorg.manifest.long_forms import EnvFile, read_env_files
+from rorg.manifest.ros import FILE as PARAMETER_FILE
+from rorg.manifest.ros import Ros, file_of, sendable
 from rorg.manifest.together import Clash
 from rorg.manifest.variables import FILE
 from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.ros import RosParameters
 
 NO_FILES = ("unconfined", "builtin")
 """Built-in seccomp profiles of the engine."""
@@ -89,3 +92,29 @@ def variables_of(
             remedy = f"{name}=value in {FILE}, or single quotes for a dollar sign of its own"
             told.append(Diagnostic(where, message, remedy, "warning"))
     return values_of(entries), told
+
+
+def parameter_files(source: Source) -> Iterator[Path]:
+    """All files that the parameters of a Service are read from."""
+    ros: Ros | None = source.spec.ros
+    for value in ros.parameters.values() if ros else ():
+        if path := file_of(value):
+            yield source.directory / path
+
+
+def parameters_of(source: Source, master: str, found: list[Diagnostic]) -> RosParameters | None:
+    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master; errors go to
+    `found`."""
+    ros: Ros | None = source.spec.ros
+    if ros is None or not ros.parameters:
+        return None
+    values = {}
+    for name, value in ros.parameters.items():
+        path = file_of(value)
+        try:
+            values[name] = sendable(read_plain(source.directory / path, source.root)) if path else value
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            where = source.where("spec", "ros", "parameters", name, PARAMETER_FILE)
+            found.append(Diagnostic(where, f"'{path}', the value of {name}: {why}", "creating or fixing it"))
+    return RosParameters(master, values)

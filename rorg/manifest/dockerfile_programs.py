@@ -4,10 +4,10 @@ ENTRYPOINT interact")."""
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from rorg.manifest.dockerfile_lines import DockerfileError, Instruction, script
+from rorg.manifest.dockerfile_lines import DockerfileError, script
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +60,13 @@ def programs_of(text: str, target: str = "") -> Programs:
             stages.append((name, words[0].lower(), Programs(base_line=instruction.line)))
         elif instruction.name in ("ENTRYPOINT", "CMD") and stages:
             name, base, found = stages[-1]
-            stages[-1] = name, base, _with(found, instruction)
+            said = Program(instruction.name, instruction.arguments.text.strip(), instruction.line)
+            if instruction.name == "ENTRYPOINT":
+                found = Programs(said, found.command)
+            else:
+                found = replace(found, command=said)
+            stages[-1] = name, base, found
     return _whole(stages, target.lower())
-
-
-def _with(found: Programs, instruction: Instruction) -> Programs:
-    said = Program(instruction.name, instruction.arguments.text.strip(), instruction.line)
-    entrypoint = said if said.instruction == "ENTRYPOINT" else found.entrypoint
-    command = said if said.instruction == "CMD" else found.command
-    return Programs(entrypoint, command, 0 if entrypoint else found.base_line)
 
 
 def _whole(stages: list[tuple[str, str, Programs]], target: str) -> Programs:

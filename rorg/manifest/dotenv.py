@@ -145,9 +145,8 @@ class _Reader:
         if not name:
             raise self.wrong(begin, "no name before the value", "NAME=value")
         if any(blank in name for blank in _BLANKS):
-            raise self.wrong(
-                begin, f"a blank in the name '{name}'", "NAME=value, one on each line; or # before a comment"
-            )
+            remedy = "NAME=value, one on each line; or # before a comment"
+            raise self.wrong(begin, f"a blank in the name '{name}'", remedy)
         return name, at
 
     def value(self, begin: int) -> tuple[str, tuple[str, ...]]:

@@ -177,13 +177,10 @@ def _classes_of(driver: Driver) -> dict[str, Any]:
     for device in driver.devices:
         directory, majors = class_of(device.meant()) or ("", ())
         directories[directory] = None
-        rules.update(dict.fromkeys(f"c {major}:* {_permissions(device)}" for major in majors))
+        written = (device.path or "").split(":")[2:]
+        permissions = device.permissions or (written[0] if written else "rw")
+        rules.update(dict.fromkeys(f"c {major}:* {permissions}" for major in majors))
     if not rules:
         return {}
     shown = [d for d in directories if d == "/dev"] or list(directories)
     return {"device_cgroup_rules": list(rules), "volumes": [f"{d}:{d}:ro" for d in shown]}
-
-
-def _permissions(device: DriverDevice) -> str:
-    parts = (device.path or "").split(":")
-    return device.permissions or (parts[2] if len(parts) > 2 else "rw")

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rorg.manifest.container_files import seccomp_file
+from rorg.manifest.container_files import parameter_files, seccomp_file
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.programs import missing
-from rorg.manifest.ros_parameters import parameter_files
 
 
 @dataclass(frozen=True)

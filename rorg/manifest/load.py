@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,9 @@ def _load(
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
-    diagnostics += _validated(catalog, by_kind, refused=any(d.severity == "error" for d in diagnostics))
+    refused = any(d.severity == "error" for d in diagnostics)
+    # Of a refused tree only errors count: services that could not be read may be the ones that others need.
+    diagnostics += [d for d in validate(catalog, by_kind) if d.severity == "error" or not refused]
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, _told(diagnostics), replace(catalog, services={**unread, **catalog.services}))
@@ -119,25 +121,12 @@ def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return (*sorted(first), Diagnostic(last.where, more, "fixing these first", last.severity))
 
 
-def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
-    """Findings about the tree as a whole. If the tree is refused anyway, only errors: services that could not be read
-    may be the ones that others need."""
-    found = validate(catalog, by_kind)
-    return [d for d in found if d.severity == "error"] if refused else found
-
-
-def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
+def _misnamed(sources: Iterable[Source]) -> Iterator[Diagnostic]:
     """Warns about files whose name differs from the name that they declare: either may be a typo."""
-    return [
-        Diagnostic(
-            s.where("metadata", "name"),
-            f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
-            f"'{s.path.stem}', or renaming the file",
-            "warning",
-        )
-        for s in sources
-        if s.path.stem not in stems(s.name)
-    ]
+    for source in (s for s in sources if s.path.stem not in stems(s.name)):
+        message = f"the {source.kind} '{source.name}' is in a file called '{source.path.name}'"
+        remedy = f"'{source.path.stem}', or renaming the file"
+        yield Diagnostic(source.where("metadata", "name"), message, remedy, "warning")
 
 
 def load_or_raise(root: Path, engine: str = "", robot: str = "") -> Catalog:
@@ -154,12 +143,8 @@ def usable(root: Path, loaded: Loaded) -> Catalog:
 
 def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     """The error for a tree that cannot be used."""
-    lines = "\n".join(map(str, errors))
-    return Invalid(
-        f"use the manifests in {root}",
-        f"{counted(len(errors), 'error')}\n{lines}\n",
-        "fixing them, then `rorg validate`",
-    )
+    why = "\n".join([counted(len(errors), "error"), *map(str, errors), ""])
+    return Invalid(f"use the manifests in {root}", why, "fixing them, then `rorg validate`")
 
 
 MOST_TOLD = 200

@@ -63,9 +63,8 @@ MOST_NODES = 5_000_000
 def _checked(document: Document, kind: str, model: type[S]) -> tuple[OneDocument[S] | None, list[Diagnostic]]:
     value = document.value
     if not isinstance(value, dict):
-        return None, [
-            Diagnostic(document.where(()), f"a {kind} must be a mapping with apiVersion, kind, metadata, spec")
-        ]
+        message = f"a {kind} must be a mapping with apiVersion, kind, metadata, spec"
+        return None, [Diagnostic(document.where(()), message)]
     if value.get("kind") != kind:
         return None, [Diagnostic(document.where(("kind",)), f"the kind must be {kind}", nearest(kind, [kind]))]
     envelope, found = validated(Manifest, document, value, ())

@@ -73,7 +73,8 @@ def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Wr
     diagnostics: list[Diagnostic] = []
     for upper in over:
         lower = next((w for w in found.values() if w.key == upper.key != ("", "")), None)
-        if upper.document is not None and _removes(upper.document.value):
+        value = upper.document.value if upper.document else None
+        if isinstance(value, dict) and value.get(REMOVED) is True:
             if lower is not None:
                 del found[lower.path]
             else:
@@ -87,10 +88,6 @@ def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Wr
     return list(found.values()), diagnostics
 
 
-def _removes(value: object) -> bool:
-    return isinstance(value, dict) and value.get(REMOVED) is True
-
-
 def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnostic:
     kind, name = upper.key
     assert upper.document is not None
@@ -101,9 +98,8 @@ def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnos
 
 def merge(base: Document, over: Document) -> Document:
     """Merges two documents. Every value keeps the file that it comes from."""
-    found = Document(
-        base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows=(*base.allows, *over.allows)
-    )
+    allows = (*base.allows, *over.allows)
+    found = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows)
     found.value = _merged(found, over, base.value, over.value, ())
     return found
 

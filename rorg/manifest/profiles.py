@@ -27,9 +27,8 @@ def built_in_profiles() -> dict[str, Source]:
     """Profiles that come with rorg: common, plain, ros1, ros2, realtime, gpu, x11."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
-        source, diagnostics = read_source(
-            path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}", path.parent
-        )
+        text = path.read_text(encoding="utf-8")
+        source, diagnostics = read_source(text, path, f"<built in>/{path.name}", path.parent)
         if source is None:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
         found[source.name] = source

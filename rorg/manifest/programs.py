@@ -59,25 +59,21 @@ def missing(source: Source) -> set[Path]:
 
 def _as_container(source: Source, spec: Mapping[str, Any]) -> Iterator[Diagnostic]:
     if source.spec.inherit_environment is not None:
-        yield Diagnostic(
-            source.where("spec", "inherit_environment"),
-            "the docker engine ignores inherit_environment: a container has its own environment",
-            "container.environment or container.env_file",
-            "warning",
-        )
+        message = "the docker engine ignores inherit_environment: a container has its own environment"
+        where = source.where("spec", "inherit_environment")
+        yield Diagnostic(where, message, "container.environment or container.env_file", "warning")
     folder = spec.get("working_dir", "/")
     if not folder.startswith("/"):
-        yield Diagnostic(
-            source.where("spec", "container", "working_dir"),
-            f"'{folder}' is a directory of this machine, and the docker engine needs one of the container",
-            "an absolute path, with a volume or a mount there",
-        )
+        message = f"'{folder}' is a directory of this machine, and the docker engine needs one of the container"
+        where = source.where("spec", "container", "working_dir")
+        yield Diagnostic(where, message, "an absolute path, with a volume or a mount there")
 
 
 def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]) -> Iterator[Diagnostic]:
     folder = spec["working_dir"]
     words = [*spec.get("entrypoint", []), *spec.get("command", [])]
     where = source.where("spec", "command")
+    search = spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath)
     if not os.path.isdir(folder):
         where = source.where("spec", "container", "working_dir")
         yield Diagnostic(where, f"no directory {folder}", "creating it", _severity(source, folder))
@@ -88,14 +84,10 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
         if not os.path.isfile(path):
             yield Diagnostic(where, f"no program {path}", "creating it", _severity(source, path))
         elif not os.access(path, os.X_OK):
-            yield Diagnostic(where, f"{path} may not be executed", f"chmod +x {path}", "warning")
-    elif not declared(spec["image"], images) and not shutil.which(words[0], path=_path(spec)):
+            yield Diagnostic(where, f"{path} is not executable", f"chmod +x {path}", "warning")
+    elif not declared(spec["image"], images) and not shutil.which(words[0], path=search):
         remedy = f"installing it, or ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
-
-
-def _path(spec: Mapping[str, Any]) -> str:
-    return str(spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath))
 
 
 def _severity(source: Source, path: str) -> str:

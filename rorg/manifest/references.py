@@ -189,7 +189,7 @@ def check_container_names(services: Mapping[str, Service], sources: Sources) -> 
     for name in sources:
         called = services[name].container_name
         if len(called) < 2 and not services[name].meta:
-            message = f"a container cannot be called '{called}': a name has two letters at the least"
+            message = f"a container cannot be called '{called}': a name needs at least two characters"
             yield Diagnostic(sources[name].where("metadata", "name"), message, "container.container_name")
         first = owners.setdefault(called, name)
         if first != name:

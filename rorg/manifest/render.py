@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from rorg.manifest.container_files import parameters_of
 from rorg.manifest.documents import Source
 from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
-from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
@@ -77,8 +77,7 @@ def _master(container: Mapping[str, Any]) -> str:
     """The URI of the ROS 1 master that a container uses; empty for a ROS 2 program, so that rorg never asks a
     master."""
     environment = container.get("environment", {})
-    words = [container.get(name) or () for name in ("entrypoint", "command")]
-    text = " ".join(word if isinstance(word, str) else " ".join(map(str, word)) for word in words)
+    text = " ".join((*(container.get("entrypoint") or ()), *(container.get("command") or ())))
     programs = [word.rpartition("/")[2] for word in text.split()]
     if without_master(environment, str(container.get("image") or ""), programs):
         return ""

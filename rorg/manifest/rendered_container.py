@@ -53,11 +53,8 @@ def container_of(
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)
-    return (
-        options,
-        origins,
-        tuple(sorted({*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))})),
-    )
+    secrets = {*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))}
+    return options, origins, tuple(sorted(secrets))
 
 
 def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, Any]:
@@ -119,11 +116,8 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not os.path.exists(source.directory / local):
-            diagnostics.append(
-                Diagnostic(
-                    where, f"'{local}' does not exist beside this manifest", "creating it", code="missing-mount-source"
-                )
-            )
+            message = f"'{local}' does not exist beside this manifest"
+            diagnostics.append(Diagnostic(where, message, "creating it", code="missing-mount-source"))
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes

@@ -36,13 +36,12 @@ def secrets_of(
             if not values:
                 known = {*variables, *(a for i in under for a in images[i].args)}
                 remedy = nearest(secret, known) or "naming one that is in container.environment or an env_file"
-                message = f"'{secret}' is no variable of '{name}', and no argument of its image"
+                message = f"'{secret}' is neither a variable of '{name}' nor an argument of its image"
                 diagnostics.append(Diagnostic(where, message, remedy))
             elif any(0 < len(value) < SHORTEST_SECRET for value in values):
                 message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
-                diagnostics.append(
-                    Diagnostic(where, message, f"one of at least {SHORTEST_SECRET} characters", "warning")
-                )
+                remedy = f"one of at least {SHORTEST_SECRET} characters"
+                diagnostics.append(Diagnostic(where, message, remedy, "warning"))
     return found, diagnostics
 
 

@@ -36,10 +36,6 @@ class Need(Strict):
     restart: bool = unchanging("Restart this service too whenever that one is restarted or replaced.", True, False)
 
 
-def _need(value: object) -> object:
-    return {"service": value} if isinstance(value, str) else value
-
-
 def _on_change(value: object) -> object:
     if value in ("restart", "none"):
         return value
@@ -56,14 +52,9 @@ NAMED = {"type": "string", "pattern": NAME}
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
-
-def _inherited(value: object) -> object:
-    return ["*"] if value == "all" else value
-
-
 Inherited = Annotated[
     list[Annotated[str, Field(pattern=VARIABLE)]],
-    BeforeValidator(_inherited),
+    BeforeValidator(lambda value: ["*"] if value == "all" else value),
     WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]}),
     Written("all | list of names and patterns"),
 ]
@@ -80,7 +71,8 @@ ProfileNames = Annotated[
     WithJsonSchema({"anyOf": [NAMED, {"type": "array", "items": NAMED, "minItems": 1}]}),
     Written("name | list of name"),
 ]
-Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
+_NeedForm = BeforeValidator(lambda value: {"service": value} if isinstance(value, str) else value)
+Needs = list[Annotated[Need, _NeedForm, Written("name | Need")]]
 Restart = Literal["always", "on-failure", "never"]
 
 

@@ -37,7 +37,7 @@ class Plugged:
     number: str = ""
     """Type and number of the node, such as "c 188:0"; empty for a directory of nodes."""
     problem: str = ""
-    """Why it cannot be used, such as "is missing"."""
+    """Why it cannot be used, such as "is not there"."""
 
     def __str__(self) -> str:
         return f"{self.number} {self.node}".strip()

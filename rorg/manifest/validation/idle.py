@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, texts_of
 
@@ -46,7 +46,9 @@ def _infrastructure(robot: Robot) -> Iterator[Finding]:
         names = (word.rpartition("/")[2] for word in subject.words)
         what = next((INFRASTRUCTURE[name] for name in names if name in INFRASTRUCTURE), "")
         if what:
-            message = f"'{subject.name}' would be paused when idle, but it is {what}: all that talk to it would hang"
+            message = (
+                f"'{subject.name}' would be paused when idle, but it is {what}: everything that talks to it would hang"
+            )
             yield Finding("pause-of-infrastructure", subject.source.where("spec", "idle", "action"), message)
 
 
@@ -57,8 +59,8 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
         limb = LIMBS.search(subject.name) if subject.service.driver and not found else None
         found = limb[0] if limb else found
         if found:
-            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): resumed, it gets "
-            message += "all commands that came meanwhile"
+            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): on resume it "
+            message += "receives all commands sent meanwhile"
             yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
 
 
@@ -83,9 +85,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
                 paused = next((s for s in (other, first) if s.pauses), None)
                 if not robot.apart(first, other) and ("", first.name, other.name) not in told:
                     told.add(("", first.name, other.name))
-                    message = (
-                        f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them from running together"
-                    )
+                    message = f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them apart"
                     remedy = f"conflicts: [{first.name}]"
                     yield Finding("conflict-not-declared", other.command(), message, remedy)
                 if paused and ("pause", first.name, other.name) not in told:
@@ -104,7 +104,7 @@ def _callees(robot: Robot) -> Iterator[Finding]:
             yield Finding("pause-of-ros-service", where, message)
         latched = [] if subject.mindful else sorted(LATCHED & subject.programs)
         if latched:
-            message = f"'{latched[0]}' says once what newcomers need, and says nothing while '{subject.name}' is paused"
+            message = f"late subscribers get nothing from '{latched[0]}' while '{subject.name}' is paused"
             yield Finding("pause-of-latched-publisher", where, message)
         check = subject.options.get("healthcheck")
         if check and not check.get("disable") and check.get("test") != ["NONE"]:
@@ -134,26 +134,24 @@ def _called(caller: Subject, server: Subject) -> str:
     return next((port for host, port in sorted(calls_of(caller)) if port in ports and host in hosts), "")
 
 
-def _lingering(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        idle, ready = subject.service.idle, subject.service.ready
-        if ready is None or ready.delay is None:
-            continue
-        if ready.timeout <= ready.delay < NEVER:
-            message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
-            yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
-        if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:
-            message = f"'{subject.name}' lingers {idle.linger:g} s, and needs {ready.delay:g} s to come up again"
-            yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
+def _lingering(subject: Subject) -> Iterator[Finding]:
+    idle, ready = subject.service.idle, subject.service.ready
+    if ready is None or ready.delay is None:
+        return
+    if ready.timeout <= ready.delay < NEVER:
+        message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
+        yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
+    if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:
+        message = f"'{subject.name}' lingers {idle.linger:g} s, and needs {ready.delay:g} s to come up again"
+        yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
 
 
-def _never_paused(robot: Robot) -> Iterator[Finding]:
+def _never_paused(subject: Subject) -> Iterator[Finding]:
     """Services with `connected` that are never paused."""
-    for subject in robot.subjects:
-        said = ("spec", "idle", "connected") in subject.source.document.values
-        if said and subject.mindful and subject.service.idle.action != "pause":
-            message = f"'{subject.name}' is not paused when idle, so `connected` changes nothing"
-            yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
+    said = ("spec", "idle", "connected") in subject.source.document.values
+    if said and subject.mindful and subject.service.idle.action != "pause":
+        message = f"'{subject.name}' is not paused when idle, so `connected` has no effect"
+        yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
 
 
-CHECKS = (_infrastructure, _actuators, _nodes, _callees, _servers, _never_paused, _lingering)
+CHECKS = (_infrastructure, _actuators, _nodes, _callees, _servers, *map(each, (_never_paused, _lingering)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.model.graph import closure
 from rorg.model.units import format_memory
@@ -25,18 +25,17 @@ def always_on(robot: Robot) -> tuple[set[str], float, int]:
     return names, sum(services[n].cpu for n in names), sum(services[n].memory for n in names)
 
 
-def _expected(robot: Robot) -> Iterator[Finding]:
+def _expected(subject: Subject) -> Iterator[Finding]:
     """Limits below the expected use in the same manifest."""
-    for subject in robot.subjects:
-        limit, cores = memory_limit(subject), subject.options.get("cpus") or 0
-        memory, cpu = subject.service.memory, subject.service.cpu
-        if 0 < limit < memory:
-            message = f"mem_limit {format_memory(limit)} is below the {format_memory(memory)} of resources.memory: the "
-            message += "kernel kills it"
-            yield Finding("limit-below-expected", subject.option("mem_limit"), message)
-        if 0 < cores < cpu:
-            message = f"cpus {cores:g} is below the {cpu:g} of resources.cpu: it is held back all the time"
-            yield Finding("limit-below-expected", subject.option("cpus"), message)
+    limit, cores = memory_limit(subject), subject.options.get("cpus") or 0
+    memory, cpu = subject.service.memory, subject.service.cpu
+    if 0 < limit < memory:
+        message = f"mem_limit {format_memory(limit)} is below the {format_memory(memory)} of resources.memory: the "
+        message += "kernel kills it"
+        yield Finding("limit-below-expected", subject.option("mem_limit"), message)
+    if 0 < cores < cpu:
+        message = f"cpus {cores:g} is below the {cpu:g} of resources.cpu: it is always throttled"
+        yield Finding("limit-below-expected", subject.option("cpus"), message)
 
 
 def _budgets(robot: Robot) -> Iterator[Finding]:
@@ -51,7 +50,7 @@ def _budgets(robot: Robot) -> Iterator[Finding]:
         ("memory", memory, budget.memory, format_memory(memory)),
     ):
         if most is not None and used > most:
-            message = f"what is always on uses {shown} already, more than the budget"
+            message = f"always-on services use {shown}, more than the budget"
             yield Finding("always-on-over-budget", policy.where("spec", "budget", name), message)
 
 
@@ -62,7 +61,7 @@ def _uncounted(robot: Robot) -> Iterator[Finding]:
         return
     for subject in robot.subjects:
         if not (subject.service.cpu or subject.service.memory):
-            message = f"the Policy has a budget, and '{subject.name}' counts for nothing in it"
+            message = f"the Policy has a budget, but '{subject.name}' does not count in it"
             yield Finding("budget-without-resources", subject.source.where("metadata", "name"), message)
 
 
@@ -84,39 +83,34 @@ def _homes(robot: Robot) -> Iterator[Finding]:
             yield Finding("user-without-home", subject.option("user"), message)
 
 
-def _logs(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        logging = subject.options.get("logging") or {}
-        if logging.get("driver", "json-file") != "json-file" or "max-size" in (logging.get("options") or {}):
-            continue
-        if logging or subject.ros:
-            where = subject.option("logging") if logging else subject.source.where("metadata", "name")
-            message = f"the output of '{subject.name}' is kept in one file that grows until the disk is full"
-            yield Finding("log-without-limits", where, message)
+def _logs(subject: Subject) -> Iterator[Finding]:
+    logging = subject.options.get("logging") or {}
+    if logging.get("driver", "json-file") != "json-file" or "max-size" in (logging.get("options") or {}):
+        return
+    if logging or subject.ros:
+        where = subject.option("logging") if logging else subject.source.where("metadata", "name")
+        message = f"the output of '{subject.name}' is kept in one file that grows until the disk is full"
+        yield Finding("log-without-limits", where, message)
 
 
-def _terminals(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        if subject.options.get("tty") and not subject.options.get("stdin_open"):
-            message = f"'{subject.name}' has a terminal that nobody can type in, and output with control characters"
-            yield Finding("tty-without-stdin", subject.option("tty"), message)
+def _terminals(subject: Subject) -> Iterator[Finding]:
+    if subject.options.get("tty") and not subject.options.get("stdin_open"):
+        message = f"'{subject.name}' has a terminal without input, and control characters in its output"
+        yield Finding("tty-without-stdin", subject.option("tty"), message)
 
 
-def _kernel(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        options = subject.options
-        if options.get("shm_size") and options.get("ipc") == "host":
-            message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
-            yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
-        if options.get("oom_kill_disable") and not memory_limit(subject):
-            message = "the kernel may kill anything except this, which may take all memory"
-            yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
-        most = options.get("ulimits", {}).get("nofile", {}).get("soft", 0)
-        if subject.ros1 and (most > MOST_FILES or most < 0):
-            message = (
-                f"nofile {most}: roslaunch closes each of these for every node that it starts, which takes minutes"
-            )
-            yield Finding("nofile-too-high", subject.option("ulimits", "nofile"), message)
+def _kernel(subject: Subject) -> Iterator[Finding]:
+    options = subject.options
+    if options.get("shm_size") and options.get("ipc") == "host":
+        message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
+        yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
+    if options.get("oom_kill_disable") and not memory_limit(subject):
+        message = "the kernel may kill anything except this, which may take all memory"
+        yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
+    most = options.get("ulimits", {}).get("nofile", {}).get("soft", 0)
+    if subject.ros1 and (most > MOST_FILES or most < 0):
+        message = f"nofile {most}: roslaunch closes each of these for every node that it starts, which takes minutes"
+        yield Finding("nofile-too-high", subject.option("ulimits", "nofile"), message)
 
 
 def _zones(robot: Robot) -> Iterator[Finding]:
@@ -130,16 +124,15 @@ def _zones(robot: Robot) -> Iterator[Finding]:
             yield Finding("time-zones-differ", subject.variable("TZ"), message)
 
 
-def _bags(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for command in subject.commands:
-            words = [w.rpartition("/")[2] for w in command]
-            ros1 = "rosbag" in words and "record" in words
-            ros2 = "ros2" in words and "bag" in words and "record" in words
-            ends = ("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l")
-            if (ros1 or ros2) and not any(w.partition("=")[0] in ends for w in words):
-                message = f"'{subject.name}' records until the disk is full"
-                yield Finding("recording-without-limit", subject.command(), message)
+def _bags(subject: Subject) -> Iterator[Finding]:
+    for command in subject.commands:
+        words = [w.rpartition("/")[2] for w in command]
+        ros1 = "rosbag" in words and "record" in words
+        ros2 = "ros2" in words and "bag" in words and "record" in words
+        ends = ("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l")
+        if (ros1 or ros2) and not any(w.partition("=")[0] in ends for w in words):
+            message = f"'{subject.name}' records until the disk is full"
+            yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_expected, _budgets, _uncounted, _read_only, _homes, _logs, _terminals, _kernel, _zones, _bags)
+CHECKS = (_budgets, _uncounted, _read_only, _homes, _zones, *map(each, (_expected, _logs, _terminals, _kernel, _bags)))

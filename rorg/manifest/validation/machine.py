@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rorg.manifest.documents import Source
-from rorg.manifest.validation.allowing import allowed
 from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.limits import always_on, memory_limit
 from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.ros2 import shares_memory
-from rorg.manifest.validation.run import allows_of, diagnostics
+from rorg.manifest.validation.run import allowed, allows_of, diagnostics
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.model.catalog import RUN, Catalog
 from rorg.model.diagnostics import Diagnostic
@@ -47,7 +46,7 @@ def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if node is None or node.kind == DIRECTORY:
             continue
         if node.kind != DEVICE:
-            what = "is not there" if node.kind == ABSENT else f"is a {node.kind}, and no device"
+            what = "is missing" if node.kind == ABSENT else f"is a {node.kind}, not a device"
             yield Finding("missing-device", subject.device(host), f"{host} {what}", node.near)
             continue
         groups = {str(g) for g in subject.options.get("group_add") or ()}
@@ -55,8 +54,8 @@ def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
         mine = groups | ({user.partition(":")[2]} if ":" in user else set())
         shut = subject.uid.isdigit() and int(subject.uid) not in (0, node.uid) and not node.mode & OTHERS_WRITE
         if shut and not {str(node.gid), node.group} & mine and not subject.options.get("privileged"):
-            message = f"{host} belongs to the group {node.group or node.gid} ({node.gid}) here, of which user "
-            message += f"{subject.uid} is none"
+            message = f"{host} belongs to the group {node.group or node.gid} ({node.gid}) here, and user "
+            message += f"{subject.uid} is not in it"
             remedy = f'driver: {{groups: ["{node.gid}"]}}'
             yield Finding("device-of-other-group", subject.device(host), message, remedy)
 
@@ -67,7 +66,7 @@ def _mounts(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if node is None or mount in subject.mounts_of_tree:
             continue
         if node.kind == ABSENT:
-            message = f"{mount.path} is not there, and the engine makes an empty directory of it"
+            message = f"{mount.path} is missing, and the engine creates an empty directory there"
             yield Finding("missing-host-path", subject.volume(mount), message, node.near)
     yield from (f for m in subject.mounts for f in _writes(subject, m, machine))
 
@@ -138,7 +137,7 @@ def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
     for used, most, shown in ((cpu, machine.cpus, f"{cpu:g} cores"), (memory, machine.memory, format_memory(memory))):
         if most and used > most and by_name:
             worst = max((by_name[n] for n in always if n in by_name), key=lambda s: (s.service.memory, s.name))
-            message = f"what is always on uses {shown}, more than this machine has"
+            message = f"always-on services use {shown}, more than this machine has"
             yield Finding("more-than-machine", worst.at("resources"), message, "fewer services that are always on")
 
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.model.ports import Published
 
@@ -16,19 +16,18 @@ URI = r"http://[^/\s]+:[0-9]+/?"
 ANY = ("", "0.0.0.0", "::")
 
 
-def _host_names(robot: Robot) -> Iterator[Finding]:
+def _host_names(subject: Subject) -> Iterator[Finding]:
     """Host names that nothing can resolve: ROS 1 tells them to other nodes, and calls itself by them."""
-    for subject in robot.subjects:
-        name = subject.options.get("hostname")
-        if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
-            continue
-        known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
-        if known:
-            continue
-        said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
-        message = f"hostname '{name}' under network_mode: host: {said}"
-        severity = "error" if subject.ros1 else "warning"
-        yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
+    name = subject.options.get("hostname")
+    if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
+        return
+    known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
+    if known:
+        return
+    said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
+    message = f"hostname '{name}' under network_mode: host: {said}"
+    severity = "error" if subject.ros1 else "warning"
+    yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
 
 
 def _mixed(robot: Robot) -> Iterator[Finding]:
@@ -36,14 +35,14 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.ros and s.network not in ("host", "none")):
         if subject.network.startswith(("container:", "service:")):
             continue
-        beside = next(
-            (o for o in robot.subjects if o is not subject and _talk(subject, o) and o.network == "host"), None
-        )
+        others = (o for o in robot.subjects if (o.ros1 and subject.ros1) or (o.ros2 and subject.ros2))
+        beside = next((o for o in others if o.network == "host"), None)
         name = subject.env.get("ROS_IP") or subject.env.get("ROS_HOSTNAME", "")
         if beside:
-            message = f"'{subject.name}' is on another network ({_shown(subject)}) than '{beside.name}' (host)"
+            networks = ", ".join(subject.options.get("networks") or ()) or subject.network
+            message = f"'{subject.name}' is on another network ({networks}) than '{beside.name}' (host)"
         elif subject.ros1 and name in LOCAL and (name or subject.network in ("bridge", "default")):
-            said = f"says '{name}'" if name else "is not said"
+            said = f"is '{name}'" if name else "is not set"
             message = f"ROS 1 on {subject.network}, and the address where others reach it {said}"
         else:
             continue
@@ -61,18 +60,9 @@ def _local_only(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros2-local-on-bridge", subject.option("network_mode"), message)
 
 
-def _shown(subject: Subject) -> str:
-    return ", ".join(subject.options.get("networks") or ()) or subject.network
-
-
-def _talk(one: Subject, other: Subject) -> bool:
-    return (one.ros1 and other.ros1) or (one.ros2 and other.ros2)
-
-
-def _alone(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        if subject.ros and subject.network == "none":
-            yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
+def _alone(subject: Subject) -> Iterator[Finding]:
+    if subject.ros and subject.network == "none":
+        yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
@@ -137,4 +127,4 @@ def _probed(robot: Robot) -> Iterator[Finding]:
             yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
-CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)
+CHECKS = (_mixed, _local_only, _masters, _differing, _ports, _probed, *map(each, (_host_names, _alone)))

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.robot import Finding, Robot
-from rorg.manifest.validation.subject import SHELLS
+from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.model.image_names import HUB, declared
 
 ROS1_NAMES, ROS2_NAMES = (
@@ -38,48 +38,46 @@ def _images(robot: Robot) -> Iterator[Finding]:
     for name, image in sorted(robot.catalog.images.items()):
         for base in image.bases:
             if base.endswith(":latest") and not declared(base, robot.catalog.images):
-                message = f"'{name}' stands on '{base}', which is whatever was pushed last"
+                message = f"'{name}' is based on '{base}', which is whatever was pushed last"
                 yield Finding("latest-tag", robot.sources["Image"][name].where("spec"), message)
 
 
-def _distributions(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        name = str(subject.options.get("image") or "")
-        official = name.removeprefix(next((h for h in HUB if name.startswith(h)), "")).startswith(("ros:", "osrf/ros:"))
-        if not official:
-            continue
-        words = set(re.split(r"[:-]", name))
-        first = subject.programs
-        if words & ROS1_NAMES and "ros2" in first:
-            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 1, and has no ros2")
-        elif words & ROS2_NAMES and {"roslaunch", "roscore", "rosrun"} & first:
-            program = min({"roslaunch", "roscore", "rosrun"} & first)
-            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 2, and has no {program}")
-        entry = subject.options.get("entrypoint")
-        if entry and "ros_entrypoint.sh" not in " ".join(map(str, entry)) and not subject.script:
-            message = f"the entry point of '{name}', which sets ROS up, is replaced by '{' '.join(map(str, entry))}'"
-            yield Finding("ros-entrypoint-replaced", subject.option("entrypoint"), message)
+def _distributions(subject: Subject) -> Iterator[Finding]:
+    name = str(subject.options.get("image") or "")
+    official = name.removeprefix(next((h for h in HUB if name.startswith(h)), "")).startswith(("ros:", "osrf/ros:"))
+    if not official:
+        return
+    words = set(re.split(r"[:-]", name))
+    first = subject.programs
+    if words & ROS1_NAMES and "ros2" in first:
+        yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 1, and has no ros2")
+    elif words & ROS2_NAMES and {"roslaunch", "roscore", "rosrun"} & first:
+        program = min({"roslaunch", "roscore", "rosrun"} & first)
+        yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 2, and has no {program}")
+    entry = subject.options.get("entrypoint")
+    if entry and "ros_entrypoint.sh" not in " ".join(map(str, entry)) and not subject.script:
+        message = f"the entry point of '{name}', which sets ROS up, is replaced by '{' '.join(map(str, entry))}'"
+        yield Finding("ros-entrypoint-replaced", subject.option("entrypoint"), message)
 
 
-def _probes(robot: Robot) -> Iterator[Finding]:
+def _probes(subject: Subject) -> Iterator[Finding]:
     """ROS programs as probes: each takes a second and a share of a CPU."""
-    for subject in robot.subjects:
-        for asked in subject.asked:
-            command = asked.probe.target
-            found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
-            if found:
-                message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
-                yield Finding("costly-probe", subject.at(*asked.path), message)
-        check = subject.options.get("healthcheck") or {}
-        test = check.get("test") or []
-        found = _cli(" ".join(test))
-        if found and not check.get("disable"):
-            message = f"{found} takes a second each time, and the engine asks it all the time"
-            yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
-        off = check.get("disable") or test == ["NONE"]
-        for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
-            message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
-            yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
+    for asked in subject.asked:
+        command = asked.probe.target
+        found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
+        if found:
+            message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
+            yield Finding("costly-probe", subject.at(*asked.path), message)
+    check = subject.options.get("healthcheck") or {}
+    test = check.get("test") or []
+    found = _cli(" ".join(test))
+    if found and not check.get("disable"):
+        message = f"{found} takes a second each time, and the engine asks it all the time"
+        yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
+    off = check.get("disable") or test == ["NONE"]
+    for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
+        message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
+        yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
 
 
 def _cli(text: str) -> str:
@@ -111,15 +109,14 @@ def _waiting(robot: Robot) -> Iterator[Finding]:
             yield Finding("sleep-as-readiness", subject.command(), message)
 
 
-def _daemons(robot: Robot) -> Iterator[Finding]:
+def _daemons(subject: Subject) -> Iterator[Finding]:
     """The command ros2 starts a daemon, which stays and remembers nodes that are gone."""
-    for subject in robot.subjects:
-        for command in subject.commands:
-            words = [w.rpartition("/")[2] for w in command]
-            asks = {"topic", "node", "service", "action", "param"} & set(words)
-            if "ros2" in words and asks and "--no-daemon" not in words:
-                message = "ros2 starts a daemon of its own in the container, which outlives the command"
-                yield Finding("ros2-daemon", subject.command(), message)
+    for command in subject.commands:
+        words = [w.rpartition("/")[2] for w in command]
+        asks = {"topic", "node", "service", "action", "param"} & set(words)
+        if "ros2" in words and asks and "--no-daemon" not in words:
+            message = "ros2 starts a daemon of its own in the container, which outlives the command"
+            yield Finding("ros2-daemon", subject.command(), message)
 
 
 @lru_cache(maxsize=4096)
@@ -128,21 +125,20 @@ def _secret(name: str) -> bool:
     return SECRET.search(name) is not None
 
 
-def _variables(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for name, value in sorted(subject.env.items()):
-            if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
-                message = f"the value of {name} is in the manifest, and is shown with it"
-                yield Finding("secret-in-manifest", subject.variable(name), message)
-        words = subject.words
-        first = words[0].rpartition("/")[2] if words else ""
-        if PYTHON.fullmatch(first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
-            message = f"'{subject.name}' keeps its output back until there is much of it"
-            yield Finding("python-output-held-back", subject.command(), message)
-        for value in subject.options.get("security_opt") or ():
-            if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
-                message = f"{value} opens calls of the kernel that no robot's program makes"
-                yield Finding("unconfined", subject.item("security_opt", value), message)
+def _variables(subject: Subject) -> Iterator[Finding]:
+    for name, value in sorted(subject.env.items()):
+        if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
+            message = f"the value of {name} is in the manifest, and is shown with it"
+            yield Finding("secret-in-manifest", subject.variable(name), message)
+    words = subject.words
+    first = words[0].rpartition("/")[2] if words else ""
+    if PYTHON.fullmatch(first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
+        message = f"'{subject.name}' buffers its output instead of writing each line"
+        yield Finding("python-output-held-back", subject.command(), message)
+    for value in subject.options.get("security_opt") or ():
+        if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
+            message = f"{value} allows kernel calls that no robot's program needs"
+            yield Finding("unconfined", subject.item("security_opt", value), message)
 
 
 def _requests(robot: Robot) -> Iterator[Finding]:
@@ -161,18 +157,17 @@ def _requests(robot: Robot) -> Iterator[Finding]:
                 yield Finding("requests-itself", subject.at("may_request", index), message)
 
 
-def _shell_words(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        words = tuple(subject.options.get("command") or ())
-        if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
-            continue
-        found = _for_a_shell(words)
-        if found:
-            message = f"no shell runs this command, and '{found}' is handed to the program as it is"
-            yield Finding("shell-words-without-shell", subject.command(), message)
-        elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
-            message = "sudo gains nothing under no-new-privileges"
-            yield Finding("sudo-without-privileges", subject.command(), message)
+def _shell_words(subject: Subject) -> Iterator[Finding]:
+    words = tuple(subject.options.get("command") or ())
+    if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
+        return
+    found = _for_a_shell(words)
+    if found:
+        message = f"no shell runs this command, and '{found}' is handed to the program as it is"
+        yield Finding("shell-words-without-shell", subject.command(), message)
+    elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
+        message = "sudo gains nothing under no-new-privileges"
+        yield Finding("sudo-without-privileges", subject.command(), message)
 
 
 def _for_a_shell(words: tuple[str, ...]) -> str:
@@ -195,4 +190,10 @@ def _beside(robot: Robot) -> Iterator[Finding]:
             yield Finding("program-in-background", subject.command(), message)
 
 
-CHECKS = (_shell_words, _beside, _images, _distributions, _probes, _waiting, _daemons, _variables, _requests)
+CHECKS = (
+    _beside,
+    _images,
+    _waiting,
+    _requests,
+    *map(each, (_shell_words, _distributions, _probes, _daemons, _variables)),
+)

@@ -109,6 +109,11 @@ class Finding(NamedTuple):
 Check = Callable[[Robot], Iterator[Finding]]
 
 
+def each(check: Callable[[Subject], Iterator[Finding]]) -> Check:
+    """A check of a robot that checks every service by itself."""
+    return lambda robot: (finding for subject in robot.subjects for finding in check(subject))
+
+
 def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:
     """(service, most common value) of each service whose value is not the most common one, though all should agree."""
     counts = Counter(values[subject.name] for subject in subjects)

@@ -36,27 +36,24 @@ def _needing(robot: Robot) -> Iterator[Finding]:
     masters = {s.name: s for s in robot.masters}
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
         mine = [masters[n] for n in sorted(masters) if n in robot.needs(subject.name)]
+        names = {m.name for m in mine}
         waits = "roslaunch" not in subject.programs or any("--wait" in word for word in subject.words)
         if not mine:
-            name = next(iter(masters))
-            message = f"'{subject.name}' is a program of ROS 1, and does not need '{name}'"
+            first = next(iter(masters))
+            message = f"'{subject.name}' is a program of ROS 1, and does not need '{first}'"
             where = subject.at("needs") if subject.service.needs else subject.source.where("metadata", "name")
-            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{name}]")
-        elif not any(m.name in subject.service.restarts_with for m in mine) and _direct(subject, mine):
-            message = f"a new '{mine[0].name}' knows nothing of '{subject.name}', which goes on as it is"
+            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{first}]")
+        elif names.isdisjoint(subject.service.restarts_with) and not names.isdisjoint(subject.service.needs):
+            message = f"a restarted '{mine[0].name}' knows nothing of '{subject.name}', which keeps running"
             remedy = f"needs: [{{service: {mine[0].name}, restart: true}}], or profile: ros1"
             yield Finding("need-without-restart", _need(subject, mine[0].name), message, remedy)
         if not waits and (not mine or all(m.service.ready is None for m in mine)):
-            message = "roslaunch without --wait starts a master of its own where it finds none"
+            message = "roslaunch without --wait starts its own master if it finds none"
             yield Finding("roslaunch-without-wait", subject.command(), message)
 
 
-def _direct(subject: Subject, masters: list[Subject]) -> bool:
-    return any(m.name in subject.service.needs for m in masters)
-
-
 def _need(subject: Subject, name: str) -> Where:
-    for index, need in enumerate(subject._list("needs")):
+    for index, need in enumerate(subject.written_list("needs")):
         if need == name or (isinstance(need, dict) and need.get("service") == name):
             return subject.at("needs", index)
     return subject.at("needs")
@@ -81,7 +78,7 @@ def _times(robot: Robot) -> Iterator[Finding]:
     if not simulated or any(CLOCKS.search(text_of(s)) for s in robot.subjects):
         return
     for subject in simulated:
-        message = f"'{subject.name}' uses simulated time, and no service of this robot gives it"
+        message = f"'{subject.name}' uses simulated time, and no service of this robot publishes it"
         yield Finding("sim-time-without-clock", subject.command(), message)
 
 

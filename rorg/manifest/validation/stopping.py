@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rorg.manifest.dockerfile_programs import Programs, programs_of
 from rorg.manifest.images import read_dockerfile
-from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.manifest.validation.texts import read
 from rorg.model.image_names import declared
@@ -24,24 +24,22 @@ SHORT = 1.0
 """Seconds. No ROS node can unregister from its master in less."""
 
 
-def _restarts(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        policy = str(subject.options.get("restart") or "no")
-        if policy.partition(":")[0] in ENGINE_RESTARTS:
-            message = f"restart: {policy} lets the engine start what rorg has ceased, when the engine itself starts"
-            yield Finding("engine-restart-policy", subject.option("restart"), message)
+def _restarts(subject: Subject) -> Iterator[Finding]:
+    policy = str(subject.options.get("restart") or "no")
+    if policy.partition(":")[0] in ENGINE_RESTARTS:
+        message = f"restart: {policy} lets the engine start what rorg has stopped, when the engine itself starts"
+        yield Finding("engine-restart-policy", subject.option("restart"), message)
 
 
-def _signals(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
-        if signal in ("KILL", "9"):
-            where = subject.option("stop_signal")
-            yield Finding("stop-by-kill", where, f"'{subject.name}' is killed immediately instead of being stopped")
-        elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
-            end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
-            message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
-            yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
+def _signals(subject: Subject) -> Iterator[Finding]:
+    signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
+    if signal in ("KILL", "9"):
+        where = subject.option("stop_signal")
+        yield Finding("stop-by-kill", where, f"'{subject.name}' is killed immediately instead of being stopped")
+    elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
+        end = "is killed after its grace period" if not subject.options.get("init") else "ends immediately"
+        message = f"a C++ node of ROS 1 does not unregister on SIGTERM: it {end}, and stays registered"
+        yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
 
 
 def _python(subject: Subject) -> bool:
@@ -68,7 +66,7 @@ def _shells(robot: Robot) -> Iterator[Finding]:
         if NOTHING.match(" ".join(last)) and commands[-2][0] != "exec":
             message = f"the shell goes on after its program, with '{' '.join(last)}': its exit code is lost"
         elif not _group(subject) and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
-            message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace"
+            message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace period"
         else:
             continue
         yield Finding("shell-without-exec", subject.command(), message)
@@ -83,7 +81,7 @@ def _graces(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.ros1):
         grace = subject.options.get("stop_grace_period")
         if isinstance(grace, int | float) and grace < SHORT:
-            message = f"{grace:g} s are too short for a node of ROS 1 to sign off"
+            message = f"{grace:g} s are too short for a node of ROS 1 to unregister"
             yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
 
 
@@ -118,4 +116,4 @@ def _programs(robot: Robot, name: str) -> Programs:
     return found
 
 
-CHECKS = (_restarts, _signals, _shells, _images, _graces)
+CHECKS = (_shells, _images, _graces, *map(each, (_restarts, _signals)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -217,26 +217,29 @@ class Subject:
 
     def volume(self, mount: Mount) -> Where:
         """The place of a volume, by its path in the container."""
-        for path in (("container", "volumes"), ("mounts",)):
-            for index, item in enumerate(self._list(*path)):
-                if _target(item) == mounted_at(self.options["volumes"][mount.place]):
-                    return self.at(*path, index)
-        return self.option("volumes")
+        target = mounted_at(self.options["volumes"][mount.place])
+        paths = (("container", "volumes"), ("mounts",))
+        return self._first(paths, lambda item: _target(item) == target) or self.option("volumes")
 
     def device(self, host: str) -> Where:
         """The place of a device, by its path on the host."""
-        for path in (("driver", "devices"), ("container", "devices")):
-            for index, item in enumerate(self._list(*path)):
-                if (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path"))) == host:
-                    return self.source.where("spec", *path, index)
-        return self.option("devices")
+
+        def same(item: Any) -> bool:
+            return host == (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path")))
+
+        return self._first((("driver", "devices"), ("container", "devices")), same) or self.option("devices")
 
     def item(self, name: str, *values: str) -> Where:
         """The place of the first of these items in an option that is a list."""
-        for index, item in enumerate(self._list("container", name)):
-            if item in values:
-                return self.option(name, index)
-        return self.option(name)
+        return self._first((("container", name),), lambda item: item in values) or self.option(name)
+
+    def _first(self, paths: Iterable[tuple[str, ...]], wanted: Callable[[Any], bool]) -> Where | None:
+        """The place of the first wanted item in the lists at these paths of the manifest's spec."""
+        for path in paths:
+            for index, item in enumerate(self.written_list(*path)):
+                if wanted(item):
+                    return self.source.where("spec", *path, index)
+        return None
 
     def command(self) -> Where:
         own = ("spec", "command") in self.source.document.values
@@ -248,7 +251,7 @@ class Subject:
             found = found.get(part) if isinstance(found, dict) else None
         return found
 
-    def _list(self, *path: str) -> list[Any]:
+    def written_list(self, *path: str) -> list[Any]:
         found = self._written(*path)
         return found if isinstance(found, list) else []
 

@@ -6,7 +6,8 @@ import difflib
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.robot import Finding, Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.subject import Subject
 from rorg.model.diagnostics import close_to
 from rorg.model.image_names import declared, plain
 
@@ -27,13 +28,12 @@ RMW = (
 )
 
 
-def _names(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for name in sorted(set(subject.env) - set(KNOWN)):
-            close = _like(name)
-            if close and close not in subject.env:
-                message = f"nothing reads {name}; {close} is a variable of ROS"
-                yield Finding("misspelt-variable", subject.variable(name), message, close)
+def _names(subject: Subject) -> Iterator[Finding]:
+    for name in sorted(set(subject.env) - set(KNOWN)):
+        close = _like(name)
+        if close and close not in subject.env:
+            message = f"nothing reads {name}; {close} is a variable of ROS"
+            yield Finding("misspelt-variable", subject.variable(name), message, close)
 
 
 @lru_cache(maxsize=4096)
@@ -60,8 +60,8 @@ def _images(robot: Robot) -> Iterator[Finding]:
         if not images or declared(name, images) or "/" in name or ":" in plain(name):
             continue
         if close := close_to(name, images, ALIKE):
-            message = f"'{name}' is no Image of this tree, and would be pulled"
+            message = f"'{name}' is not an Image of this tree and would be pulled"
             yield Finding("misspelt-image", subject.at("image"), message, f"'{close}'")
 
 
-CHECKS = (_names, _implementations, _images)
+CHECKS = (_implementations, _images, *map(each, (_names,)))
