@@ -30,7 +30,7 @@ def unexpected(where: Where, bug: Exception) -> Diagnostic:
 
 @dataclass(frozen=True)
 class Source:
-    """One manifest that is valid by itself: its document for positions, its spec for content."""
+    """One manifest that is valid on its own: its document for positions, its spec for content."""
 
     document: Document
     kind: str
@@ -118,7 +118,7 @@ def read_tree(
 ) -> tuple[list[Source], list[Diagnostic], set[str]]:
     """Reads all manifests below `root`, with a robot's overlay merged in.
 
-    Returns them with everything that is wrong with each by itself, and the names of the broken ones, so that a typo in
+    Returns them with everything that is wrong with each one, and the names of the broken ones, so that a typo in
     one manifest is not reported as an unknown service elsewhere. `edits` maps paths to new content, or to None for
     deleted files. Raises OSError for an unreadable tree.
     """

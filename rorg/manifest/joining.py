@@ -23,7 +23,7 @@ def join(
     known: Collection[str],
 ) -> tuple[Service, list[Diagnostic]]:
     """Adds the services that it joins to its needs, and to what restarts it if their end also ends the namespace: a
-    container in a network that is gone reaches nobody. `known` are all declared names, including broken ones."""
+    container in a network that is gone is unreachable. `known` are all declared names, including broken ones."""
     joins: dict[str, tuple[str, ...]] = {}
     diagnostics: list[Diagnostic] = []
     for option, index, name in named(service.spec or {}):
@@ -47,7 +47,7 @@ def _wrong(
     groups: Mapping[str, Group],
     known: Collection[str],
 ) -> Diagnostic | None:
-    """What is wrong with one joined service; the caller adds the place."""
+    """The mistake in one joined service; the caller adds the place."""
     containers = [n for n, s in services.items() if not s.meta and n != service.name]
     if name == service.name:
         return Diagnostic(NOWHERE, f"{option}: '{name}' is this service itself", "another service")

@@ -70,7 +70,7 @@ def load(
     they are read. `engine` is the name of the engine that will run the tree; if it is empty, engine-specific checks are
     skipped. `robot` selects an overlay; empty means the base alone.
 
-    Returns all errors at once, sorted by place; a tree is accepted as a whole or not at all. Raises only Invalid, if
+    Returns all errors together, sorted by place; a tree is accepted as a whole or not at all. Raises only Invalid, if
     `root` is not a readable directory or holds no manifests. Unexpected exceptions become errors of the tree, and the
     robot keeps its last good one.
     """

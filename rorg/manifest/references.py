@@ -1,4 +1,4 @@
-"""What manifests say of each other: names that must exist, groups, cycles in `needs`, unsolvable conflicts.
+"""References between manifests: names that must exist, groups, cycles in `needs`, unsolvable conflicts.
 
 Names are checked once all manifests are read, because any file may name any other.
 """

@@ -60,7 +60,7 @@ def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
         if isinstance(found.get("default"), int | float) and not isinstance(found["default"], bool):
             found["default"] = told.default if told.form in ("duration", "size") else found["default"]
         elif found.get("default", "") is None:
-            del found["default"]  # null is the internal default; nobody writes it
+            del found["default"]  # null is the internal default; it is never written
 
 
 # Name of a field -> the forms that a validator converts to the type of the model.

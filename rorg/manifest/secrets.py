@@ -58,7 +58,7 @@ def _under(image: str, images: Mapping[str, Image]) -> list[str]:
 
 
 def unread_secrets(root: Path, overlay: Mapping[Path, str | None], broken: Collection[str]) -> dict[str, Service]:
-    """Secrets of manifests that are invalid by themselves, as services that have nothing else."""
+    """Secrets of manifests that are invalid on their own, as services that have nothing else."""
     found = {}
     for path in manifest_files(root):
         if path.stem not in broken:

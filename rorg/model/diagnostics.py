@@ -1,4 +1,4 @@
-"""What is wrong with a manifest, and where."""
+"""Mistakes in manifests, with their places."""
 
 from __future__ import annotations
 

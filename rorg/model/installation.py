@@ -44,7 +44,7 @@ class Installation:
     answers: bool = False
     """The running rorg answers at its socket."""
     journal_error: str = ""
-    """What is wrong with the journal."""
+    """A problem with the journal; empty if there is none."""
     git_version: str = ""
     """Empty if git is not installed."""
     git_refusal: str = ""

@@ -14,7 +14,7 @@ class Option(NamedTuple):
     """One option of a rendered container, under the name that Compose gives it."""
 
     api: str = ""
-    """Its key in the body of POST /containers/create, where it has one key of its own."""
+    """Its key in the body of POST /containers/create, if it has exactly one key."""
     flag: str = ""
     """The flag of `docker run` with the same value, or one flag per item. Empty if there is none."""
     compose: str = ""

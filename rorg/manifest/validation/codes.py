@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class Code(NamedTuple):
-    """What all findings of one code have in common."""
+    """The common part of all findings of one code."""
 
     cause: str
     remedy: str

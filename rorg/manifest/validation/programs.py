@@ -1,4 +1,4 @@
-"""What runs: images, commands, variables, probes, and how one service waits for another."""
+"""Programs: images, commands, variables, probes, and how one service waits for another."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def _images(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         name = str(subject.options.get("image") or "")
         if name.endswith(":latest") and not declared(name, robot.catalog.images):
-            message = f"'{name}' is whatever was pushed last: the same manifests run something else tomorrow"
+            message = f"'{name}' is the image that was pushed last: the same manifests may run another one tomorrow"
             yield Finding("latest-tag", subject.at("image"), message)
     for name, image in sorted(robot.catalog.images.items()):
         for base in image.bases:
             if base.endswith(":latest") and not declared(base, robot.catalog.images):
-                message = f"'{name}' is based on '{base}', which is whatever was pushed last"
+                message = f"'{name}' is based on '{base}', which is the image that was pushed last"
                 yield Finding("latest-tag", robot.sources["Image"][name].where("spec"), message)
 
 
@@ -97,7 +97,7 @@ def _loops(script: str) -> bool:
 
 
 def _waiting(robot: Robot) -> Iterator[Finding]:
-    """Services that guess how long another one takes, instead of checking it."""
+    """Services that guess how long another service takes, instead of checking it."""
     for subject in (s for s in robot.subjects if s.script):
         commands = [c for c in subject.commands if c]
         sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())

@@ -83,7 +83,7 @@ class Robot:
         )
 
     def asks_for(self, subject: Subject) -> set[str]:
-        """Everything that a service needs, or may request by itself."""
+        """Everything that a service needs, or may request itself."""
         found = set(self.needs(subject.name))
         for name in subject.service.may_request:
             for member in self.catalog.members(name):
@@ -110,7 +110,7 @@ Check = Callable[[Robot], Iterator[Finding]]
 
 
 def each(check: Callable[[Subject], Iterator[Finding]]) -> Check:
-    """A check of a robot that checks every service by itself."""
+    """A check of a robot that checks one service at a time."""
     return lambda robot: (finding for subject in robot.subjects for finding in check(subject))
 
 

@@ -19,7 +19,7 @@ SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
 """Implementations that use shared memory by default, and are compatible with each other."""
 ALIKE = {
     "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF by nobody",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF not at all",
     "ROS_DISCOVERY_SERVER": "they do not find each other",
     "ROS_STATIC_PEERS": "they look for others at different places",
 }
@@ -132,7 +132,7 @@ def _users(robot: Robot) -> Iterator[Finding]:
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
-    """ROS 2 programs with ROS 1 probes: whatever master answers on this machine would be asked, perhaps another
+    """ROS 2 programs with ROS 1 probes: any master that answers on this machine would be asked, perhaps another
     robot's."""
     for subject in (s for s in robot.subjects if s.without_master):
         for asked in subject.asked:

@@ -19,7 +19,7 @@ CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in fami
 
 
 def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> list[Diagnostic]:
-    """Findings about a tree whose manifests are valid by themselves, without what comments allow. `sources` are the
+    """Findings about a tree whose manifests are valid on their own, without what comments allow. `sources` are the
     manifests of the Catalog, by kind and name."""
     robot = Robot(catalog, sources)
     found = [d for check in CHECKS for d in _found(check, robot)]

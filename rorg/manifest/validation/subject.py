@@ -96,7 +96,7 @@ class Subject:
 
     @cached_property
     def programs(self) -> frozenset[str]:
-        """Names of programs, including all words that may be a program behind another one (`entry.sh roslaunch`)."""
+        """Names of programs, including all words that may be a program behind another (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What is known of a service from text alone: launch files and scripts that it mounts from the tree."""
+"""Facts about a service from text alone: launch files and scripts that it mounts from the tree."""
 
 from __future__ import annotations
 
