@@ -13,10 +13,10 @@ from test_probes import SERVER, health, server, tell
 
 from rorg.compose.writer_notes import SERVICE, condition
 from rorg.core.desired import desire
-from rorg.core.former import Kept
 from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
 from rorg.core.status import ros_nodes
+from rorg.core.withheld import Kept
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load, load_or_raise
 from rorg.model.catalog import Probe

@@ -1,4 +1,4 @@
-"""What is wrong with an installation, and what to do: from facts alone."""
+"""`rorg doctor`: judge an installation from facts that were gathered before, and suggest a remedy for each problem."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from rorg.model.units import format_memory
 
 OK, WARNING, ERROR = "ok", "warning", "error"
 LITTLE, TOO_LITTLE = 2 << 30, 200 << 20
-"""Bytes of a disk: below the first an image may not fit, below the second the history may not."""
+"""Bytes of free disk space: below the first an image may not fit, below the second the journal may not."""
 FEW_FILES = 10_000
 WATCHES, INSTANCES = 16_384, 64
-"""inotify: a tree of manifests with what it mounts takes some thousand watches, and other programs need theirs."""
+"""inotify limits: a tree of manifests with the files it mounts takes some thousand watches, and other programs need
+theirs."""
 OPEN_FILES = 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was looked at."""
+    """The result of one check."""
 
     name: str
     status: str
-    """ok, warning or error: with an error rorg cannot do its work."""
+    """ok, warning or error. With an error rorg cannot do its work."""
     message: str
     remedy: str = ""
 
@@ -32,7 +33,7 @@ class Check:
 
 
 def examine(found: Installation) -> list[Check]:
-    """All checks, in an order in which one may be the cause of those after it."""
+    """Run all checks, in an order in which one problem may cause those after it."""
     return [check for look in _LOOKS for check in look(found)]
 
 

@@ -1,5 +1,8 @@
-"""What may be shown and recorded: whatever is secret is masked. This is the only rule of it, in two parts: masked()
-goes by where a declared value stands and what it looks like, a Masker by the values that manifests declare secret."""
+"""Masking of secrets, the only place that decides what may be shown and recorded.
+
+Two rules: masked() goes by the name and form of a declared value, and a Masker replaces the values that manifests
+declare secret.
+"""
 
 from __future__ import annotations
 
@@ -17,39 +20,42 @@ from rorg.model.secret_names import NAME, is_secret_name, secret_texts
 
 MASK = "***"
 KEPT = 256
-"""Secrets of earlier trees that are still looked for: containers and records of then may say them."""
+"""Number of secrets of earlier trees that are still masked: old containers and records may quote them."""
 _WORD = re.compile(
     r"created|running|restarting|removing|paused|exited|Healthy|Progressing|Degraded|Completed|Unknown|Synced|"
     r"OutOfSync|create|update|rename|signal|resume|remove|replace|restart|failed|withheld|preempted|suspended|"
     r"skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"
 )
-"""Words that programs read in what rorg answers: no secret, whoever has one of them for a value."""
+"""Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if somebody's
+secret has the same value."""
 _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
-"""A secret as it stands in the record of a container: two that are equal look equal, and none can be read."""
+"""A secret in a container's label: equal secrets have equal marks, and the value cannot be recovered."""
 READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
-"""Options of a container's record that rorg itself goes by: they stay as they are."""
+"""Options that rorg reads back from a container's label, so they are stored unmasked."""
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SHORT = {
     re.compile(rf"(?:^|(?<=[\s/]))(?:{programs})(?=\s)"): (option, re.compile(rf"(?<=\s){option}"))
     for programs, option in ((r"(?:mysql|mariadb)[\w-]*+|sshpass", "-p"), (r"redis-cli", "-a"), (r"curl", "-u"))
 }
-"""Programs, and their option of one letter that takes a secret, with or without a space. Of others `-p` is a port."""
+"""Programs with a one-letter option that takes a secret, with or without a space. For other programs, `-p` is a
+port."""
 _WORD_BEGINS = r"(?<![\w.-])"
 _RULES = (
     (re.compile(r"(\b(?:bearer|basic)\s+)\S+", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), rf"\1{MASK}@"),
-    # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header); a colon alone also parts the paths of a mount.
+    # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header). A colon without a space is no match: it also
+    # separates the paths of a mount.
     (re.compile(rf"({_WORD_BEGINS}{NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(rf"((?:^|\s)--?{NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
 )
-"""Each takes time linear in the text, which is anybody's."""
+"""Every pattern takes time linear in the text, because anyone can send long texts."""
 _ONE_VALUE = re.compile(rf"(\s*){_VALUE}")
 _NEXT_COMMAND = re.compile(r"[;|&\n]")
 
 
 def masked(field: str, value: Any) -> Any:
-    """The value of a declared field as it may be shown. Environments are shown by name alone."""
+    """Return the value of a declared field as it may be shown. Environment variables are shown by name only."""
     if value is None:
         return None
     if field.partition(".")[0] == "environment" or is_secret_name(field):
@@ -71,7 +77,7 @@ def _text(text: str) -> str:
 
 
 def _without_short(text: str, program: re.Pattern[str], option: re.Pattern[str]) -> str:
-    """The text without what stands behind this option of a program, in the same command."""
+    """Mask the value after this option of a program, within the same shell command."""
     pieces, at = list[str](), 0
     while found := program.search(text, at):
         following = _NEXT_COMMAND.search(text, found.end() + 1)
@@ -89,7 +95,7 @@ def _without_short(text: str, program: re.Pattern[str], option: re.Pattern[str])
 
 
 def _list(items: list[Any]) -> list[Any]:
-    """What follows the name of a secret option is its value."""
+    """Mask the item after the name of a secret option."""
     words = [item for item in items if isinstance(item, str)]
     named = [f"{word.rpartition('/')[2]} " for word in words]
     short = tuple(o for p, (o, _) in _SHORT.items() if any((m := p.match(n)) and m.end() == len(n) - 1 for n in named))
@@ -110,27 +116,28 @@ ASKED = re.compile(
     r"request '[A-Za-z0-9_.:-]{1,64}'|requested by [\w.-]{1,128} \([A-Za-z0-9_.:-]{1,64}\)|"
     r"is lost to [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}(?:, [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}){0,100}"
 )
-"""How rorg cites requests. Their ids are callers' own words: to hide one would tell its caller that it is a secret."""
+"""How rorg quotes requests. Their ids were chosen by callers: masking one would tell its caller that it equals a
+secret."""
 CITED = frozenset(("id", "request", "requested", "requester", "requests", "service", "services"))
-"""Keys of JSON whose texts are ids of requests and names."""
+"""JSON keys whose values are request ids and names."""
 
 
 class Masker:
-    """Knows values, and puts *** in their place wherever they stand."""
+    """Replaces known secret values by ***."""
 
     def __init__(self) -> None:
         self._known: dict[str, None] = {}
-        """The last ones last."""
+        """Values, most recent last."""
         self._forms: tuple[str, ...] = ()
-        """All that is looked for, what is longer first."""
+        """All spellings to look for, longest first."""
         self._parts: dict[str, Masker] = {}
-        """Of each service one that knows its own secrets; services of earlier trees first, the last KEPT of them."""
+        """Service -> masker with only its secrets; services of earlier trees first, at most KEPT of them."""
         self._names: tuple[str, ...] = ()
-        """Of services that other services declare: their words, which are shown though there is a secret in them."""
+        """Names of services that other services manage and that contain a secret. They are shown anyway."""
 
     def learn(self, catalog: Catalog | None) -> None:
-        """Looks for the secrets of a tree too. One that is part of what rorg has to say, the names of the tree and its
-        files among them, cannot be hidden."""
+        """Mask the secrets of this tree too. A secret that is part of what rorg itself must say, such as a service name
+        or a file name of the tree, cannot be masked."""
         if catalog is None:
             return
         managed = {n for n in catalog.services if any(s.manages(n) for s in catalog.services.values())}
@@ -153,12 +160,13 @@ class Masker:
             self._forms = forms(self._known)
 
     def of(self, service: object, unknown: Masker | None = None) -> Masker:
-        """For texts about one service, which it may have written itself: it knows the secrets of that service alone,
-        or a service could write what it guesses and see whether that is hidden. `unknown`: of a service of no tree."""
+        """Return the masker for texts of one service. It knows only that service's secrets: otherwise a service could
+        print guesses and learn from the masking which ones are somebody's secret. `unknown` is used for services of no
+        known tree."""
         return self._parts.get(service, unknown or self) if isinstance(service, str) else self
 
     def text(self, text: str) -> str:
-        """A text as it may be shown."""
+        """Return the text as it may be shown."""
         if not any(form in text for form in self._forms):
             return text
         kept = [found[0] for found in ASKED.finditer(text)] + [name for name in self._names if name in text]
@@ -170,7 +178,7 @@ class Masker:
         return text
 
     def value(self, value: Any) -> Any:
-        """Plain JSON, likewise: of mappings the values, never the keys."""
+        """Return plain JSON as it may be shown; keys of mappings are never masked."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, Mapping) and self._forms:
@@ -178,8 +186,8 @@ class Masker:
         return [self.value(item) for item in value] if isinstance(value, list | tuple) and self._forms else value
 
     def json(self, text: str) -> str:
-        """The text of a JSON value, with the white space at its end, likewise. It is only taken apart where there is a
-        secret in it."""
+        """Return JSON text as it may be shown, with its trailing white space. It is parsed only if it contains a
+        secret."""
         if not any(form in text for form in self._forms):
             return text
         try:
@@ -189,18 +197,18 @@ class Masker:
 
     @property
     def knows(self) -> bool:
-        """Whether there is anything to hide."""
+        """Whether there is anything to mask."""
         return bool(self._forms)
 
 
 def _cited(key: Any, item: Any) -> bool:
-    """Whether a value is an id or a name, or several."""
+    """Return whether a value is an id or a name, or a list of them."""
     items = item if isinstance(item, list) else [item]
     return key in CITED and all(isinstance(one, str) for one in items)
 
 
 def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
-    """Service -> its secrets, those of the Images that it is made from included."""
+    """Return service -> its secrets, including those of the Images it is built from."""
     found = {}
     for service in catalog.services.values():
         own = {*secrets_of(service.spec or {}, service.secrets)}
@@ -217,7 +225,7 @@ def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
 
 
 def secrets(catalog: Catalog) -> set[str]:
-    """All values that are secret, without those that are too short to be told from other text."""
+    """Return all secret values, without those too short to be distinguished from ordinary text."""
     found = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
     found |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
     found |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
@@ -225,13 +233,14 @@ def secrets(catalog: Catalog) -> set[str]:
 
 
 def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
-    """The values of these variables of a container."""
+    """Return the values of these environment variables."""
     environment = spec.get("environment", {})
     return [environment[name] for name in names if environment.get(name)]
 
 
 def forms(values: Iterable[str]) -> tuple[str, ...]:
-    """What to look for: each value as it is, and as JSON, YAML, shells and URLs write it; each line too."""
+    """Return every spelling of these values to look for: plain, and as JSON, YAML, shells and URLs write them; also
+    every single line."""
     found: set[str] = set()
     for value in values:
         for text in {value, *value.splitlines()}:
@@ -242,7 +251,7 @@ def forms(values: Iterable[str]) -> tuple[str, ...]:
 
 
 def hidden(text: str, values: Iterable[str]) -> str:
-    """The text without these. The longer ones come first."""
+    """Return the text with these values masked. Pass longer ones first, or a part of a longer value would remain."""
     for value in values:
         if value in text:
             text = text.replace(value, MASK)
@@ -250,7 +259,8 @@ def hidden(text: str, values: Iterable[str]) -> str:
 
 
 def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
-    """What rorg has to say of a tree, without what services declare: by that nobody shows a secret of another."""
+    """Return the texts that rorg must be able to say about a tree. What managed services declare is left out, so that
+    none of them can expose another one's secret by declaring it as a name."""
     yield from catalog.services.keys() - set(managed)
     yield from catalog.groups
     yield from catalog.images
@@ -266,7 +276,7 @@ def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
 
 
 def marked(option: str, value: Any, values: Iterable[str]) -> Any:
-    """An option as the record of a container has it: secrets in its texts are told apart, and cannot be read."""
+    """Return an option for a container's label, with secrets replaced by marks."""
     found = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
     return _marked(value, found) if found and option not in READ_BACK else value
 
@@ -282,8 +292,8 @@ def _marked(value: Any, found: list[tuple[str, str]]) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two options are equal, where one may have marks where the other has what they stand for: that a value is
-    declared secret, or is so no more, changes no container."""
+    """Return whether two options are equal, comparing marks with the plain text they stand for. So declaring a value
+    secret, or no longer secret, replaces no container."""
     if isinstance(a, str) and isinstance(b, str):
         return a == b or _stands_for(a, b) or _stands_for(b, a)
     if isinstance(a, dict) and isinstance(b, dict):

@@ -11,21 +11,21 @@ from rorg.core.situation import Situation
 
 class View:
     """Of one situation, for one service. What a service's plan depends on is the service itself, its neighbours (see
-    onward.py), and what is asked for by `now` and `all_containers`: these make it `restless`, so that it is looked at
+    onward.py), and what is asked for by `now` and `all_containers`: these make it `volatile`, so that it is looked at
     again in every pass."""
 
     def __init__(self, situation: Situation, containers: Containers, exclusive: Exclusive) -> None:
         self.s, self.desired, self.containers, self.exclusive = situation, situation.desired, containers, exclusive
-        self.restless = False
+        self.volatile = False
 
     @property
     def now(self) -> float:
-        self.restless = True
+        self.volatile = True
         return self.s.now
 
     @property
     def all_containers(self) -> Sequence[Container]:
-        self.restless = True
+        self.volatile = True
         return self.s.observed.containers
 
     def of(self, service: str) -> Sequence[Container]:

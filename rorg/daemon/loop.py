@@ -10,11 +10,11 @@ from dataclasses import replace
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
-from rorg.core.down import taken_down
 from rorg.core.inputs import Inputs
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
 from rorg.core.pressure import Load, pressed
+from rorg.core.teardown import teardown
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
@@ -177,7 +177,7 @@ class Loop:
         if self.engine.local:  # who refuses connections on this machine is no node of another one
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)
-        self.learner.note(decision.memory.foresight.learned)
+        self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # nothing that is down says how its manifests do
             self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.tree.standing = self.recorder.historian.standing
@@ -222,7 +222,7 @@ class Loop:
     def _without_all(self, inputs: Inputs) -> Inputs:
         """Of a robot that is taken down: nothing is asked for, and everything may go."""
         if self._down is None or self._down[0] is not inputs.desired:
-            self._down = inputs.desired, taken_down(inputs.desired, self.memory.kept.catalog)
+            self._down = inputs.desired, teardown(inputs.desired, self.memory.kept.catalog)
         return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
 
     @property

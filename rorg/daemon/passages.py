@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rorg.core.decide import Decision
-from rorg.core.states import NONE, passages
+from rorg.core.state_changes import NONE, state_changes
 from rorg.model.units import counted
 
 
@@ -22,7 +22,7 @@ class Passages:
         """Every decision that knows what is there must be noted."""
         first = self._states is None
         states = self._states = self._states or {}
-        found = passages(states, decision)
+        found = state_changes(states, decision)
         states.update({p.service: p.state for p in found})
         if first and found:
             # All in one: that they are as they are is no news of this moment.

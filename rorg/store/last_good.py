@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rorg.core.former import Former, Kept
+from rorg.core.withheld import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Request, Service, Updating
 from rorg.model.diagnostics import Where
 from rorg.model.ros import RosParameters
