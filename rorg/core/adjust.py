@@ -66,8 +66,8 @@ def _next_name(view: View, service: Service) -> str:
 def passing_name(view: View, service: Service, taken: Collection[str] = ()) -> str:
     """Return a temporary name, unique per edition of the service and not in `taken`.
 
-    `taken` matters for a container that is only joined to another one that is gone: its replacement has the same
-    digest, and the old container is removed only after the new one exists.
+    `taken` matters if the container is replaced only because a container that it was joined to is gone: the new one has
+    the same digest, and the old one is removed only after the new one exists.
     """
     name = f"{service.container_name}.{view.desired.digests[service.name].partition(':')[2][:8]}"
     return next(n for n in (name, *(f"{name}.{i}" for i in range(2, len(taken) + 3))) if n not in taken)

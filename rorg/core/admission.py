@@ -67,7 +67,7 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
     """Settle all contests without the budget.
 
     First the losers of each contest go out, one contest after another. Then they come back, highest effective priority
-    first, if there is room for them after all: whoever won against them may have been preempted itself.
+    first, if there is room for them after all: a winner may have been preempted itself.
     """
     preempted: dict[str, str] = {}
     for name, why in excluded.items():
@@ -120,8 +120,8 @@ def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) 
 
 
 def effective_priorities(catalog: Catalog, wanted_set: Wanted, requests: Collection[Request]) -> dict[str, int]:
-    """Return how much each wanted service matters: the highest of its own priority, that of a request for it, and that
-    of whatever requests or needs it. So what a navigation task needs is never shed before the task itself."""
+    """Return how much each wanted service matters: the highest of its own priority, that of a request for it, and those
+    of the services that request or need it. So what a navigation task needs is never shed before the task itself."""
     requested: dict[tuple[str, str, str], int] = {}
     for request in requests:
         for name in (m for s in request.services for m in catalog.members(s)) if request.priority is not None else ():

@@ -55,7 +55,7 @@ def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> 
 
 
 def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Affected:
-    """Return what a hold of these services affects: whatever needs them, transitively, and drivers that only those
+    """Return what a hold of these services affects: services that need them, transitively, and drivers that only those
     request."""
     catalog: Catalog = situation.desired.catalog
     ceased = _dependants({n: s.needs for n, s in catalog.services.items()}, names)
@@ -66,8 +66,8 @@ def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Aff
 
 
 def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
-    """Return what releasing the request (requester, id) affects: drivers that it names and nobody else requests, and
-    its requester if that runs and loses a service. Empty if there is no such request.
+    """Return what releasing the request (requester, id) affects: drivers that it names and no other request asks for,
+    and its requester if that runs and loses a service. Empty if there is no such request.
 
     A driver that only ceases because what needed it was released is not listed: it ceases as its manifest says, so no
     confirmation is needed.

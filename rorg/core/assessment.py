@@ -116,12 +116,10 @@ def _evicted(
     free = admit(catalog, requests, holds) if shed else admission
     memory, eviction = evict(
         memory,
-        inputs.desired,
+        inputs,
         admission,
         free,
         {s.service: _priority_if_back(s.service, memory, inputs, free, requests, holds) for s in shed},
-        inputs.observed,
-        inputs.load,
         _excluded(memory, holds),
         locked,
         suspended or not inputs.observed.complete,
@@ -156,10 +154,9 @@ def _prewarmed(
     suspended: bool,
 ) -> tuple[Memory, Prewarmed]:
     """Choose what to prewarm: after requests and pressure, so that prewarming never takes anything from them."""
-    desired, observed = inputs.desired, inputs.observed
-    barred = {*excluded, *unplugged(desired, inputs.devices)}
-    off = suspended or memory.pressure.engaged or not observed.complete
-    return prewarm(memory, inputs.learned, desired, admission, requests, observed, barred, inputs.now, off)
+    barred = {*excluded, *unplugged(inputs.desired, inputs.devices)}
+    off = suspended or memory.pressure.engaged or not inputs.observed.complete
+    return prewarm(memory, inputs, admission, requests, barred, off)
 
 
 def _surroundings(inputs: Inputs) -> dict[str, Any]:

@@ -122,6 +122,6 @@ def _activation(action: Action, situation: Situation) -> list[str]:
 
 
 def _completed(name: str, situation: Situation) -> bool:
-    current = next(iter(situation.observed.by_service().get(name, [])), None)
+    current = situation.observed.current(name)
     service = situation.desired.catalog.services[name]
     return current is not None and current.exit_code == 0 and situation.memory.of(name).over(service, current)

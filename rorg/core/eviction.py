@@ -5,13 +5,13 @@ pressure.py decides when to take a measure; this file knows what a measure would
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
+from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
-from rorg.core.observed import Observed
 from rorg.core.pressure import NONE, PATIENCE, Chances, Load, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
 
@@ -31,12 +31,10 @@ class Eviction:
 
 def evict(
     memory: Memory,
-    desired: Desired,
+    inputs: Inputs,
     admission: Admission,
     free: Admission,
     back: Mapping[str, int],
-    observed: Observed,
-    load: Load | None,
     excluded: Collection[str],
     locked: Collection[str],
     suspended: bool,
@@ -51,15 +49,15 @@ def evict(
 
     Without thresholds in the Policy no measure is in force.
     """
-    policy = desired.catalog.policy
+    policy, load = inputs.desired.catalog.policy, inputs.load
     if policy.pressure is None:
         return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Eviction()
-    states = {name: cs[0].state for name, cs in observed.by_service().items()}
-    lower = _below_the_top(desired, admission)
+    lower = _below_the_top(inputs.desired, admission)
     before = state = memory.pressure
     if not suspended:
         over = excess(policy.pressure, policy.budget, load) if load else {}
-        victims = Victims(desired, admission, free, excluded, locked, states, load, over)
+        victims = Victims(inputs, admission, free, excluded, locked, over)
+        states = victims.states
         # Forget shed services that nothing wants any more, and those that have become protected since.
         state = without(state, [s.service for s in state.shed if not 0 <= back.get(s.service, -1) < PROTECTED])
         state = advance(
@@ -68,7 +66,7 @@ def evict(
             policy.budget,
             load,
             Chances(
-                _useful(desired, admission, lower, states, victims.use, over),
+                _useful(victims, lower),
                 victims.next_one,
                 any(states.get(s.service) in ALIVE for s in state.shed),
                 load is not None and _beginning(memory, states, load),
@@ -95,21 +93,15 @@ def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
     return any(since is not None and load.at - since < PATIENCE for since in (*calls, *runs))
 
 
-def _useful(
-    desired: Desired,
-    admission: Admission,
-    lower: Collection[str],
-    states: Mapping[str, str],
-    use: Callable[[str], tuple[float, int]],
-    over: Mapping[str, float],
-) -> frozenset[str]:
+def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
     """Return the measures that would help now: they change something that uses what is short."""
-    limits, services = desired.catalog.policy.pressure, desired.catalog.services
+    limits, services = victims.catalog.policy.pressure, victims.catalog.services
+    admission, states, use = victims.admission, victims.states, victims.use
     idle = [n for n in states if n in services and n not in admission.wanted]
     lingering = [n for n in idle if states[n] == "running" and n not in admission.preempted]
 
     def helped(cpu: Iterable[str], memory: Iterable[str]) -> bool:
-        return helps(over, sum(use(n)[0] for n in cpu), sum(use(n)[1] for n in memory))
+        return helps(victims.over, sum(use(n)[0] for n in cpu), sum(use(n)[1] for n in memory))
 
     useful = {
         "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
@@ -135,18 +127,17 @@ class Victims:
 
     def __init__(
         self,
-        desired: Desired,
+        inputs: Inputs,
         admission: Admission,
         free: Admission,
         excluded: Collection[str],
         locked: Collection[str],
-        states: Mapping[str, str],
-        load: Load | None,
         over: Mapping[str, float],
     ) -> None:
-        self.catalog, self.admission, self.free, self.excluded = desired.catalog, admission, free, excluded
-        self.locked, self.states, self.over = locked, states, over
-        self.measured = load.use if load else {}
+        self.catalog, self.admission, self.free = inputs.desired.catalog, admission, free
+        self.excluded, self.locked, self.over = excluded, locked, over
+        self.states = {name: containers[0].state for name, containers in inputs.observed.by_service().items()}
+        self.measured = inputs.load.use if inputs.load else {}
 
     def use(self, name: str) -> tuple[float, int]:
         """Return the measured (cores, bytes) of a service, or what it declares if it was not measured."""

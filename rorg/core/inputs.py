@@ -71,6 +71,6 @@ class Inputs:
     purge: bool = False
     """A person has ordered that rorg's volumes go too."""
     learned: Learned | None = None
-    """What was learnt from requests before this loop began, and continues to be learnt; None turns prewarming off."""
+    """The model learnt from requests before this loop began, which it extends; None turns prewarming off."""
     cache: Cache | None = None
     """From the last pass."""

@@ -41,7 +41,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class Learning:
-    """What was learnt so far, and the present state of each requester."""
+    """The model so far, and the present state of each requester."""
 
     learned: Learned = Learned()
     stays: Mapping[str, Stay] = field(default_factory=dict)

@@ -27,8 +27,8 @@ _WORD = re.compile(
     r"skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"
 )
-"""Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if somebody's
-secret has the same value."""
+"""Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if a secret has
+the same value."""
 _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
 """A secret in a container's label: equal secrets have equal marks, and the value cannot be recovered."""
 READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
@@ -161,8 +161,7 @@ class Masker:
 
     def of(self, service: object, unknown: Masker | None = None) -> Masker:
         """Return the masker for texts of one service. It knows only that service's secrets: otherwise a service could
-        print guesses and learn from the masking which ones are somebody's secret. `unknown` is used for services of no
-        known tree."""
+        print guesses and see which of them are masked. `unknown` is used for services of no known tree."""
         return self._parts.get(service, unknown or self) if isinstance(service, str) else self
 
     def text(self, text: str) -> str:
@@ -259,8 +258,8 @@ def hidden(text: str, values: Iterable[str]) -> str:
 
 
 def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
-    """Return the texts that rorg must be able to say about a tree. What managed services declare is left out, so that
-    none of them can expose another one's secret by declaring it as a name."""
+    """Return the texts that rorg must be able to say about a tree. Names chosen by managed services are left out, so
+    that none of them can expose a secret by declaring it as a name."""
     yield from catalog.services.keys() - set(managed)
     yield from catalog.groups
     yield from catalog.images

@@ -84,7 +84,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What is remembered of one service. Times are of the loop's monotonic clock, in seconds."""
+    """The memory of one service. Times are of the loop's monotonic clock, in seconds."""
 
     unwanted_since: float | None = None
     ceased_since: float | None = None

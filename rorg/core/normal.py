@@ -1,7 +1,7 @@
 """Normal forms of declared options: two values that make the same container have the same normal form.
 
-They are used for comparison only. What is sent to the engine and digested stays as declared, so that an upgrade of rorg
-with better normal forms replaces no container.
+They are used for comparison only. The engine and the digest get the values as declared, so that an upgrade of rorg with
+better normal forms replaces no container.
 """
 
 from __future__ import annotations
@@ -155,8 +155,9 @@ _SETS: Mapping[str, Normalize] = {
     "tmpfs": _tmpfs,
     "volumes": _volume,
 }
-_FLAGS = ("network_disabled", "oom_kill_disable", "privileged", "publish_all_ports", "read_only", "stdin_open", "tty")
-_EMPTY = (
+_FLAGS = ["network_disabled", "oom_kill_disable", "privileged", "publish_all_ports", "read_only", "stdin_open", "tty"]
+"""Options with default false."""
+_EMPTY = [
     "annotations",
     "blkio_config",
     "command",
@@ -184,27 +185,27 @@ _EMPTY = (
     "platform",
     "cpuset",
     "cpuset_mems",
-)
+]
+"""Options for which an empty value is the same as none."""
+_NUMBERS = [
+    "cpu_period",
+    "cpu_quota",
+    "cpu_rt_period",
+    "cpu_rt_runtime",
+    "cpu_shares",
+    "cpus",
+    "mem_limit",
+    "mem_reservation",
+    "memswap_limit",
+    "oom_score_adj",
+    "shm_size",
+]
+"""Options for which 0 is the same as none."""
 _NORMALIZERS: Mapping[str, Normalize] = {
     **{name: _each(normalize) for name, normalize in _SETS.items()},
     **dict.fromkeys(_FLAGS, _flag),
     **dict.fromkeys(_EMPTY, _full),
-    **dict.fromkeys(
-        (
-            "cpu_period",
-            "cpu_quota",
-            "cpu_rt_period",
-            "cpu_rt_runtime",
-            "cpu_shares",
-            "cpus",
-            "mem_limit",
-            "mem_reservation",
-            "memswap_limit",
-            "oom_score_adj",
-            "shm_size",
-        ),
-        _among(0),
-    ),
+    **dict.fromkeys(_NUMBERS, _among(0)),
     "expose": _spread(parse_expose),
     "extra_hosts": _hosts,
     "healthcheck": _healthcheck,

@@ -1,4 +1,4 @@
-"""What networks and volumes are made from, and the labels that identify them."""
+"""Digests, options and labels of networks and volumes."""
 
 from __future__ import annotations
 

@@ -148,6 +148,10 @@ class Observed:
             object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
 
+    def current(self, service: str) -> Container | None:
+        """Return the container by which a service is active, or else the last started one."""
+        return next(iter(self.by_service().get(service, ())), None)
+
     def since(self, before: Observed) -> set[str]:
         """Return services whose containers changed, and take over the sorting of all others."""
         if before is self:

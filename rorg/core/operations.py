@@ -20,7 +20,7 @@ from rorg.model.objects import Kind
 from rorg.model.units import format_seconds
 
 ANY = frozenset[str]()
-"""Accepted whatever state the container is in."""
+"""Accepted in any state of the container."""
 ID = 12
 """Digits of a container's id that are shown to people."""
 
@@ -42,7 +42,7 @@ class Operation:
     idles: ClassVar[bool] = False
     """The service is not active afterwards, so nothing can rely on it."""
     ends: ClassVar[bool] = False
-    """Nothing may rely on the current run any more. Pause is included: a paused program answers nobody."""
+    """Nothing may rely on the current run any more. Pause is included: a paused program does not answer."""
     felt: ClassVar[bool] = True
     """The program and its hardware may notice it, so an interlock holds it back."""
     optional: ClassVar[bool] = False
@@ -72,7 +72,7 @@ class Create(Operation):
 
     name: str
     spec: Mapping[str, Any]
-    """What is sent to the engine."""
+    """The spec as sent to the engine."""
     labels: Mapping[str, str]
     digest: str
     """Of the declared spec. Another digest is a new attempt without back-off."""

@@ -81,7 +81,7 @@ class Overview:
             if not (entry.changes or entry.service in made or gone):
                 continue
             differing = self._differing(entry.service)
-            first = next(iter(self.situation.observed.by_service().get(entry.service, ())), None)
+            first = self.situation.observed.current(entry.service)
             spec, secrets = (service.spec, service.secrets) if service else (None, ())
             text = unified(entry.service, differing[0] if differing else first, spec, secrets)
             if text:

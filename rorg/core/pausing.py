@@ -1,4 +1,4 @@
-"""What pausing a ROS 1 service does to others.
+"""Effects of pausing a ROS 1 service on others.
 
 Its connections stay open, and so does its registration at the master. Measured: a paused subscriber receives its whole
 backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while its subscriber is paused; service calls

@@ -12,7 +12,7 @@ from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 
 
 class Part(StrEnum):
-    """What several actions of one service do together."""
+    """A group of actions of one service that belong together."""
 
     NONE = ""
     REPLACE = "replace"
@@ -116,7 +116,7 @@ class Waiting:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is done and what waits, in order."""
+    """Actions and waitings, in order."""
 
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()

@@ -23,7 +23,7 @@ from rorg.model.objects import is_object
 from rorg.model.units import format_seconds
 
 LAST = -1
-"""Priority of services that nobody has requested yet: below every other."""
+"""Priority of services that are not requested yet: below every other."""
 
 
 def in_order(situation: Situation) -> list[str]:

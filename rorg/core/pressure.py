@@ -1,5 +1,5 @@
-"""What to do under pressure, when the machine has too little CPU or memory: one measure after another, mildest first,
-undone in reverse order.
+"""Answers to pressure, when the machine has too little CPU or memory: one measure after another, mildest first, undone
+in reverse order.
 
 A state machine over samples of load. Its state is only which measures are in force and which services were shed;
 everything else follows from the current sample. Time-sharing a small on-board computer is the purpose of rorg (paper,
@@ -67,7 +67,7 @@ class Pressure:
 
     level: int = 0
     pressed: tuple[str, ...] = ()
-    """What is above its threshold: cpu, memory."""
+    """Resources above their threshold: cpu, memory."""
     skipped: frozenset[str] = frozenset()
     """Milder measures that are not in force because they would not have helped."""
     helpless: bool = False
@@ -114,7 +114,7 @@ NONE = Pressure()
 
 
 def pressed(limits: Thresholds, budget: Budget | None, load: Load) -> dict[str, str]:
-    """Return what is above its threshold, with the figures in words."""
+    """Return the resources above their threshold, with the figures in words."""
     cores, memory = _budget(budget, load)
     above: dict[str, str] = {}
     if load.cpu > limits.high * cores:

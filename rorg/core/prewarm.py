@@ -10,15 +10,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from rorg.core.admission import Admission, over_budget
-from rorg.core.desired import Desired
+from rorg.core.inputs import Inputs
 from rorg.core.learning import Learning, observe_requests
 from rorg.core.memory import Memory
-from rorg.core.observed import Container, Observed
+from rorg.core.observed import Container
 from rorg.core.prediction import LOOK, RESUME, START, PredictionState, Warm, asked_for, predict, with_duration
 from rorg.core.wanted import Cause, Wanted
 from rorg.model.catalog import Catalog, Request, Service
 from rorg.model.graph import closure
-from rorg.model.learned import Learned, Likelihood
+from rorg.model.learned import Likelihood
 
 GIVE_UP = 0.5
 """A warm service stays warm while its probability is at least this share of what is needed to begin,"""
@@ -39,37 +39,28 @@ class Prewarmed:
 
 def prewarm(
     memory: Memory,
-    learned: Learned | None,
-    desired: Desired,
+    inputs: Inputs,
     admission: Admission,
     requests: tuple[Request, ...],
-    observed: Observed,
     barred: Collection[str],
-    now: float,
     off: bool,
 ) -> tuple[Memory, Prewarmed]:
-    """Learn from the current requests and choose what is warm.
-
-    - `learned`: what was learnt before; None turns prewarming off;
-    - `barred`: services that must not be active now;
-    - `off`: learn, but prewarm nothing.
-    """
-    before = memory.prediction
-    if learned is None:
-        return (memory if before == PredictionState() else replace(memory, prediction=PredictionState())), Prewarmed(
-            admission.wanted
-        )
-    learning = before.learning or Learning(learned)
+    """Learn from the current requests and choose what is warm. `barred` services must not be active now; `off` means
+    that nothing is prewarmed, but requests are still learnt from. Without `inputs.learned` both are turned off."""
+    before, catalog, now = memory.prediction, inputs.desired.catalog, inputs.now
+    if inputs.learned is None:
+        return _kept(memory, PredictionState()), Prewarmed(admission.wanted)
+    learning = before.learning or Learning(inputs.learned)
     if before.learning is None or requests != before.requests:
         learning = observe_requests(learning, now, requests, before.learning is None)
-    learning, begun = _timed(learning, before, desired.catalog, memory, now)
+    learning, begun = _timed(learning, before, catalog, memory, now)
     prediction = replace(before, learning=learning, requests=requests, begun=begun)
-    names = [n for n, s in desired.catalog.services.items() if s.idle.prewarm and n not in admission.wanted]
+    names = [n for n, s in catalog.services.items() if s.idle.prewarm and n not in admission.wanted]
     if off or not names:
         prediction = replace(prediction, warm={})
         return _kept(memory, prediction), Prewarmed(admission.wanted)
-    room = _Room(memory, learning, desired, admission, requests, observed, barred, now)
-    likely, look = predict(learning, desired.catalog, {n: room.lead(n) + LOOK for n in names}, now)
+    room = _Room(inputs, memory, learning, admission, {*barred, *(r.requester for r in requests)})
+    likely, look = predict(learning, catalog, {n: room.lead(n) + LOOK for n in names}, now)
     prediction = _noticed(prediction, room, now)
     warm, wanted = room.filled(prediction, likely)
     ends = [w.until for w in warm.values() if w.until > now]
@@ -121,19 +112,17 @@ class _Room:
 
     def __init__(
         self,
+        inputs: Inputs,
         memory: Memory,
         learning: Learning,
-        desired: Desired,
         admission: Admission,
-        requests: tuple[Request, ...],
-        observed: Observed,
         barred: Collection[str],
-        now: float,
     ) -> None:
-        self.memory, self.learning, self.desired, self.admission = memory, learning, desired, admission
-        self.services, self.containers, self.now = desired.catalog.services, observed.by_service(), now
+        self.memory, self.learning, self.admission, self.desired = memory, learning, admission, inputs.desired
+        self.services, self.now = inputs.desired.catalog.services, inputs.now
+        self.containers = inputs.observed.by_service()
         self._leads = dict[str, float]()
-        self.barred = {*barred, *admission.preempted, *(r.requester for r in requests)}
+        self.barred = {*barred, *admission.preempted}
 
     def current(self, name: str) -> Container | None:
         return next(iter(self.containers.get(name, ())), None)
@@ -164,7 +153,9 @@ class _Room:
                 continue
             entry = self.considered(name, chances[name], prediction.warm.get(name), likely.get(name))
             brought = closure(self.services, [name]) - self.admission.wanted.keys()
-            if entry is None or not all(self.may(n, prediction) for n in brought) or not self.fits({*wanted, *brought}):
+            if entry is None or not all(self.may(n, prediction) for n in brought):
+                continue
+            if over_budget(self.desired.catalog, {*wanted, *brought}):
                 continue
             warm[name] = entry
             wanted[name] = (Cause("prewarmed", entry.likely.requester, likely=entry.likely),)
@@ -200,21 +191,18 @@ class _Room:
         ):
             return False
         rivals = self.desired.conflicts.get(name, ())
-        return not rivals or not (self.ever_asked() | self.admission.wanted.keys() | self.active()) & set(rivals)
+        if not rivals:
+            return True
+        active = {n for n, cs in self.containers.items() if any(c.active for c in cs)}
+        return not (self.ever_asked() | self.admission.wanted.keys() | active) & set(rivals)
 
     def ever_asked(self) -> frozenset[str]:
         """Return services that someone may request. Such a request must not wait until a warm rival has ended."""
         return asked_for(self.desired.catalog, tuple(self.learning.learned.names))
 
-    def active(self) -> set[str]:
-        return {n for n, cs in self.containers.items() if any(c.active for c in cs)}
-
-    def fits(self, names: set[str]) -> bool:
-        return not over_budget(self.desired.catalog, names)
-
 
 def harmless(service: Service) -> bool:
-    """Return whether merely running the service does nothing that a person would have to allow, and its end keeps
-    nobody waiting: no interlock, exclusive resource, calls to rorg, or task."""
+    """Return whether merely running the service does nothing that a person would have to allow, and nothing waits for
+    its end: no interlock, exclusive resource, calls to rorg, or task."""
     task = service.ready is not None and service.ready.completed
     return not (service.meta or service.interlock or service.exclusive or service.calls or task or service.spec is None)

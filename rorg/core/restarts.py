@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rorg.core.memory import Due, Memory, Progress
+from rorg.core.memory import Due, Memory
 from rorg.core.observed import Observed
 
 
@@ -20,12 +20,11 @@ def note_restarts(
     """
     if not observed.complete:
         return memory, {}
-    containers = observed.by_service()
     known, due, done, begun = memory.restarts or {}, {}, {}, []
     for name, stamp in asked.items():
         if stamp > wall:
             continue
-        current = next(iter(containers.get(name, [])), None)
+        current = observed.current(name)
         if current and current.brief:
             due.update({name: known[name]} if name in known else {})
             continue
@@ -41,10 +40,6 @@ def note_restarts(
         if current and current.alive and run != due[name].run:
             done[name] = stamp
             del due[name]
-    progress = {**memory.progress, **{name: _at_once(memory.of(name)) for name in begun}} if begun else memory.progress
+    # Who asks for a restart wants it now, without the back-off of earlier failures.
+    progress = {**memory.progress, **{n: memory.of(n).start_forgotten() for n in begun}} if begun else memory.progress
     return (memory if due == memory.restarts else replace(memory, restarts=due, progress=progress)), done
-
-
-def _at_once(progress: Progress) -> Progress:
-    """Drop the back-off of earlier failures: whoever asks for a restart wants it now."""
-    return progress.start_forgotten()

@@ -99,7 +99,7 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
             targets.pop((name, role), None)
         targets |= {(name, role): target for role, target in targets_of(planned, name, asked.get(name)).items()}
         looks.pop(name, None)
-        current = next(iter(situation.observed.by_service().get(name, ())), None)
+        current = situation.observed.current(name)
         since = situation.memory.of(name).unproven_since
         if current is not None and since is not None:
             looks[name] = current.id, since
@@ -119,7 +119,7 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     if service and (unproven or not progress.ready) and (late_at := is_late_at(progress, service)) is not None:
         times.append(late_at)
     if service and unproven and (over := bake_ends_at(progress, service)) is not None:
-        times.append(float(ceil(over)))  # nobody waits for it: round up, so that one pass serves many services
+        times.append(float(ceil(over)))  # not urgent, so round up: one pass serves many services
     if service and (end := doubt_ends(progress, service)) is not None:
         times.append(end)
     return tuple(times)
@@ -149,7 +149,7 @@ def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Ta
     wanted, progress = name in situation.wanted, situation.memory.of(name)
     if wanted and progress.running_since is not None:
         service, run = situation.desired.catalog.services[name], progress.incarnation
-        current = next(iter(situation.observed.by_service().get(name, ())), None)
+        current = situation.observed.current(name)
         if service.ready and service.ready.delay is None:
             since = asked if progress.answered is not None and not told_since(progress, asked) else None
             since = max((at for at in (since, progress.unproven_since) if at is not None), default=None)

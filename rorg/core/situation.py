@@ -18,7 +18,7 @@ class MissingImage:
     """An image that is not on this machine."""
 
     reason: str
-    """What is being done about it, or why it cannot be obtained."""
+    """What rorg does about it, or why it cannot be obtained."""
     failed: bool = False
     """Whether waiting does not help."""
 

@@ -58,7 +58,7 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
     waits = _waits(situation, plan)
     if waits:
         return Standing(APPLYING, waits)
-    unbaked = [n for n in _services(situation) if _asked(situation, n) and not _baked(situation, n)]
+    unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
     return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else Standing(GOOD)
 
 
@@ -66,10 +66,6 @@ def _of_tree(action: Action) -> bool:
     """Return whether an action is due to the manifests. Services begin and idle because of requests, unless that is
     part of a change."""
     return not (action.operation.begins or action.operation.idles) or bool(action.part_of)
-
-
-def _services(situation: Situation) -> list[str]:
-    return list(situation.desired.editions)
 
 
 def _asked(situation: Situation, name: str) -> bool:
@@ -88,7 +84,7 @@ def _told(failed: Mapping[str, str]) -> Standing:
 def _undone(situation: Situation) -> dict[str, str]:
     """Return services whose change is quarantined, each with the reason."""
     memory = situation.memory
-    return {name: why for name in _services(situation) if (why := memory.of(name).update.failed)}
+    return {name: why for name in situation.desired.editions if (why := memory.of(name).update.failed)}
 
 
 def _failed(situation: Situation, plan: Plan) -> dict[str, str]:
@@ -111,7 +107,7 @@ def _waits(situation: Situation, plan: Plan) -> str:
     if waitings:
         return f"{waitings[0].service}: {waitings[0].reason}"
     containers, reasons = situation.observed.by_service(), {w.service: w.reason for w in plan.waitings}
-    for name in _services(situation):
+    for name in situation.desired.editions:
         existing = containers.get(name, ())
         if existing and not any(fits(c, name, situation.desired) for c in existing):
             return f"{name}: {reasons.get(name) or 'its container is not as declared'}"

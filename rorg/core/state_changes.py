@@ -50,7 +50,7 @@ def state_changes(before: Mapping[str, str], decision: Decision) -> list[StateCh
 def _state_change(decision: Decision, name: str, now: str) -> StateChange:
     situation, progress = decision.situation, decision.memory.of(name)
     causes = situation.wanted.get(name, ())
-    current = next(iter(situation.observed.by_service().get(name, ())), None)
+    current = situation.observed.current(name)
     if causes and now == "exited" and current and progress.exited == current.incarnation:
         return StateChange(name, now, progress.error)
     trail = [cause for _, cause in chain(situation.wanted, name)]

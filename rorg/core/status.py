@@ -126,7 +126,7 @@ def statuses(
         name: _status(
             situation,
             service,
-            next(iter(containers.get(name, ())), None),
+            situation.observed.current(name),
             pending.get(name, ""),
             waiting.get(name, ""),
             (holds or {}).get(name, ""),

@@ -1,4 +1,4 @@
-"""`rorg down`: cease and remove every service, in the order of their needs, whatever requests them."""
+"""`rorg down`: cease and remove every service, in the order of their needs, regardless of requests."""
 
 from __future__ import annotations
 

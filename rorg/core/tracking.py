@@ -28,7 +28,7 @@ from rorg.model.objects import is_object
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracked:
-    """What the last review was based on, and its result."""
+    """Inputs and result of the last review."""
 
     desired: Desired
     wanted: Wanted

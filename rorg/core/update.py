@@ -1,4 +1,4 @@
-"""What is remembered about changes to a service across its containers."""
+"""Memory of changes to a service, across its containers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Update:
     run: str = ""
     """The incarnation that `content` is about."""
     content: Mapping[str, str] = field(default_factory=dict)
-    """What that run has read: mounted path -> digest."""
+    """Content that this run has read: mounted path -> digest."""
     begun: Mapping[str, str] | None = None
     """From rorg's start call until the service is seen running: the content at that time."""
 

@@ -27,12 +27,12 @@ class Former:
     groups: tuple[str, ...] = ()
     """Groups that named it."""
     withheld: str = ""
-    """Why its removal waits for confirmation; "" if it does not. It never goes back to "" by itself."""
+    """Why its removal waits for confirmation; "" if it does not. Once set, it stays until a person decides."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What is kept for the next pass."""
+    """State for the next pass."""
 
     catalog: Catalog | None = None
     """The last good tree."""
