@@ -177,29 +177,29 @@ def _turned_round(
     return Contest(winner, f"{why} {holder.name}, on whose behalf it is asked for", (holder.name,))
 
 
-def _contested(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+def _contested(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
     """Return unsettled contests, each service losing at most once; empty when all of them can be active."""
-    return _conflict(catalog, found, priority) or _overbooked(catalog, found, priority)
+    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)
 
 
-def _conflict(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+def _conflict(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
     """Settle the first conflict: higher effective priority wins, then the name.
 
     New conflicts are refused when a request or manifest arrives. The ones seen here come from requests suspended with a
     paused requester, and from conflicts declared later.
     """
-    pairs = conflicting(catalog.services, [n for n in found if not catalog.services[n].meta])
+    pairs = conflicting(catalog.services, [n for n in active if not catalog.services[n].meta])
     if not pairs:
         return []
     first, second = sorted(pairs[0], key=lambda n: (-priority[n], n))
     return [Contest(second, f"conflicts with {first}, which goes first", (first,))]
 
 
-def _overbooked(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+def _overbooked(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
     """Return the losers for the first exclusive resource that is requested more often than it exists."""
     users = [
         n
-        for n in sorted(found, key=lambda n: (-priority[n], n))
+        for n in sorted(active, key=lambda n: (-priority[n], n))
         if catalog.services[n].exclusive and not catalog.services[n].meta
     ]
     for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):

@@ -86,9 +86,9 @@ def desire(
         },
         declared={name: declared_now(s.spec, s.secrets) for name, s in services.items() if s.spec is not None},
         order=tuple(TopologicalSorter(graph).static_order()),
-        dependants={name: tuple(sorted(found)) for name, found in dependants.items()},
-        conflicts={name: tuple(sorted(found)) for name, found in conflicts.items()},
-        sharers={resource: tuple(sorted(found)) for resource, found in sharers.items()},
+        dependants={name: tuple(sorted(names)) for name, names in dependants.items()},
+        conflicts={name: tuple(sorted(names)) for name, names in conflicts.items()},
+        sharers={resource: tuple(sorted(names)) for resource, names in sharers.items()},
         rivals={
             name: frozenset(conflicts[name].union(*(sharers[r] for r in s.exclusive)))
             for name, s in services.items()

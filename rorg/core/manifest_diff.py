@@ -73,8 +73,8 @@ def _resources(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
         "Service": {name: _service(desired, name) for name in services},
         "Group": {name: _fields(group) for name, group in catalog.groups.items()},
         "Image": {name: _fields(image) for name, image in catalog.images.items()},
-        "Network": {name: _network_or_volume(one) for name, one in catalog.networks.items()},
-        "Volume": {name: _network_or_volume(one) for name, one in catalog.volumes.items()},
+        "Network": {name: _network_or_volume(network) for name, network in catalog.networks.items()},
+        "Volume": {name: _network_or_volume(volume) for name, volume in catalog.volumes.items()},
         "Request": {request.id: _fields(request) for request in catalog.requests},
         "Policy": {"": _fields(catalog.policy)},
     }

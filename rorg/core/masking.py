@@ -78,20 +78,20 @@ def _text(text: str) -> str:
 
 def _without_short(text: str, program: re.Pattern[str], option: re.Pattern[str]) -> str:
     """Mask the value after this option of a program, within the same shell command."""
-    pieces, at = list[str](), 0
-    while found := program.search(text, at):
-        following = _NEXT_COMMAND.search(text, found.end() + 1)
-        end = len(text) if not following else following.start() + 3 * (following[0] == "\n")
-        word = option.search(text, found.end(), end)
-        value = _ONE_VALUE.match(text, word.end()) if word else None
-        if word is None or value is None:
-            behind = word.end() if word else end
-            pieces.append(text[at:behind])
-            at = behind
+    pieces, position = list[str](), 0
+    while program_match := program.search(text, position):
+        separator = _NEXT_COMMAND.search(text, program_match.end() + 1)
+        end = len(text) if not separator else separator.start() + 3 * (separator[0] == "\n")
+        option_match = option.search(text, program_match.end(), end)
+        value = _ONE_VALUE.match(text, option_match.end()) if option_match else None
+        if option_match is None or value is None:
+            rest_begins = option_match.end() if option_match else end
+            pieces.append(text[position:rest_begins])
+            position = rest_begins
         else:
-            pieces += (text[at : word.end()], value[1], MASK)
-            at = value.end()
-    return "".join([*pieces, text[at:]])
+            pieces += (text[position : option_match.end()], value[1], MASK)
+            position = value.end()
+    return "".join([*pieces, text[position:]])
 
 
 def _list(items: list[Any]) -> list[Any]:
@@ -141,22 +141,22 @@ class Masker:
         if catalog is None:
             return
         managed = {n for n in catalog.services if any(s.manages(n) for s in catalog.services.values())}
-        said = "\n".join(_said(catalog, managed))
-        found = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in said}
-        self._look_for(found)
-        for name, own in _own_secrets(catalog).items():
-            part = self._parts.pop(name, None) or Masker()
-            part._look_for(own & found)
-            self._parts[name] = part
+        sayable = "\n".join(_said(catalog, managed))
+        to_mask = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in sayable}
+        self._look_for(to_mask)
+        for name, service_secrets in _own_secrets(catalog).items():
+            service_masker = self._parts.pop(name, None) or Masker()
+            service_masker._look_for(service_secrets & to_mask)
+            self._parts[name] = service_masker
         past = [*self._parts][: -len(catalog.services) or None]
         for name in past[:-KEPT]:
             del self._parts[name]
         self._names = tuple(name for name in managed if any(form in name for form in self._forms))
 
-    def _look_for(self, found: set[str]) -> None:
-        if not found <= self._known.keys():
-            rest = [s for s in self._known if s not in found]
-            self._known = dict.fromkeys([*rest[-KEPT:], *sorted(found)])
+    def _look_for(self, values: set[str]) -> None:
+        if not values <= self._known.keys():
+            others = [s for s in self._known if s not in values]
+            self._known = dict.fromkeys([*others[-KEPT:], *sorted(values)])
             self._forms = forms(self._known)
 
     def of(self, service: object, unknown: Masker | None = None) -> Masker:
@@ -168,11 +168,11 @@ class Masker:
         """Return the text as it may be shown."""
         if not any(form in text for form in self._forms):
             return text
-        kept = [found[0] for found in ASKED.finditer(text)] + [name for name in self._names if name in text]
-        for index, words in enumerate(kept):
+        protected = [match[0] for match in ASKED.finditer(text)] + [name for name in self._names if name in text]
+        for index, words in enumerate(protected):
             text = text.replace(words, f"\ue000{index}\ue001")
         text = hidden(text, self._forms)
-        for index, words in reversed([*enumerate(kept)]):
+        for index, words in reversed([*enumerate(protected)]):
             text = text.replace(f"\ue000{index}\ue001", words)
         return text
 
@@ -203,32 +203,32 @@ class Masker:
 def _cited(key: Any, item: Any) -> bool:
     """Return whether a value is an id or a name, or a list of them."""
     items = item if isinstance(item, list) else [item]
-    return key in CITED and all(isinstance(one, str) for one in items)
+    return key in CITED and all(isinstance(each, str) for each in items)
 
 
 def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
     """Return service -> its secrets, including those of the Images it is built from."""
-    found = {}
+    secrets_by_service = {}
     for service in catalog.services.values():
-        own = {*secrets_of(service.spec or {}, service.secrets)}
-        pending, seen = [str((service.spec or {}).get("image", ""))], set[str]()
+        service_secrets = {*secrets_of(service.spec or {}, service.secrets)}
+        pending, seen_images = [str((service.spec or {}).get("image", ""))], set[str]()
         while pending:
             image = catalog.images.get(declared(pending.pop(), catalog.images) or "")
-            if image is not None and image.name not in seen:
-                seen.add(image.name)
+            if image is not None and image.name not in seen_images:
+                seen_images.add(image.name)
                 pending += image.bases
-                own |= {image.args[name] for name in image.secrets}
-        own |= set(secret_texts("", service.ros.values)) if service.ros else set()
-        found[service.name] = own
-    return found
+                service_secrets |= {image.args[name] for name in image.secrets}
+        service_secrets |= set(secret_texts("", service.ros.values)) if service.ros else set()
+        secrets_by_service[service.name] = service_secrets
+    return secrets_by_service
 
 
 def secrets(catalog: Catalog) -> set[str]:
     """Return all secret values, without those too short to be distinguished from ordinary text."""
-    found = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
-    found |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
-    found |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
-    return {value for value in found if len(value) >= SHORTEST_SECRET}
+    values = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
+    values |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
+    values |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
+    return {value for value in values if len(value) >= SHORTEST_SECRET}
 
 
 def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
@@ -240,13 +240,17 @@ def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
 def forms(values: Iterable[str]) -> tuple[str, ...]:
     """Return every spelling of these values to look for: plain, and as JSON, YAML, shells and URLs write them; also
     every single line."""
-    found: set[str] = set()
+    spellings: set[str] = set()
     for value in values:
         for text in {value, *value.splitlines()}:
-            plain = {text, text.strip(), " ".join(text.split()), text.replace("'", "''")}
-            found |= plain | {json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1], repr(text)[1:-1]}
-            found |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
-    return tuple(sorted((f for f in found if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
+            variants = {text, text.strip(), " ".join(text.split()), text.replace("'", "''")}
+            spellings |= variants | {
+                json.dumps(text)[1:-1],
+                json.dumps(text, ensure_ascii=False)[1:-1],
+                repr(text)[1:-1],
+            }
+            spellings |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
+    return tuple(sorted((f for f in spellings if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
 
 
 def hidden(text: str, values: Iterable[str]) -> str:
@@ -276,18 +280,18 @@ def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
 
 def marked(option: str, value: Any, values: Iterable[str]) -> Any:
     """Return an option for a container's label, with secrets replaced by marks."""
-    found = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
-    return _marked(value, found) if found and option not in READ_BACK else value
+    marks = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
+    return _marked(value, marks) if marks and option not in READ_BACK else value
 
 
-def _marked(value: Any, found: list[tuple[str, str]]) -> Any:
+def _marked(value: Any, marks: list[tuple[str, str]]) -> Any:
     if isinstance(value, str):
-        for secret, mark in found:
+        for secret, mark in marks:
             value = value.replace(secret, mark)
         return value
     if isinstance(value, dict):
-        return {key: _marked(item, found) for key, item in value.items()}
-    return [_marked(item, found) for item in value] if isinstance(value, list) else value
+        return {key: _marked(item, marks) for key, item in value.items()}
+    return [_marked(item, marks) for item in value] if isinstance(value, list) else value
 
 
 def same(a: Any, b: Any) -> bool:
@@ -303,11 +307,11 @@ def same(a: Any, b: Any) -> bool:
 
 
 def _stands_for(with_marks: str, plain: str) -> bool:
-    before, *rest = _MARK.split(with_marks)
-    if len(rest) != 2 or len(plain) < len(before) + len(rest[1]):
+    prefix, *rest = _MARK.split(with_marks)
+    if len(rest) != 2 or len(plain) < len(prefix) + len(rest[1]):
         return False
-    secret = plain.removeprefix(before).removesuffix(rest[1])
-    return plain == before + secret + rest[1] and _hash(secret) == rest[0]
+    secret = plain.removeprefix(prefix).removesuffix(rest[1])
+    return plain == prefix + secret + rest[1] and _hash(secret) == rest[0]
 
 
 def _hash(value: str) -> str:

@@ -42,20 +42,20 @@ def together(probe: Probe, results: Sequence[ProbeResult | None]) -> ProbeResult
 
     The whole is ok if all are, and as old as the oldest. None if there is no result at all.
     """
-    known = [one for one in results if one is not None]
+    known = [result for result in results if result is not None]
     if not known or len(results) == 1:
         return results[0]
     problems = [
-        f"{part} has not answered yet" if one is None else one.message
-        for part, one in zip(probe.questions, results, strict=True)
-        if one is None or not one.ok
+        f"{part} has not answered yet" if result is None else result.message
+        for part, result in zip(probe.questions, results, strict=True)
+        if result is None or not result.ok
     ]
     return ProbeResult(
         known[0].incarnation,
         not problems,
-        min(one.at for one in known),
+        min(result.at for result in known),
         "; ".join(dict.fromkeys(problems)),
-        max(one.failures for one in known),
+        max(result.failures for result in known),
     )
 
 

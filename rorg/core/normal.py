@@ -228,5 +228,5 @@ def normal(option: str, value: Any) -> Any:
 
 def normal_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return all declared fields of a container in normal form."""
-    found = {name: normal(name, value) for name, value in fields.items()}
-    return {name: value for name, value in found.items() if value is not NOTHING}
+    normalized = {name: normal(name, value) for name, value in fields.items()}
+    return {name: value for name, value in normalized.items() if value is not NOTHING}

@@ -55,12 +55,12 @@ def declared_plan(view: View, name: str) -> ServicePlan:
     under_way = _under_way(view, name)
     if under_way:
         return under_way
-    found, needed = objects.found.get(declared.key), _needed(view, declared)
-    if found is None and declared.key not in objects.asked:
+    existing, needed = objects.found.get(declared.key), _needed(view, declared)
+    if existing is None and declared.key not in objects.asked:
         why = objects.error or "it is being looked for"
         return _waits(Waiting(name, why)) if needed else NOTHING
-    if found is not None and (declared.external or found.owner == view.s.owner):
-        return NOTHING if declared.external else _changed(view, declared, found)
+    if existing is not None and (declared.external or existing.owner == view.s.owner):
+        return NOTHING if declared.external else _changed(view, declared, existing)
     if not needed:
         return NOTHING
     if declared.external:
@@ -68,15 +68,15 @@ def declared_plan(view: View, name: str) -> ServicePlan:
         return _blocked(
             name, f"no {declared.kind} is called '{declared.called}', and rorg makes no external one; try {remedy}"
         )
-    if found is not None:
-        whose = "belongs to another robot" if found.owner else "was not made by rorg"
+    if existing is not None:
+        whose = "belongs to another robot" if existing.owner else "was not made by rorg"
         return _blocked(
             name, f"the {declared.kind} '{declared.called}' {whose}; try `external: true` to use it as it is"
         )
     return _let_through(view, [_create(view, declared, f"{_listed(needed)} {_use(needed)} it")])
 
 
-def former_plan(view: View, name: str, found: FoundObject, moving: Callable[[str], bool]) -> ServicePlan:
+def former_plan(view: View, name: str, former: FoundObject, moving: Callable[[str], bool]) -> ServicePlan:
     """Plan the removal of one that is no longer declared. `moving` returns whether the plan has actions for a
     service."""
     under_way = _under_way(view, name)
@@ -84,21 +84,21 @@ def former_plan(view: View, name: str, found: FoundObject, moving: Callable[[str
         return under_way
     if not view.s.removals:
         return _volatile(ServicePlan(waitings=(Waiting(name, NOT_NOW),)))
-    users = sorted({c.service for c in view.all_containers if _has(c.networks, found)})
+    users = sorted({c.service for c in view.all_containers if _has(c.networks, former)})
     staying = [n for n in users if not moving(n)]
     if staying:
         why = f"no manifest declares it; it goes once nothing is connected to it; connected: {_listed(staying)}"
         return _volatile(ServicePlan(waitings=(Waiting(name, why, code="deferred"),)))
-    why = "it goes with the robot" if view.s.purge and found.kind == "volume" else "no manifest declares it"
-    return _volatile(_let_through(view, [replace(_remove(name, found, why), after=tuple(users))]))
+    why = "it goes with the robot" if view.s.purge and former.kind == "volume" else "no manifest declares it"
+    return _volatile(_let_through(view, [replace(_remove(name, former, why), after=tuple(users))]))
 
 
 NOT_NOW = "not declared; its removal is withheld until the manifests load"
 
 
-def _has(networks: Mapping[str, str], found: FoundObject) -> bool:
+def _has(networks: Mapping[str, str], existing: FoundObject) -> bool:
     """Return whether a container uses the network. Which containers use a volume is not known, so all of them count."""
-    return found.kind == "volume" or found.called in networks
+    return existing.kind == "volume" or existing.called in networks
 
 
 def _under_way(view: View, name: str) -> ServicePlan | None:
@@ -109,9 +109,9 @@ def _under_way(view: View, name: str) -> ServicePlan | None:
     return ServicePlan(unready=said, volatile=True)
 
 
-def _needed(view: View, one: EngineObject) -> tuple[str, ...]:
+def _needed(view: View, declared: EngineObject) -> tuple[str, ...]:
     """Return the services that use it and have or will get a container."""
-    return tuple(n for n in view.desired.users.get(one.subject, ()) if n in view.s.wanted or _keeps(view, n))
+    return tuple(n for n in view.desired.users.get(declared.subject, ()) if n in view.s.wanted or _keeps(view, n))
 
 
 def _keeps(view: View, name: str) -> bool:
@@ -122,10 +122,10 @@ def _keeps(view: View, name: str) -> bool:
     return bool(view.of(name)) or idle.escalate is None or idle.escalate[1] != "remove"
 
 
-def _changed(view: View, declared: EngineObject, found: FoundObject) -> ServicePlan:
+def _changed(view: View, declared: EngineObject, existing: FoundObject) -> ServicePlan:
     """Plan an existing object: recreate it if its options changed and nothing is connected to it. Docker cannot change
     a network in place, nor remove one that is in use."""
-    options = changed_options(declared, found)
+    options = changed_options(declared, existing)
     if not options:
         return NOTHING
     name, changed_text = declared.subject, f"changed: {', '.join(options)}"
@@ -134,30 +134,30 @@ def _changed(view: View, declared: EngineObject, found: FoundObject) -> ServiceP
         return ServicePlan(
             notes=(Waiting(name, f"{changed_text}; it holds data, so it stays as it is; try {remedy}", code=LATER),)
         )
-    joined = sorted({c.service for c in view.all_containers if c.alive and found.called in c.networks})
+    joined = sorted({c.service for c in view.all_containers if c.alive and existing.called in c.networks})
     if joined:
         why = f"{changed_text}; it is made anew once nothing is connected to it; connected: {_listed(joined)}"
         return ServicePlan(notes=(Waiting(name, why, code=LATER),), volatile=True)
-    steps = [_remove(name, found, "changed", options), _create(view, declared, "changed", options)]
+    steps = [_remove(name, existing, "changed", options), _create(view, declared, "changed", options)]
     return _volatile(_let_through(view, [replace(s, part_of=Part.REPLACE) for s in steps]))
 
 
 LATER = "deferred"
 
 
-def _create(view: View, one: EngineObject, why: str, options: Sequence[str] = ()) -> Action:
-    users = [view.desired.catalog.services[n] for n in view.desired.users.get(one.subject, ())]
-    made = CreateObject(
-        object=one.kind,
-        name=one.called,
-        spec=one.spec,
-        labels=object_labels(one, view.s.owner),
-        digest=object_digest(one),
+def _create(view: View, declared: EngineObject, why: str, options: Sequence[str] = ()) -> Action:
+    users = [view.desired.catalog.services[n] for n in view.desired.users.get(declared.subject, ())]
+    creation = CreateObject(
+        object=declared.kind,
+        name=declared.called,
+        spec=declared.spec,
+        labels=object_labels(declared, view.s.owner),
+        digest=object_digest(declared),
     )
     return Action(
         index=0,
-        operation=made,
-        service=one.subject,
+        operation=creation,
+        service=declared.subject,
         reason=why,
         fields=tuple(options),
         urgent=any(u.name in view.s.urgent for u in users),
@@ -165,9 +165,9 @@ def _create(view: View, one: EngineObject, why: str, options: Sequence[str] = ()
     )
 
 
-def _remove(name: str, found: FoundObject, why: str, options: Sequence[str] = ()) -> Action:
-    gone = RemoveObject(object=found.kind, name=found.called)
-    return Action(index=0, operation=gone, service=name, reason=why, fields=tuple(options))
+def _remove(name: str, existing: FoundObject, why: str, options: Sequence[str] = ()) -> Action:
+    removal = RemoveObject(object=existing.kind, name=existing.called)
+    return Action(index=0, operation=removal, service=name, reason=why, fields=tuple(options))
 
 
 def _let_through(view: View, actions: Iterable[Action]) -> ServicePlan:

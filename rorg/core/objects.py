@@ -47,11 +47,11 @@ def object_labels(declared: EngineObject, owner: str) -> dict[str, str]:
     }
 
 
-def changed_options(declared: EngineObject, found: FoundObject) -> tuple[str, ...]:
+def changed_options(declared: EngineObject, existing: FoundObject) -> tuple[str, ...]:
     """Return the options in which an existing object differs from its manifest; empty if none."""
-    if found.digest == object_digest(declared):
+    if existing.digest == object_digest(declared):
         return ()
-    was, now = declared_of(found.declared), declared_options(declared)
-    if not was and found.declared != canonical({}):
+    old_options, new_options = declared_of(existing.declared), declared_options(declared)
+    if not old_options and existing.declared != canonical({}):
         return ("digest",)
-    return tuple(sorted(k for k in {*was, *now} if was.get(k) != now.get(k)))
+    return tuple(sorted(k for k in {*old_options, *new_options} if old_options.get(k) != new_options.get(k)))

@@ -93,9 +93,7 @@ class Overview:
         if actions and not any(_by_change(a, changes) for a in telling):
             changes = ()
         changes_text = "; ".join(map(str, changes))
-        reasons = (
-            [changes_text if _by_change(a, changes) else _reason(a) for a in telling] if actions else [changes_text]
-        )
+        reasons = [changes_text if _by_change(a, changes) else a.why for a in telling] if actions else [changes_text]
         after = [other for a in actions for other in a.after if other != name]
         reasons += [f"after {', '.join(dict.fromkeys(after))}"] if after else []
         reasons += [f"waits: {w}" if actions else w for w in waits if w not in reasons]
@@ -106,9 +104,9 @@ class Overview:
         differing = self._differing(name)
         if differing is None:
             return ()
-        container, found = differing
+        container, difference_found = differing
         service = self.situation.desired.catalog.services[name]
-        return changed_fields(container, service.spec or {}, found, service.secrets)
+        return changed_fields(container, service.spec or {}, difference_found, service.secrets)
 
     def _differing(self, name: str) -> tuple[Container, Difference] | None:
         """Return the container to be replaced, or else the one that stays and differs from its manifest."""
@@ -139,7 +137,3 @@ def _by_change(action: Action, changes: tuple[Change, ...]) -> bool:
         return False
     fields = {c.field.partition(".")[0] for c in changes} | {c.field for c in changes}
     return action.reason == "changed" and fields.issuperset(action.fields)
-
-
-def _reason(action: Action) -> str:
-    return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")

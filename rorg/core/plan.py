@@ -61,6 +61,11 @@ class Action:
         return self.operation.verb
 
     @property
+    def why(self) -> str:
+        """The reason, with the changed options if there are any."""
+        return self.reason + (f": {', '.join(self.fields)}" if self.fields else "")
+
+    @property
     def container(self) -> str:
         return self.operation.container
 
@@ -77,7 +82,7 @@ class Action:
         }
 
     def __str__(self) -> str:
-        return f"{self.operation.symbol} {self.verb} {self.service} ({_why(self)})"
+        return f"{self.operation.symbol} {self.verb} {self.service} ({self.why})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +141,9 @@ class Plan:
         for action in self.actions:
             part = action.part_of is Part.REPLACE
             if part and replaced != action.service:
-                lines.append(_line(Part.REPLACE, action.service, width, _why(action)))
+                lines.append(_line(Part.REPLACE, action.service, width, action.why))
             replaced = action.service if part else ""
-            reason = ", ".join(filter(None, ["" if part else _why(action), _after(action)]))
+            reason = ", ".join(filter(None, ["" if part else action.why, _after(action)]))
             reason = " ".join(filter(None, [reason, _details(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
@@ -183,10 +188,6 @@ class Plan:
 
 def _line(verb: str, service: str, width: int, reason: str) -> str:
     return f"{SYMBOLS[verb]:<3} {verb:<7} {service:<{width}}  {reason}"
-
-
-def _why(action: Action) -> str:
-    return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")
 
 
 def _details(action: Action) -> str:

@@ -106,14 +106,14 @@ class Planner:
         if any(c.state == "removing" for c in view.of(name)):
             blocked = "the engine is removing its container"
             return ServicePlan(waitings=(Waiting(name, blocked),), unready=f"waits: {blocked}")
-        found = chain(view, service, EarlierPlans(self, name).moving)
-        actions, waitings, blocked = self._let_through(service, found.steps, view)
+        steps_of = chain(view, service, EarlierPlans(self, name).moving)
+        actions, waitings, blocked = self._let_through(service, steps_of.steps, view)
         needed = self.s.desired.dependants[name]
         return ServicePlan(
             actions=actions,
             waitings=waitings,
-            notes=found.notes,
-            alarm=found.alarm,
+            notes=steps_of.notes,
+            alarm=steps_of.alarm,
             unready=unready(view, service, blocked, [a.operation for a in actions]) if needed else "",
             volatile=view.volatile,
         )

@@ -77,11 +77,11 @@ def master_of(service: Service) -> str:
 def connections(graph: RosGraph, service: str) -> tuple[Connection, ...]:
     """Return all connections of a service with other services, by topic."""
     own = graph.of(service)
-    found = chain(
+    both_directions = chain(
         _connections(own, graph.subscribers, graph.publishers, graph, True),
         _connections(own, graph.publishers, graph.subscribers, graph, False),
     )
-    return tuple(sorted(found, key=lambda c: (c.topic, c.node, c.other, c.subscribes)))
+    return tuple(sorted(both_directions, key=lambda c: (c.topic, c.node, c.other, c.subscribes)))
 
 
 def _connections(

@@ -87,41 +87,41 @@ def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator
             yield need, Cause("needed", name)
 
 
-def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:
+def urgent(catalog: Catalog, wanted_now: Wanted) -> frozenset[str]:
     """Return what live requests wait for: requested services and everything they need."""
-    asked = [name for name, causes in found.items() if any(c.kind == "requested" for c in causes)]
+    asked = [name for name, causes in wanted_now.items() if any(c.kind == "requested" for c in causes)]
     return frozenset(closure(catalog.services, asked))
 
 
-def wanted_without(found: Wanted, name: str) -> frozenset[str]:
+def wanted_without(wanted_now: Wanted, name: str) -> frozenset[str]:
     """Return what would still be wanted without this service."""
     causes: dict[str, list[str]] = {}
-    for service, reasons in found.items():
+    for service, reasons in wanted_now.items():
         for cause in reasons:
             causes.setdefault(cause.by, []).append(service)
     # The cause of a root has no `by`.
-    reached, pending = set[str](), [""] if name in found else []
+    reached, pending = set[str](), [""] if name in wanted_now else []
     while pending:
         for service in causes.get(pending.pop(), ()):
             if service != name and service not in reached:
                 reached.add(service)
                 pending.append(service)
-    return frozenset(reached if name in found else found)
+    return frozenset(reached if name in wanted_now else wanted_now)
 
 
-def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
+def chain(wanted_now: Wanted, name: str) -> list[tuple[str, Cause]]:
     """Return the shortest chain [(service, why it is wanted), ...] from a root to the service; empty if it is
     unwanted."""
-    if name not in found:
+    if name not in wanted_now:
         return []
-    trails: list[list[tuple[str, Cause]]] = [[(name, cause)] for cause in found[name]]
-    seen = {name}
+    trails: list[list[tuple[str, Cause]]] = [[(name, cause)] for cause in wanted_now[name]]
+    visited = {name}
     while trails:
         trail = trails.pop(0)
         cause = trail[0][1]
         if cause.kind in ROOTS:
             return trail
-        if cause.by not in seen:
-            seen.add(cause.by)
-            trails += [[(cause.by, c), *trail] for c in found.get(cause.by, ())]
+        if cause.by not in visited:
+            visited.add(cause.by)
+            trails += [[(cause.by, c), *trail] for c in wanted_now.get(cause.by, ())]
     return []

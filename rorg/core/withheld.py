@@ -71,8 +71,8 @@ def _withhold_all(
     """Keep the last non-empty tree in force, except for confirmed removals. Containers of unknown trees stay too."""
     nothing, last = desired.catalog, kept.catalog or desired.catalog
     if confirmed and not {*last.services, *last.groups, *kept.former}.isdisjoint(confirmed):
-        last = replace(last, services=_but(last.services, confirmed), groups=_but(last.groups, confirmed))
-    former = _but(kept.former, confirmed) if confirmed else kept.former
+        last = replace(last, services=_without(last.services, confirmed), groups=_without(last.groups, confirmed))
+    former = _without(kept.former, confirmed) if confirmed else kept.former
     declared: dict[str, Service | Group] = {**last.services, **last.groups}
     declared |= {name: f.what for name, f in former.items() if f.withheld}
     held = {n: Former(what, withheld=EMPTIED) for n, what in declared.items() if n not in nothing.services}
@@ -86,8 +86,8 @@ def _withhold_all(
     return Kept(last, former, merged), merged[2], reasons
 
 
-def _but(found: Mapping[str, T], names: Collection[str]) -> dict[str, T]:
-    return {name: one for name, one in found.items() if name not in names}
+def _without(mapping: Mapping[str, T], names: Collection[str]) -> dict[str, T]:
+    return {name: value for name, value in mapping.items() if name not in names}
 
 
 def _naming(requests: Iterable[Request], known: Collection[str]) -> tuple[Request, ...]:
