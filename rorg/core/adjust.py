@@ -24,7 +24,7 @@ DEFAULT_SHARES = 1024
 
 
 def adjust(
-    view: View, service: Service, moving: Callable[[str], bool], container: Container, diff: Difference
+    view: View, service: Service, has_actions: Callable[[str], bool], container: Container, diff: Difference
 ) -> list[Step]:
     """Return the steps that correct a kept container: options, name, reload signal, and at last a restart."""
     steps = []
@@ -37,7 +37,7 @@ def adjust(
         steps.append(Step(Update(container=container.id, options={"cpu_shares": shares}), why, ("cpu_shares",)))
     if container.name != service.container_name and container.name != (name := _next_name(view, service)):
         steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
-    why = _restart(view, service, moving, container)
+    why = _restart(view, service, has_actions, container)
     contents = view.desired.contents.get(service.name, {})
     if (
         container.state == "running"
@@ -82,7 +82,7 @@ def _shares(view: View, service: Service, container: Container) -> int | None:
     return declared if current == LOWERED_SHARES != declared else None
 
 
-def _restart(view: View, service: Service, moving: Callable[[str], bool], container: Container) -> str:
+def _restart(view: View, service: Service, has_actions: Callable[[str], bool], container: Container) -> str:
     """Return why the current run must end although its service is wanted; "" if it may go on."""
     if not container.alive or service.name not in view.s.wanted:
         return ""
@@ -91,12 +91,12 @@ def _restart(view: View, service: Service, moving: Callable[[str], bool], contai
     paths = content_to_restart_for(view, service, container)
     if paths and not deferred(view, service, paths):
         return f"changed: {', '.join(paths)}"
-    return cannot_go_on(view, service, moving, container)
+    return cannot_go_on(view, service, has_actions, container)
 
 
-def cannot_go_on(view: View, service: Service, moving: Callable[[str], bool], container: Container) -> str:
-    """What is wrong with a run that nobody asked to end: it hangs, or a need whose restart restarts it was restarted.
-    Empty if nothing is."""
+def cannot_go_on(view: View, service: Service, has_actions: Callable[[str], bool], container: Container) -> str:
+    """Return why a run must end although no person and no change requires it: it hangs, or a need with `restart: true`
+    was restarted. "" otherwise."""
     memory = view.s.memory.of(service.name)
     if memory.hung == container.incarnation:
         return memory.error
@@ -108,7 +108,7 @@ def cannot_go_on(view: View, service: Service, moving: Callable[[str], bool], co
             current
             and current.state == "running"
             and memory.counted_on.lost(need, container, current)
-            and not moving(need)
+            and not has_actions(need)
             and view.s.memory.of(need).ready
             and not tried(view, need)
         ):

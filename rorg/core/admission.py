@@ -174,7 +174,7 @@ def _turned_round(
     holder, loser = catalog.services[contest.loser], catalog.services[winner]
     shared = sorted(set(holder.exclusive) & set(loser.exclusive))
     why = f"waits for {shared[0]}, which is taken by" if shared else "conflicts with"
-    return Contest(winner, f"{why} {holder.name}, on whose behalf it is asked for", (holder.name,))
+    return Contest(winner, f"{why} {holder.name}, for which it was requested", (holder.name,))
 
 
 def _contested(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
@@ -192,7 +192,7 @@ def _conflict(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> 
     if not pairs:
         return []
     first, second = sorted(pairs[0], key=lambda n: (-priority[n], n))
-    return [Contest(second, f"conflicts with {first}, which goes first", (first,))]
+    return [Contest(second, f"conflicts with {first}, which has priority", (first,))]
 
 
 def _overbooked(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
@@ -232,9 +232,9 @@ def over_budget(catalog: Catalog, names: Collection[str]) -> str:
         return ""
     cpu, memory = expected(catalog, names)
     if budget.cpu is not None and cpu > budget.cpu + 1e-9:
-        return f"{cpu:g} cores would be used of a budget of {budget.cpu:g}"
+        return f"{cpu:g} cores would exceed the budget of {budget.cpu:g}"
     if budget.memory is not None and memory > budget.memory:
-        return f"{format_memory(memory)} would be used of a budget of {format_memory(budget.memory)}"
+        return f"{format_memory(memory)} would exceed the budget of {format_memory(budget.memory)}"
     return ""
 
 

@@ -44,7 +44,7 @@ class Change:
         if isinstance(self.old or self.new, list) and self.field not in ORDERED:
             old, new = self.old or [], self.new or []
             entries = [f"+ {_shown(v)}" for v in new if v not in old] + [f"- {_shown(v)}" for v in old if v not in new]
-            return f"{self.field}: {', '.join(entries)}" if entries else f"{self.field}: another order"
+            return f"{self.field}: {', '.join(entries)}" if entries else f"{self.field}: order changed"
         if self.field in BYTES:
             return f"{self.field}: {_bytes(self.old)} -> {_bytes(self.new)}"
         old, new = _cut_to_difference(_shown(self.old), _shown(self.new))

@@ -20,7 +20,7 @@ def deferred(view: View, service: Service, changes: Collection[str]) -> Waiting 
     if name not in view.s.wanted or name in view.s.restarts:
         return None
     names = ", ".join(sorted(changes))
-    return Waiting(name, f"changed: {names}; comes into use when it is next ceased or restarted", code="deferred")
+    return Waiting(name, f"changed: {names}; takes effect when the service next idles or restarts", code="deferred")
 
 
 def content_to_restart_for(view: View, service: Service, container: Container) -> tuple[str, ...]:

@@ -142,7 +142,7 @@ def unreadable(container: Container) -> str:
     if not container.service:
         return f"{container.error or f'its label {LABEL_SERVICE} names no service'}: it is left alone"
     if container.rules and rules_of(container.rules) == Rules():
-        return f"its label {LABEL_RULES} cannot be read: it holds nothing back once no manifest declares it"
+        return f"its label {LABEL_RULES} cannot be read: it holds nothing back once its manifest is gone"
     if container.declared and not declared_of(container.declared):
-        return f"its label {LABEL_DECLARED} cannot be read: it is made anew where its digest differs"
+        return f"its label {LABEL_DECLARED} cannot be read: the container is replaced if its digest differs"
     return ""

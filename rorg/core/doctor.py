@@ -41,7 +41,7 @@ def _engine(host: Installation) -> Iterator[Check]:
     if host.engine != "docker":
         yield Check("engine", OK, f"{host.engine}: needs nothing else")
     elif host.engine_denied:
-        message = f"you may not use the engine at {host.engine_host}"
+        message = f"no permission to use the engine at {host.engine_host}"
         yield Check("engine", ERROR, message, "`sudo usermod -aG docker $USER` and log in again, or as root")
     elif host.engine_error:
         message = f"the engine at {host.engine_host} does not answer: {host.engine_error}"
@@ -49,17 +49,17 @@ def _engine(host: Installation) -> Iterator[Check]:
     else:
         yield Check("engine", OK, f"Docker {host.engine_version} answers at {host.engine_host}")
         if not host.live_restore:
-            message = "containers end when the engine itself is started again"
+            message = "containers stop when the engine restarts"
             remedy = '{"live-restore": true} in /etc/docker/daemon.json'
             yield Check("live-restore", WARNING, message, remedy)
 
 
 def _kernel(host: Installation) -> Iterator[Check]:
-    yield Check("cgroup", OK, f"control groups of version {host.cgroup}")
+    yield Check("cgroup", OK, f"control groups v{host.cgroup}")
     if host.pressure:
-        yield Check("pressure", OK, "the kernel tells how long programs wait (PSI)")
+        yield Check("pressure", OK, "the kernel reports pressure (PSI)")
     else:
-        message = "the kernel does not tell how long programs wait (PSI): the Policy's `pressure` sees load alone"
+        message = "the kernel reports no pressure (PSI): the Policy's `pressure` sees only load"
         yield Check("pressure", WARNING, message, "psi=1 on the kernel's command line")
 
 
@@ -71,7 +71,7 @@ def _state(host: Installation) -> Iterator[Check]:
         yield Check("state-directory", OK, host.state_dir)
     if host.journal_error:
         message = f"the history cannot be read: {host.journal_error}"
-        yield Check("journal", ERROR, message, "starting rorg again, which moves it aside and begins a new one")
+        yield Check("journal", ERROR, message, "`systemctl restart rorg`, which moves it aside and begins a new one")
     else:
         yield Check("journal", OK, "the history can be read")
 
@@ -83,14 +83,14 @@ def _server(host: Installation) -> Iterator[Check]:
         yield Check("rorg", OK, f"rorg answers at {host.socket}")
     elif host.running:
         message = f"rorg runs (process {host.running}) and does not answer at {host.socket}"
-        yield Check("rorg", ERROR, message, "`journalctl -u rorg`, and starting it again")
+        yield Check("rorg", ERROR, message, "`journalctl -u rorg`, then `systemctl restart rorg`")
     else:
         yield Check("rorg", WARNING, "no rorg runs here", "`rorg run`, or `systemctl start rorg`")
 
 
 def _git(host: Installation) -> Iterator[Check]:
     if not host.git_version:
-        yield Check("git", WARNING, "no git: no revisions, and nothing to go back to", "installing git")
+        yield Check("git", WARNING, "git is not installed: no revisions and no way back", "installing git")
     elif host.git_refusal:
         message, _, remedy = host.git_refusal.partition("; try ")
         yield Check("git", WARNING, message, remedy)
@@ -113,8 +113,10 @@ def _disks(host: Installation) -> Iterator[Check]:
         name, shown = f"disk {space.path}", f"{format_memory(space.free)} of {format_memory(space.total)} are free"
         short = space.free < TOO_LITTLE
         if short or space.free < LITTLE or _no_files(space):
-            what = shown if not _no_files(space) else f"{space.files} files can be made yet"
-            yield Check(name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, older bags")
+            what = shown if not _no_files(space) else f"{space.files} more files can be created"
+            yield Check(
+                name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, or deleting old bags"
+            )
         else:
             yield Check(name, OK, shown)
 
@@ -132,7 +134,7 @@ def _limits(host: Installation) -> Iterator[Check]:
             return
     yield Check("inotify", OK, "files can be watched")
     if host.open_files < OPEN_FILES:
-        message = f"{host.open_files} files may be open: many services need more"
+        message = f"{host.open_files} open files are allowed: many services need more"
         yield Check("open-files", WARNING, message, "`ulimit -n 65536`, or LimitNOFILE= of the unit")
 
 

@@ -60,7 +60,7 @@ class Planned:
         waitings: list[Waiting] = [*chain.from_iterable(map(attrgetter("waitings"), plans))]
         waitings += [Waiting(name, reason, code="preempted") for name, reason in s.preempted.items()]
         waitings += [
-            Waiting(name, f"its removal is withheld, since {why}; confirm it with `rorg apply`", code="withheld")
+            Waiting(name, f"its removal is withheld because {why}; confirm it with `rorg apply`", code="withheld")
             for name, why in s.withheld.items()
         ]
         waitings += chain.from_iterable(map(attrgetter("notes"), plans))

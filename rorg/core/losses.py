@@ -95,7 +95,7 @@ def _by_itself(progress: Progress, run: str, action: Action | None) -> tuple[str
     if progress.incarnation not in ("", run):
         return "restarted", "another run has begun"
     if progress.running_since is not None:
-        return "unready", progress.probe or "its probe says no"
+        return "unready", progress.probe or "its probe failed"
     return "ceased", "it no longer runs"
 
 

@@ -64,9 +64,9 @@ def declared_plan(view: View, name: str) -> ServicePlan:
     if not needed:
         return NOTHING
     if declared.external:
-        remedy = f"`docker {declared.kind} create {declared.called}`, or taking `external` back"
+        remedy = f"`docker {declared.kind} create {declared.called}`, or remove `external`"
         return _blocked(
-            name, f"no {declared.kind} is called '{declared.called}', and rorg makes no external one; try {remedy}"
+            name, f"no {declared.kind} is called '{declared.called}', and rorg creates no external ones; try {remedy}"
         )
     if existing is not None:
         whose = "belongs to another robot" if existing.owner else "was not made by rorg"
@@ -76,8 +76,8 @@ def declared_plan(view: View, name: str) -> ServicePlan:
     return _let_through(view, [_create(view, declared, f"{_listed(needed)} {_use(needed)} it")])
 
 
-def former_plan(view: View, name: str, former: FoundObject, moving: Callable[[str], bool]) -> ServicePlan:
-    """Plan the removal of one that is no longer declared. `moving` returns whether the plan has actions for a
+def former_plan(view: View, name: str, former: FoundObject, has_actions: Callable[[str], bool]) -> ServicePlan:
+    """Plan the removal of one that is no longer declared. `has_actions` returns whether the plan has actions for a
     service."""
     under_way = _under_way(view, name)
     if under_way:
@@ -85,11 +85,11 @@ def former_plan(view: View, name: str, former: FoundObject, moving: Callable[[st
     if not view.s.removals:
         return _volatile(ServicePlan(waitings=(Waiting(name, NOT_NOW),)))
     users = sorted({c.service for c in view.all_containers if _has(c.networks, former)})
-    staying = [n for n in users if not moving(n)]
+    staying = [n for n in users if not has_actions(n)]
     if staying:
         why = f"no manifest declares it; it goes once nothing is connected to it; connected: {_listed(staying)}"
         return _volatile(ServicePlan(waitings=(Waiting(name, why, code="deferred"),)))
-    why = "it goes with the robot" if view.s.purge and former.kind == "volume" else "no manifest declares it"
+    why = "the robot is taken down" if view.s.purge and former.kind == "volume" else "no manifest declares it"
     return _volatile(_let_through(view, [replace(_remove(name, former, why), after=tuple(users))]))
 
 
@@ -130,13 +130,13 @@ def _changed(view: View, declared: EngineObject, existing: FoundObject) -> Servi
         return NOTHING
     name, changed_text = declared.subject, f"changed: {', '.join(options)}"
     if declared.kind == "volume":
-        remedy = f"`docker volume rm {declared.called}`, which loses what is in it"
+        remedy = f"`docker volume rm {declared.called}`, which deletes its data"
         return ServicePlan(
             notes=(Waiting(name, f"{changed_text}; it holds data, so it stays as it is; try {remedy}", code=LATER),)
         )
     joined = sorted({c.service for c in view.all_containers if c.alive and existing.called in c.networks})
     if joined:
-        why = f"{changed_text}; it is made anew once nothing is connected to it; connected: {_listed(joined)}"
+        why = f"{changed_text}; it is recreated once nothing is connected to it; connected: {_listed(joined)}"
         return ServicePlan(notes=(Waiting(name, why, code=LATER),), volatile=True)
     steps = [_remove(name, existing, "changed", options), _create(view, declared, "changed", options)]
     return _volatile(_let_through(view, [replace(s, part_of=Part.REPLACE) for s in steps]))

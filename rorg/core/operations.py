@@ -209,8 +209,8 @@ class Remove(Operation):
 
     def details(self) -> tuple[str, ...]:
         return (
-            *(["with unnamed volumes"] if self.volumes else []),
-            *(["its last words are kept"] if self.last_words else []),
+            *(["with anonymous volumes"] if self.volumes else []),
+            *(["its last log lines are kept"] if self.last_words else []),
         )
 
 

@@ -86,8 +86,8 @@ def _blocking(graph: RosGraph, service: Service, wanted: Collection[str]) -> Ris
     topics, publishers = dict.fromkeys(c.topic for c in heard), dict.fromkeys(c.service for c in heard)
     return Risk(
         "PublisherBlocks",
-        f"it subscribes to {_some(topics)} of {_some(publishers)}: a publisher may block while it is paused, and when "
-        "it is resumed it gets what came meanwhile; try idle: {action: pause, connected: stop}",
+        f"it subscribes to {_some(topics)} of {_some(publishers)}: a publisher may block while it is paused, and on "
+        "resume it receives its whole backlog; try idle: {action: pause, connected: stop}",
     )
 
 
@@ -103,8 +103,10 @@ def _latched(published: Iterable[str]) -> Risk | None:
     topics = [name for name in published if name.rpartition("/")[2] in LATCHED]
     if not topics:
         return None
-    message = f"it publishes {_some(topics)}, once as a rule: who comes while it is paused does not get that; try "
-    return Risk("LatchedTopicMissed", message + "idle: {action: stop}, or needs of those that use it")
+    message = (
+        f"it publishes {_some(topics)}, usually only once: who subscribes while it is paused receives nothing; try "
+    )
+    return Risk("LatchedTopicMissed", message + "idle: {action: stop}, or add it to the needs of its users")
 
 
 def _some(names: Iterable[str]) -> str:

@@ -82,7 +82,7 @@ class Planner:
 
     def _plan(self, name: str, view: View) -> ServicePlan:
         if name in self.former:
-            return former_plan(view, name, self.former[name], EarlierPlans(self, name).moving)
+            return former_plan(view, name, self.former[name], EarlierPlans(self, name).has_actions)
         if name in self.s.desired.objects:
             return declared_plan(view, name)
         return self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
@@ -106,14 +106,14 @@ class Planner:
         if any(c.state == "removing" for c in view.of(name)):
             blocked = "the engine is removing its container"
             return ServicePlan(waitings=(Waiting(name, blocked),), unready=f"waits: {blocked}")
-        steps_of = chain(view, service, EarlierPlans(self, name).moving)
-        actions, waitings, blocked = self._let_through(service, steps_of.steps, view)
+        desired_chain = chain(view, service, EarlierPlans(self, name).has_actions)
+        actions, waitings, blocked = self._let_through(service, desired_chain.steps, view)
         needed = self.s.desired.dependants[name]
         return ServicePlan(
             actions=actions,
             waitings=waitings,
-            notes=steps_of.notes,
-            alarm=steps_of.alarm,
+            notes=desired_chain.notes,
+            alarm=desired_chain.alarm,
             unready=unready(view, service, blocked, [a.operation for a in actions]) if needed else "",
             volatile=view.volatile,
         )
@@ -171,7 +171,7 @@ class EarlierPlans:
         places = self.planner.places
         return self.planner.plans[name] if name in places and places[name] < self.place else NOTHING
 
-    def moving(self, name: str) -> bool:
+    def has_actions(self, name: str) -> bool:
         return bool(self._plan(name).actions)
 
     def code(self, name: str) -> str:

@@ -27,7 +27,7 @@ LEAST = {"cpu": 0.02, "memory": 8 << 20}
 """Cores, or bytes. Freeing less of what is short does not help,"""
 SHARE = 0.05
 """nor does freeing less than this share of the excess."""
-OTHERS = "programs that rorg does not run"
+OTHERS = "programs outside rorg"
 PATIENCE = 30.0
 """Seconds to wait for shed services to end before the next measure, and for services to come up before any is shed. If
 it takes longer, something hangs and waiting would not help."""

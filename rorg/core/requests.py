@@ -175,7 +175,7 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)
         if why and expected(catalog, names) != expected(catalog, wanted(catalog, [*catalog.requests, *kept])):
-            remedy = "releasing something, or a larger budget in the Policy"
+            remedy = "`rorg release`, or a larger budget in the Policy"
             problems_found.append(Problem(ProblemCode.OVER_BUDGET, f"it does not fit: {why}", remedy))
     return problems_found
 

@@ -110,7 +110,7 @@ def _waits(situation: Situation, plan: Plan) -> str:
     for name in situation.desired.editions:
         existing = containers.get(name, ())
         if existing and not any(fits(c, name, situation.desired) for c in existing):
-            return f"{name}: {reasons.get(name) or 'its container is not as declared'}"
+            return f"{name}: {reasons.get(name) or 'its container differs from its manifest'}"
         if _asked(situation, name) and not _baked(situation, name) and not (existing and existing[0].alive):
             return f"{name}: {reasons.get(name) or 'it does not run'}"
     return ""

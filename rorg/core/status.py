@@ -257,7 +257,7 @@ def _readiness(
             return True, "Completed", "it ended with exit code 0"
         return False, "OutOfMemory" if current.oom_killed else "Failed", progress.error
     if progress.doubted_since is not None:
-        return False, "Ending", "it was being stopped when rorg was"
+        return False, "Ending", "rorg was ended while stopping it"
     if current.state == "running" and progress.running_since is not None:
         ran = situation.now - progress.running_since
         late = service.ready is not None and ran > service.ready.timeout

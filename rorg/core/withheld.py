@@ -15,7 +15,7 @@ from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
 T = TypeVar("T")
 Withheld = Mapping[str, str]
 """Services and groups whose removal waits for confirmation -> the reason."""
-EMPTIED = "the manifests declare no service any more"
+EMPTIED = "the manifests no longer declare any service"
 
 
 @dataclass(frozen=True, slots=True)
