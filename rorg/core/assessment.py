@@ -137,8 +137,9 @@ def _priority_if_back(
     requests: tuple[Request, ...],
     holds: Mapping[str, str],
 ) -> int:
-    """The priority of a service if it were no longer shed, -1 if nobody would want it. Of two that exclude each other,
-    the second is wanted only because the first is shed: with both back, admission would leave it out. It stays shed."""
+    """Return the priority that a shed service would have if it came back, -1 if nothing would want it. Of two services
+    that exclude each other, the second is wanted only because the first is shed: with both back, admission would leave
+    it out, so it stays shed."""
     if name in free.priorities:
         return free.priorities[name]
     out = {n: why for n, why in _excluded(memory, holds).items() if n != name or n in holds}

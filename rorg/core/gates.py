@@ -95,7 +95,8 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger:
 
 
 def _ends_anyway(view: View, service: Service) -> bool:
-    """Whether no run can go on until its set is complete. The service then begins with its new container."""
+    """Return whether the current run ends before its set is complete. The service then begins again in its new
+    container."""
     current = view.current(service.name)
     if current is None or not current.active or service.name in view.s.restarts:
         return True

@@ -96,12 +96,12 @@ def ended(view: View, service: Service, name: str, container: str) -> str:
 
 
 def is_cut_off(view: View, service: Service, container: Container) -> bool:
-    """Whether a container cannot go on as it is: what it is joined to is gone or, if it shares a namespace, has ended
-    and made way for another container."""
-    for name, there in joined_of(container.joined).items():
-        other = next((c for c in view.of(name) if c.id == there), None)
-        ended = other is not None and not other.alive and there != _current(view, name)
-        if name in service.joins and (other is None or (ended and name in ends_with(service.joins))):
+    """Return whether a container cannot go on as it is: a container it is joined to is gone, or it shares the namespace
+    of one that has ended and been replaced."""
+    for name, joined_id in joined_of(container.joined).items():
+        other = next((c for c in view.of(name) if c.id == joined_id), None)
+        has_ended = other is not None and not other.alive and joined_id != _current(view, name)
+        if name in service.joins and (other is None or (has_ended and name in ends_with(service.joins))):
             return True
     return False
 
