@@ -29,10 +29,14 @@ def adjust(
     live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.lowered}
     if live:
         steps.append(Step(Update(container=container.id, options=live), "changed", tuple(sorted(live))))
-    elif shares is not None:
+    elif shares is not None and view.s.engine.update:
         why = "leaves the CPU to others" if shares == LOWERED_SHARES else "pressure is over"
         steps.append(Step(Update(container=container.id, options={"cpu_shares": shares}), why, ("cpu_shares",)))
-    if container.name != service.container_name and container.name != (name := _next_name(view, service)):
+    if (
+        view.s.engine.rename
+        and container.name != service.container_name
+        and container.name != (name := _next_name(view, service))
+    ):
         steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
     why, now = _restart(view, service, moving, container), view.desired.contents.get(service.name, {})
     if (

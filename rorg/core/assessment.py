@@ -165,7 +165,8 @@ def _prewarmed(
 def _found(inputs: Inputs) -> dict[str, Any]:
     """What there is beside containers, for a Situation."""
     missing = unplugged(inputs.desired, inputs.devices)
-    return {"images": inputs.images, "devices": inputs.devices, "unplugged": missing, "ros": inputs.ros}
+    there = {"images": inputs.images, "devices": inputs.devices, "ros": inputs.ros, "engine": inputs.engine}
+    return {**there, "unplugged": missing}
 
 
 def _followed(

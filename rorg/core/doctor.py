@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from rorg.model.engines import capabilities_of
 from rorg.model.installation import Installation, Space
 from rorg.model.units import format_memory
 
@@ -37,7 +38,7 @@ def examine(found: Installation) -> list[Check]:
 
 
 def _engine(found: Installation) -> Iterator[Check]:
-    if found.engine != "docker":
+    if not capabilities_of(found.engine).server:
         yield Check("engine", OK, f"{found.engine}: needs nothing else")
     elif found.engine_denied:
         message = f"you may not use the engine at {found.engine_host}"

@@ -15,6 +15,7 @@ from rorg.core.pressure import Load
 from rorg.core.ros_graph import Graphs
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Device, Plugged
+from rorg.model.engines import Capabilities
 from rorg.model.learned import Learned
 
 
@@ -31,6 +32,7 @@ class Inputs:
     memory: Memory
     now: float
     owner: str
+    engine: Capabilities = Capabilities()
     removals: bool = True
     booted_at: str = ""
     limits: DispatchLimits = DispatchLimits()

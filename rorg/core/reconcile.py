@@ -80,7 +80,7 @@ class _Reconciled:
             steps += adjust(self.view, self.service, self.moving, *current)
             later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
             self.notes += [later] if later else []
-        elif new_name != self.service.container_name:
+        elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes its name"))
         if swap.old and swap.old.alive:
             steps.append(stop(swap.old, "changed", self.service))
@@ -97,7 +97,15 @@ class _Reconciled:
         found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
         nodes = (NODES,) if not found.recreate and replugged(container, self.nodes) else ()
         networks = ("networks",) if self.on_another(container) else ()
-        return replace(found, recreate=(*found.recreate, *nodes, *networks)) if nodes or networks else found
+        more = (*nodes, *networks, *self.not_in_place(container, found))
+        return replace(found, recreate=(*found.recreate, *more)) if more else found
+
+    def not_in_place(self, container: Container, found: Difference) -> tuple[str, ...]:
+        """Options that another engine would change in place: its name, unless that was only made unique, and live
+        options."""
+        own, engine = self.service.container_name, self.s.engine
+        named = engine.rename or container.name == own or container.name.startswith(f"{own}.")
+        return (*(() if named else ("container_name",)), *(() if engine.update else sorted(found.live)))
 
     def on_another(self, container: Container) -> bool:
         """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
@@ -187,7 +195,7 @@ class _Reconciled:
 
     def make_room(self, old: Container) -> list[Step]:
         """The name of the service is for the new container; the old one keeps a passing one."""
-        if old.name != self.service.container_name:
+        if old.name != self.service.container_name or not self.s.engine.rename:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]
