@@ -9,8 +9,9 @@ from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
-from rorg.core.pressure import NONE, PATIENCE, Chances, Load, Victim, advance, excess, helps, without
+from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
+from rorg.model.load import Load
 
 ALIVE = ("running", "restarting", "paused")
 

@@ -11,12 +11,12 @@ from rorg.core.dispatch import DispatchLimits
 from rorg.core.memory import Memory, ProbeResults
 from rorg.core.missing import Missing
 from rorg.core.observed import Observed
-from rorg.core.pressure import Load
 from rorg.core.ros_graph import Graphs
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Device, Plugged
 from rorg.model.engines import Capabilities
 from rorg.model.learned import Learned
+from rorg.model.load import Load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
 from rorg.core.foresight import Foresight
-from rorg.core.former import Kept
 from rorg.core.observed import Container
 from rorg.core.operations import Operation, Start
 from rorg.core.plan import Action
@@ -17,6 +16,7 @@ from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.model.catalog import Probe, Request, Service
+from rorg.model.former import Kept
 
 MOST_STOPPED = 16
 """Runs of a service of which it is remembered that we stopped them."""

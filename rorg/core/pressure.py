@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from rorg.model.load import Load
 from rorg.model.policy import Budget, Thresholds
 from rorg.model.units import format_memory
 
@@ -28,24 +29,6 @@ OTHERS = "programs that rorg does not run"
 PATIENCE = 30.0
 """Seconds that the next measure waits for what was shed to end, and that nobody is shed while a service is being
 started. What takes longer is taken to hang."""
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """One sample of the machine. `at` is the loop's clock, seconds."""
-
-    at: float
-    cpu: float
-    """Cores in use since the sample before."""
-    cores: float
-    memory: int
-    """Bytes in use: what is not available."""
-    memory_total: int
-    cpu_some: float = 0.0
-    """PSI, percent of the last 10 s in which some program waited."""
-    memory_some: float = 0.0
-    use: Mapping[str, tuple[float, int]] = field(default_factory=dict)
-    """Service -> (cores, bytes); empty while that is not measured: then nothing is concluded."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import TypeVar
 
 from rorg.core.desired import Desired, desire
-from rorg.core.former import Former, Kept
 from rorg.core.observed import Observed
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
+from rorg.model.former import Former, Kept
 
 T = TypeVar("T")
 Withheld = Mapping[str, str]

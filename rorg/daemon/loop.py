@@ -14,12 +14,13 @@ from rorg.core.down import taken_down
 from rorg.core.inputs import Inputs
 from rorg.core.observed import Container
 from rorg.core.outcomes import finish
-from rorg.core.pressure import Load, pressed
+from rorg.core.pressure import pressed
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reclaiming import reclaim_paused
 from rorg.host.devices import elsewhere
 from rorg.model.devices import Device, Plugged
+from rorg.model.load import Load
 from rorg.model.objects import is_object
 from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time

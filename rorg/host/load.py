@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 
-from rorg.core.pressure import Load
+from rorg.model.load import Load
 
 PSI = Path("/proc/pressure")
 Use = Callable[[], Mapping[str, tuple[float, int]]]

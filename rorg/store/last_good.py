@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rorg.core.former import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Request, Service, Updating
 from rorg.model.diagnostics import Where
+from rorg.model.former import Former, Kept
 from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
