@@ -57,7 +57,9 @@ def command(
 
 def _developed_in(context: Context) -> list[str]:
     """Names of containers to develop in: they are no services, and stay."""
-    if context.remote or not context.state.homes.is_dir() or context.engine_name != "docker":
+    from rorg.model.engines import capabilities_of
+
+    if context.remote or not context.state.homes.is_dir() or not capabilities_of(context.engine_name).images:
         return []
     from rorg.cli.developing import Developing
     from rorg.errors import RorgError

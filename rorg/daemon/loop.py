@@ -197,6 +197,7 @@ class Loop:
             memory=self.memory,
             now=self.clock(),
             owner=self.owner,
+            engine=self.engine.capabilities,
             removals=self.tree.removals,
             booted_at=self.booted_at,
             limits=self.dispatch.allowing(self.tree.desired.catalog.policy.bulk_workers),

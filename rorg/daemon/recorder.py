@@ -198,7 +198,8 @@ class Recorder:
         """Options that somebody declared and the engine ignores are not passed over in silence."""
         users: dict[str, int] = {}
         for service in tree.desired.catalog.services.values():
-            for option in self.engine.capabilities.ignored_options & set(service.spec or {}) - set(service.defaults):
+            declared = frozenset(service.spec or {}) - frozenset(service.defaults)
+            for option in self.engine.capabilities.ignored(declared):
                 users[option] = users.get(option, 0) + 1
         if users:
             found = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))

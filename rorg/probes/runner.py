@@ -10,10 +10,11 @@ from typing import Protocol
 from rorg.core.observed import Container
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
-from rorg.engines.protocol import Capabilities, Inspection
+from rorg.engines.protocol import Inspection
 from rorg.errors import RorgError
 from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
+from rorg.model.engines import Capabilities
 from rorg.probes.answer import YES, Answer, cannot_ask, no
 from rorg.probes.ask import ask_file, ask_host, asks_this_machine
 from rorg.probes.ros_parameters import ensure

@@ -27,11 +27,12 @@ from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.docker.whose import name_taken
 from rorg.engines.log_lines import LogLine, Reading
-from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
+from rorg.engines.protocol import NONE, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage
 from rorg.host.commands import Output
 from rorg.host.leftovers import end_processes
+from rorg.model.engines import DEFAULT_ENGINE, ENGINES
 from rorg.model.objects import Kind
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ LAG = 5.0
 class DockerEngine:
     """Containers of one owner on one Docker engine."""
 
-    name = "docker"
-    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+    name = DEFAULT_ENGINE
+    capabilities = ENGINES[name]
 
     def __init__(self, owner: str, base_url: str | None = None, state: str = "") -> None:
         """`state`: the owner's state directory, for the labels of what it makes."""

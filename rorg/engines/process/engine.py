@@ -25,25 +25,11 @@ from rorg.engines.process.log import follow_lines, read_lines, read_log, read_lo
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
-from rorg.engines.protocol import NONE, Capabilities, Usage
+from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError
-from rorg.manifest.container import ContainerOptions
+from rorg.model.engines import ENGINES
 from rorg.model.live import LIVE
 from rorg.model.units import stamp
-
-HONOURED = {
-    "entrypoint",
-    "environment",
-    "working_dir",
-    "stop_signal",
-    "stop_grace_period",
-    "container_name",
-    "labels",
-    "init",
-    "network_mode",
-    "logging",
-}
-"""Options with an effect here, or whose effect a plain process has anyway."""
 
 
 class ProcessEngine:
@@ -51,13 +37,7 @@ class ProcessEngine:
 
     name = "process"
     local, address = True, ""
-    capabilities = Capabilities(
-        isolation=False,
-        live_update=True,
-        events="exits",
-        log_times=False,
-        ignored_options=frozenset(ContainerOptions.model_fields) - frozenset(HONOURED),
-    )
+    capabilities = ENGINES[name]
 
     def __init__(self, owner: str, directory: Path) -> None:
         hear_signals()
