@@ -12,17 +12,14 @@ from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.down import taken_down
 from rorg.core.inputs import Inputs
-from rorg.core.observed import Container
+from rorg.core.memory import Memory
 from rorg.core.outcomes import finish
-from rorg.core.pressure import pressed
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
-from rorg.daemon.reclaiming import reclaim_paused
+from rorg.daemon.reporter import Reporter
 from rorg.host.devices import elsewhere
 from rorg.model.devices import Device, Plugged
-from rorg.model.load import Load
 from rorg.model.objects import is_object
-from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
 from rorg.store.engine_record import EngineRecord, record_engine
 from rorg.store.last_good import read_kept, write_kept
@@ -58,6 +55,9 @@ class Loop:
         count. Without such an answer the probe is asked again."""
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
         self.recorder.begin(found)
+        self.reporter = Reporter(self.recorder, self.engine, clock, found)
+        self.running, self.use = parts.running, parts.running.use
+        self.container_of = parts.running.container_of
         self.memory = replace(found, kept=read_kept(self.state.path))
         self.tree.masker.learn(self.memory.kept.catalog)
         self.dispatch = DispatchLimits()
@@ -74,6 +74,15 @@ class Loop:
         self._bound = False
         """The state directory says on which engine its containers are."""
         self._stopping = False
+
+    @property
+    def memory(self) -> Memory:
+        """What the last pass hands to the next one, and to the threads beside the loop."""
+        return self.running.memory
+
+    @memory.setter
+    def memory(self, memory: Memory) -> None:
+        self.running.memory = memory
 
     @property
     def epoch(self) -> float:
@@ -182,7 +191,7 @@ class Loop:
         if not document.down:  # nothing that is down says how its manifests do
             self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.tree.standing = self.recorder.historian.standing
-        self.recorder.report(decision, self.tree, self.leases.file)
+        self.reporter.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
         return decision
@@ -272,42 +281,3 @@ class Loop:
             self.memory = finish(self.memory, outcomes, self.clock())
             if self.images and any(o.missing for o in outcomes):
                 self.images.check()
-
-    # -- what the loop's parts ask -----------------------------------------------------------------------------
-
-    def container_of(self, service: str) -> Container | None:
-        return next(iter(self.observer.snapshot().by_service().get(service, [])), None)
-
-    def limits(self) -> Thresholds | None:
-        return self.tree.desired.catalog.policy.pressure
-
-    def load_matters(self, load: Load) -> bool:
-        """Whether a sample of the machine's load is worth a pass."""
-        limits = self.limits()
-        return limits is not None and bool(
-            self.memory.pressure.engaged or pressed(limits, self.tree.desired.catalog.policy.budget, load)
-        )
-
-    def use(self) -> dict[str, tuple[float, int]]:
-        """(CPU seconds since it began, bytes) of each service that is alive, all its containers together."""
-        alive = [c for c in self.observer.snapshot().containers if c.alive]
-        usage, found = self.engine.usage(alive), dict[str, tuple[float, int]]()
-        for container in alive:
-            if container.id in usage:
-                used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
-                found[container.service] = cpu + used.cpu, memory + used.memory
-        return found
-
-    def running(self) -> list[tuple[Container, float]]:
-        """Containers that run, each since when by `clock`."""
-        found = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"]
-        return [
-            (c, step.running_since)
-            for c, step in found
-            if step.running_since is not None and step.incarnation == c.incarnation
-        ]
-
-    def paused(self, service: str) -> None:
-        """A service was just paused."""
-        if self.engine.capabilities.isolation and self.engine.local:
-            reclaim_paused(self.tree.desired.catalog.services.get(service), self.container_of(service), self.recorder)

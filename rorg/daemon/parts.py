@@ -11,6 +11,7 @@ from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.running import Running
 from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
@@ -40,6 +41,7 @@ class Collaborators:
     observer: Observer
     prober: Prober
     sampler: Sampler
+    running: Running
     ros: RosWatch
     shm: ShmPurger
     workers: Workers

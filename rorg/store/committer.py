@@ -78,8 +78,8 @@ class Committer:
             self._thread.join(PATIENCE)
 
     def submit(self, edit: Edit, caller: str = "") -> Future[int]:
-        """The future has the change's generation once the disk has it, or the error with which it was refused. It
-        cannot be cancelled: a submitted change is made whether or not its caller still waits."""
+        """Return a future of the change's generation, set once the change is on the disk, or of the error that refused
+        it. It cannot be cancelled: a submitted change is made even if its caller stops waiting."""
         future: Future[int] = Future()
         future.set_running_or_notify_cancel()
         with self._news:
