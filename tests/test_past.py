@@ -14,7 +14,7 @@ import pytest
 from robots import RealRobot, write_tree
 from test_thin_commands import rorg
 
-from rorg.daemon.past import load_at
+from rorg.daemon.commit_tree import load_at
 from rorg.daemon.tree import Tree
 from rorg.errors import Invalid, Unreachable
 from rorg.history.revisions import Revisions

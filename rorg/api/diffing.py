@@ -19,7 +19,7 @@ from rorg.api.operations import Operations
 from rorg.api.plan_forms import shown
 from rorg.core.decide import Decision
 from rorg.core.plan import Plan, Waiting
-from rorg.daemon.past import Past, load_at
+from rorg.daemon.commit_tree import Past, load_at
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
 from rorg.history.names import for_git

@@ -16,7 +16,7 @@ from rorg.cli.terminal import hide, printable
 from rorg.errors import Invalid
 
 if TYPE_CHECKING:
-    from rorg.daemon.past import Past
+    from rorg.daemon.commit_tree import Past
     from rorg.daemon.tree import Tree
 
 
@@ -143,7 +143,7 @@ def tree_of(context: Context) -> Tree:
 
 def past_of(context: Context, tree: Tree, rev: str) -> Past:
     """A state of the tree from the history: by its number there, or as git knows it."""
-    from rorg.daemon.past import load_at
+    from rorg.daemon.commit_tree import load_at
     from rorg.errors import Unreachable
     from rorg.history.database import reading
     from rorg.history.names import NUMBER, for_git

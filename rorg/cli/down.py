@@ -140,7 +140,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
     from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid, NotReady
-    from rorg.store.clearing import clear
+    from rorg.store.clear import clear
     from rorg.store.last_good import read_kept
 
     if not context.state.path.is_dir():

@@ -14,7 +14,7 @@ from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
 from rorg.core.supposed import unlocked
-from rorg.daemon.outliving import remembered
+from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, restore, snapshot
 from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable

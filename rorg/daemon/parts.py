@@ -1,4 +1,4 @@
-"""The parts that the loop is handed (see wiring.py)."""
+"""The parts that the loop uses; wiring.py makes them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Collaborators:
     publisher: Publisher
     devices: DeviceWatch
     images: ImageManager | None
-    """None where an image is no more than a name."""
+    """None if the engine needs no images."""
     generations: Generations
     wakes: Wakes
     threads: tuple[Thread, ...]

@@ -1,4 +1,4 @@
-"""The requests file's text: read with places for every mistake, and written so that it is read back as it was."""
+"""Parses the requests file, with a place for every mistake, and renders it so that it reads back the same."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ HEADER = """\
 # everything is removed, whatever else is said here; a time once it is gone, until somebody runs the robot again.
 """
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
-"""Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
-on what else a number, a time or a truth value looks like."""
+"""Text without quotes, unless the dumper quotes it. Everything else is quoted, because dumper and reader disagree about
+what else looks like a number, a time or a truth value."""
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
@@ -44,7 +44,7 @@ _KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "d
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
-    """The content of a requests file, or everything that is wrong with it, with places."""
+    """Return the content of a requests file, or everything that is wrong with it, with places."""
     if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
         return RequestsDocument(), []
     document, diagnostics = read_yaml(text, file, nul=True)
@@ -207,7 +207,8 @@ def render(document: RequestsDocument) -> str:
 
 @lru_cache(maxsize=1024)
 def _entry(request: Request) -> str:
-    """The text of one request, in a list that is not indented. A change of one does not write all others anew."""
+    """The text of one request, in a list without indentation. Cached, so that a change of one does not render all
+    others again."""
     entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
     if request.reason:
         entry["reason"] = request.reason
