@@ -81,9 +81,9 @@ def test_what_the_engine_refuses_has_a_kind(engine):
 
 
 def test_an_engine_that_is_not_there_is_unreachable(tmp_path):
-    with pytest.raises(Unreachable, match="its socket is not there"):
+    with pytest.raises(Unreachable, match="its socket is missing"):
         DockerEngine("me", f"unix://{tmp_path}/none.sock").ping()
-    with pytest.raises(EngineError, match="ssh is not spoken"):
+    with pytest.raises(EngineError, match="ssh is not supported"):
         DockerEngine("me", "ssh://robot").ping()
 
 

@@ -217,7 +217,7 @@ def test_a_timeline_says_from_when_to_when_why_and_who(history):
         ("exited", at(6), at(7), "restart requested", "bob"),
         ("ready", at(7), at(9), asked, "bob"),
         ("paused", at(9), at(20), "not wanted", "eve"),
-        ("exited", at(20), None, "found so when rorg began", ""),
+        ("exited", at(20), None, "already so when rorg began", ""),
     ]
     assert spans_of(journal, 2.5, 3.5) == [
         ("ready", at(2.5), at(3), asked, "ann"),

@@ -129,7 +129,7 @@ def test_a_change_that_does_not_come_up_goes_back(robot):
     robot.wait(lambda: robot.active() == {"camera"})
     before = robot.container("camera").id
     robot.declare({"camera": {"always_on": True, "command": ["false"]}})
-    robot.wait(lambda: any("update-failed" in line or "back to the container" in line for line in robot.log()))
+    robot.wait(lambda: any("update-failed" in line or "back to the previous container" in line for line in robot.log()))
     robot.wait(lambda: robot.active() == {"camera"} and robot.container("camera").id == before)
 
 

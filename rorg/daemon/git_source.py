@@ -152,5 +152,5 @@ class GitSource:
         self._news = f"git: {commit[:10]}" + (f": {found.subject} ({found.author})" if found else "")
         self._in_force()
         if left := self.cache.submodules():
-            text = f"git: submodules are not followed, and their directories empty: {', '.join(left)}"
+            text = f"git: submodules are not followed, their directories are empty: {', '.join(left)}"
             self.tell("git-submodules", left, "git-submodules", text)

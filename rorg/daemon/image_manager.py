@@ -176,7 +176,7 @@ class ImageManager:
     def _failed(self, text: str) -> None:
         self._over(True)
         with self._changed:
-            self._missing = {r: Missing(f"cannot be had: {text}", failed=True) for r in self._missing}
+            self._missing = {r: Missing(f"is not available: {text}", failed=True) for r in self._missing}
         self.wake()
 
 
@@ -184,7 +184,9 @@ def _reason(reference: str, catalog: Catalog, content: Content) -> Missing:
     """What happens about a missing image. An import runs a command on this machine, so a person must start it."""
     policy, image = catalog.policy.images, catalog.images.get(content.named(reference))
     if image is None and policy.pull == "never":
-        return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
+        return Missing(
+            "is not on this machine, and the Policy does not allow to pull it; try `docker pull`", failed=True
+        )
     if image is None:
         return Missing("is being pulled")
     if image.import_command is not None or policy.build == "never":

@@ -17,7 +17,9 @@ from rorg.store.requests_file import RequestsFile
 
 Key = tuple[str, str]
 """(requester, id)."""
-UNKNOWN = Hold(253402300799.0, "the requests file has a mistake, and what it said before is not known; try fixing it")
+UNKNOWN = Hold(
+    253402300799.0, "the requests file has an error, and there is no earlier version to use; try `rorg diff` to see it"
+)
 """While the requests are not known, everything that runs keeps running."""
 MANY = 1000
 """Renewals to remember; beyond that, those of requests that are gone are forgotten."""

@@ -117,7 +117,7 @@ class Loop:
 
     def _tell_bug(self, bug: Exception) -> None:
         text = "".join(traceback.format_exception(bug)).strip()
-        self.recorder.when_new("bug", text, "internal-error", f"internal error in a pass, tried again: {text}")
+        self.recorder.when_new("bug", text, "internal-error", f"internal error in a pass; trying again: {text}")
         self.wakes.clear()
         self.wakes.wait(AGAIN)
 
@@ -184,7 +184,7 @@ class Loop:
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
         self.observer.look(decision.to_look)
-        if self.engine.local:  # a refused connection on this machine says nothing about a node on another one
+        if self.engine.local:  # a refused connection on this machine says nothing about a node on another machine
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)
         self.learner.note(decision.memory.foresight.learned)
@@ -244,7 +244,7 @@ class Loop:
         if self.decision is None or not document.down or document.down_since:
             return False
         observed, memory = self.decision.situation.observed, self.decision.memory
-        # A network whose removal was refused stays: somebody else uses it.
+        # A network whose removal was refused stays, because others use it.
         going = any(is_object(action.service) for action in self.decision.plan.actions)
         return observed.complete and not (observed.containers or memory.in_flight or going)
 

@@ -162,7 +162,7 @@ class Reporter:
                 text = f"stalled: {step.error}; next try in {again}" if step.stalled else "no longer stalled"
                 self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", service=name)
             if self.is_news(f"update {name}", failed) and failed:
-                back = f"back to the container before, until it is changed again, or `rorg retry {name}`"
+                back = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
                 text = f"the change of {name} failed: {failed}; {back}"
                 self.event("update-failed", text, service=name, error=failed)
 

@@ -203,7 +203,7 @@ class Tree:
     def _without(self, source: GitSource) -> bool:
         """Whether there is news about a repository that has not delivered anything yet."""
         shown, why = source.cache.followed.remote.shown, source.error
-        errors = (Diagnostic(Where(shown), f"nothing of it is here yet: {why}"),)
+        errors = (Diagnostic(Where(shown), f"nothing was fetched yet: {why}"),)
         if source.writing or not why or self.errors == errors:
             return False
         self.errors = errors

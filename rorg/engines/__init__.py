@@ -1,1 +1,1 @@
-"""What runs services: the Engine protocol, its engines, and what observes and calls them. No decisions here."""
+"""Runs services: the Engine protocol, its engines, their observer and their caller. No decisions here."""

@@ -11,13 +11,12 @@ from dataclasses import replace
 
 from rorg.core.observed import Container, Observed, Silence
 from rorg.engines.heartbeat import Heartbeat
+from rorg.engines.looks import Looks, retry_after
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.engines.protocol import Daemon, Objects, Observation
 from rorg.errors import RorgError, Unreachable
 
 REMEDY = "`systemctl status docker`, or `rorg doctor`"
-RETRY = (0.2, 0.5, 1.0, 2.0)
-"""Seconds between attempts to reach an engine that does not answer; the last one repeats."""
 PROMPT = 1.0
 """Seconds for a current answer. An engine that took longer may have been frozen, and answered before it noticed what
 happened meanwhile."""
@@ -50,9 +49,7 @@ class Observer:
         """When, by that clock, the look began whose result the cache shows. Answers can overtake each other."""
         self._looked: dict[str, float] = {}
         """When, by the loop's clock, the last look began that the engine answered promptly."""
-        self._looks: dict[str, float] = {}
-        """Containers to look at until a look begins after that moment."""
-        self._to_look = threading.Event()
+        self._looks = Looks(self.refresh, self._last_look, wake, self._answering)
         self._acting: dict[str, list[str]] = {}
         """Containers with a call under way, with the states in events about them meanwhile."""
         self._snapshot = Observed(complete=False)
@@ -62,25 +59,22 @@ class Observer:
         self._stop, self._doubt = threading.Event(), threading.Event()
         self._stream_end = threading.Event()
         """Set to end the current stream of events."""
-        self._threads: list[threading.Thread] = []
         self.lists = 0
         """Full lists made so far."""
 
     def start(self) -> None:
-        for target in (self._follow, self._resync_now_and_then, self._look_as_told):
-            thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
-            thread.start()
-            self._threads.append(thread)
-        for part in (self.objects, self.heartbeat):
+        for target in (self._follow, self._resync_now_and_then):
+            threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True).start()
+        for part in (self.objects, self.heartbeat, self._looks):
             if part:
                 part.start()
 
     def stop(self) -> None:
         self._stop.set()
-        for part in (self.objects, self.heartbeat):
+        for part in (self.objects, self.heartbeat, self._looks):
             if part:
                 part.stop()
-        for event in (self._doubt, self._stream_end, self._answering, self._to_look):
+        for event in (self._doubt, self._stream_end, self._answering):
             event.set()
 
     def ask(self) -> None:
@@ -234,30 +228,12 @@ class Observer:
             self._changed = self._changed or bool(containers)
 
     def look(self, looks: Mapping[str, float]) -> None:
-        """Look at each of these containers, unless a look at it began after that moment. Replaces earlier wishes."""
-        with self._lock:
-            self._looks = {c: at for c, at in looks.items() if self._looked.get(c, -1.0) < at}
-            if self._looks:
-                self._to_look.set()
+        """See Looks.ask()."""
+        self._looks.ask(looks)
 
-    def _look_as_told(self) -> None:
-        attempt = 0
-        while not self._stop.is_set():
-            self._to_look.wait()
-            self._to_look.clear()
-            self._answering.wait()
-            with self._lock:
-                looks = {**self._looks}
-            for container in looks:
-                self.refresh(container)
-            with self._lock:
-                left = {c for c in looks if c in self._looks and self._looked.get(c, -1.0) < looks[c]}
-            if len(left) < len(looks):
-                attempt = 0
-                self.wake()
-            if left and not self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
-                attempt += 1
-                self._to_look.set()
+    def _last_look(self, container: str) -> float:
+        with self._lock:
+            return self._looked.get(container, -1.0)
 
     def _seen(self, found: Container, before: Mapping[str, Container]) -> Container:
         """If the engine reported only the state of a container, or nothing new, combine that with what is known of
@@ -300,7 +276,7 @@ class Observer:
             except Exception as error:  # without this thread no change would be noticed any more
                 self._lost(error)
             ended.set()
-            self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)])
+            self._stop.wait(retry_after(attempt))
             attempt += 1
 
     def _resync_now_and_then(self) -> None:
@@ -310,7 +286,7 @@ class Observer:
             if not self._answering.is_set():
                 self._answering.wait()
                 attempt = 0
-            if doubted and self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
+            if doubted and self._stop.wait(retry_after(attempt)):
                 return
             self._doubt.clear()
             last = time.monotonic()

@@ -84,7 +84,7 @@ class Lifecycle(Protocol):
 
 
 class Observation(Protocol):
-    """What is there, how it changes, and what it uses."""
+    """The containers, their changes, and what they use."""
 
     def ping(self) -> str:
         """Return the engine's version. Raises Unreachable."""
@@ -157,7 +157,7 @@ class Objects(Protocol):
 
 
 class Inspection(Protocol):
-    """What is inside one container."""
+    """The inside of one container: its log, and commands."""
 
     name: str
 
@@ -225,7 +225,7 @@ class Engine(Lifecycle, Observation, Inspection, Protocol):
     """Its processes are those of this machine. Otherwise no Container has a pid, and no process, file or port of this
     machine may be taken for one of the container."""
     address: str
-    """Where it is, in the form of DOCKER_HOST; empty for one that is built in."""
+    """Its address in the form of DOCKER_HOST; empty for one that is built in."""
 
     def close(self) -> None: ...
 

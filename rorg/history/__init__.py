@@ -1,2 +1,2 @@
-"""What has happened to this robot: events, revisions of its manifests, and the memory that survives a restart of
+"""The history of this robot: events, revisions of its manifests, and the memory that survives a restart of
 rorg."""

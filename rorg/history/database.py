@@ -10,6 +10,7 @@ import sqlite3
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -290,11 +291,6 @@ def _spoilt(error: Exception) -> bool:
     return isinstance(error, _Spoilt) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
 
 
-@contextlib.contextmanager
-def reading(path: Path) -> Iterator[Database]:
+def reading(path: Path) -> AbstractContextManager[Database]:
     """The history in a file, during the block."""
-    database = Database(path)
-    try:
-        yield database
-    finally:
-        database.close()
+    return contextlib.closing(Database(path))

@@ -143,7 +143,7 @@ def named(entry: dict[str, Any]) -> list[str]:
 
 
 def named_in(more: str) -> list[str]:
-    """The same of an entry as it is stored."""
+    """The same for a stored entry."""
     try:
         found = json.loads(more)
     except (ValueError, TypeError, RecursionError):
@@ -157,7 +157,7 @@ def _insert(connection: sqlite3.Connection, row: tuple[Any, ...], about: list[tu
 
 
 def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:
-    """None for what nobody could have written."""
+    """None if it is malformed."""
     seq, at, kind, message, more = row
     try:
         rest = json.loads(more)

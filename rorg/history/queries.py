@@ -39,8 +39,8 @@ def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) ->
     commit = commit_of(text) or (text if COMMIT.fullmatch(text) else "")
     known = revisions.of_commit(commit) if commit else None
     if known is None:
-        why = f"nothing of {commit[:12]} was ever applied here" if commit else "there is no such number, nor commit"
-        raise Missing(f"find the revision '{text}'", why, "`rorg history` for all")
+        why = f"nothing of {commit[:12]} was ever applied here" if commit else "no revision has this number or commit"
+        raise Missing(f"find the revision '{text}'", why, "`rorg history` for the list")
     return known
 
 

@@ -41,7 +41,7 @@ class Reader:
         connection = sqlite3.connect(place, timeout=PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
         if not connection.execute("PRAGMA user_version").fetchone()[0]:
             connection.close()
-            raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))
+            raise FileNotFoundError(errno.ENOENT, "it has no tables yet", str(self.path))
         return connection
 
     def close(self) -> None:

@@ -35,9 +35,9 @@ def requested(journal: Journal, begin: str, end: str) -> dict[str, Any]:
     """Requests from `begin` to `end`, ISO 8601 in UTC, as far as they are on record; those at the beginning come first.
     Raises Missing if nothing of that time is on record."""
     first = next(iter(journal.select(Filter(), 1)), None)
-    what = f"tell what was requested from {begin} to {end}"
+    what = f"list what was requested from {begin} to {end}"
     if first is None or begin >= end or first["at"] > end:
-        raise Missing(what, "nothing of that time is on record", "`rorg events --since 30d` for what is")
+        raise Missing(what, "nothing of that time is on record", "`rorg events --since 30d` for what is on record")
     begin, old = max(begin, first["at"]), list[Mapping[str, Any]]()
     people = list(_people(Asked(journal.database), begin, end))
     meta = {"developer", *(asking.key[0] for asking in people)}

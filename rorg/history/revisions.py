@@ -171,7 +171,7 @@ def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, M
         _execute(
             connection,
             f"UPDATE revision SET standing = 'superseded', reason = ?, settled_at = ? WHERE standing IN {UNDER_WAY}",
-            (f"revision {new.number} came before it was proven", new.at),
+            (f"revision {new.number} replaced it before it was proven", new.at),
         )
         _make(connection, new, before)
     _execute(

@@ -82,7 +82,7 @@ class _Told:
 
     def why(self, entry: Mapping[str, Any], state: str) -> str:
         if entry["kind"] == "found":
-            return "found so when rorg began"
+            return "already so when rorg began"
         # The reason of the action that ended a state says more than why the service is wanted.
         ended = self.done.get("verb") == ENDED.get(state, "") and not self.crashed
         return str((self.done if ended else entry).get("reason", ""))

@@ -39,7 +39,7 @@ def _by_path(path: str, root: str) -> Plugged:
     if stat.S_ISDIR(found.st_mode):
         return Plugged(path)
     if not (stat.S_ISCHR(found.st_mode) or stat.S_ISBLK(found.st_mode)):
-        return Plugged(problem="is no device")
+        return Plugged(problem="is not a device")
     base = os.path.realpath(root)
     return Plugged("/" + os.path.relpath(os.path.realpath(place), base), _number(found))
 
@@ -61,7 +61,7 @@ def _by_udev(device: Device, root: str) -> Plugged:
         return Plugged(problem=GONE)
     if len(found) > 1:
         names = ", ".join(sorted(min(nodes, key=_natural) for nodes in found.values()))
-        return Plugged(problem=f"cannot be told from others: {names}")
+        return Plugged(problem=f"is ambiguous: {names} match")
     (nodes,) = found.values()
     own = [n for n in nodes if "subsystem" in wanted or not n.startswith("/dev/bus/")] or nodes
     return _by_path(min(own, key=_natural), root)

@@ -1,5 +1,5 @@
 """The local copy of a repository that is followed: a store of its commits, and the files of the commit in force, always
-in the same place. Whatever is killed when, the next prepare() repairs it."""
+in the same place. If a process is killed at any point, the next prepare() repairs it."""
 
 from __future__ import annotations
 
@@ -154,8 +154,8 @@ class GitCache:
         before, short, path = self.commit, commit[:10], self.followed.path
         if self.followed.forward and before and not self._git("merge-base", "--is-ancestor", before, commit).yes:
             raise Unacceptable(
-                f"{short} does not follow {before[:10]}: its history is another one; try pushing a commit that follows "
-                f"it (`git merge`), or starting anew: stop rorg and remove {self.folder}"
+                f"{short} does not follow {before[:10]}: its history is a different one; try to push a commit that "
+                f"follows it (`git merge`), or to start again: stop rorg and remove {self.folder}"
             )
         if self.followed.signers and (why := signed(self.store, commit, self.followed.signers)):
             raise Unacceptable(f"{short} is not signed by any of {self.followed.signers}: {why}")

@@ -85,7 +85,7 @@ def entries(output: bytes) -> list[Entry]:
         found.append(Entry(mode, name, path))
     files = {entry.path for entry in found}
     if twice := next((e.path for e in found if not files.isdisjoint(map(str, Path(e.path).parents))), ""):
-        raise ValueError(f"the commit has '{twice}' below what is a file too")
+        raise ValueError(f"the commit has '{twice}' below a path that is also a file")
     return found
 
 

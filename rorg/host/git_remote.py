@@ -88,9 +88,9 @@ def remote(text: str) -> Remote:
         path, _, branch = text[start:].rpartition("@")
         repository = text[:start] + path
         if not re.fullmatch(_BRANCH, branch) or ".." in branch or branch.endswith(("/", ".", ".lock")):
-            raise ValueError(f"'{branch}' is no name of a branch")
+            raise ValueError(f"'{branch}' is not a valid branch name")
     if not repository or repository.startswith("-"):
-        raise ValueError("no repository is named")
+        raise ValueError("the repository is missing")
     if not _REMOTE.match(repository):
         repository = os.path.abspath(os.path.expanduser(repository))
     return Remote(repository, branch)

@@ -1,6 +1,6 @@
 """Extracts the files of a commit into a temporary directory, as a checkout would write them. Files that have not
 changed since, as git says, come from the work tree, the others from the repository; files that git does not know are
-those of now. Never writes to the repository."""
+the current ones. Never writes to the repository."""
 
 from __future__ import annotations
 

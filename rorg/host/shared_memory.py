@@ -51,7 +51,7 @@ def remove_unused(folder: Path, group_of: Callable[[str], str], before: float, l
     seen what is in use."""
     groups = {name: files for name, files in _groups(folder, group_of).items() if _older(files, before)}
     idle = _unused(groups, look)
-    # Nobody can open them under their new names. Whoever did so since the first look is found by the second.
+    # Nobody can open them under their new names. A process that did so since the first look is found by the second.
     aside: list[Path] = []
     unused: list[Path] = []
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Yes; no, with what was found; or (`asked` is False) no result, because whatever would have to be asked does not
+    """Yes; no, with what was found; or (`asked` is False) no result, because the program that it asks does not
     answer. Then nothing was learned about the service."""
 
     ok: bool

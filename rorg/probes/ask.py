@@ -54,7 +54,7 @@ def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> A
         return no(f"file {path} is older than this run")
     age = time.time() - written
     if role == "live" and age > probe.interval:
-        return no(f"file {path} was last touched {age:.0f} s ago")
+        return no(f"file {path} was last modified {age:.0f} s ago")
     return YES
 
 

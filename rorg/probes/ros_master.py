@@ -91,7 +91,7 @@ def probe(kind: str, name: str, master: str) -> Answer:
     deadline = Deadline.within(TIMEOUT)
     try:
         if kind == "ros_topic":
-            return YES if name in graph(master, deadline)[0] else no(f"nobody publishes {name}")
+            return YES if name in graph(master, deadline)[0] else no(f"{name} has no publisher")
         question = "lookupService" if kind == "ros_service" else "lookupNode"
         where = str(call(master, question, CALLER, name, deadline=deadline))
     except LookupError:

@@ -67,7 +67,7 @@ def unregister(master: str, node: str, state: RosState) -> None:
     any more."""
     deadline, uri = Deadline.within(READING), state.places[node]
     if call(master, "lookupNode", CALLER, node, deadline=deadline) != uri:
-        raise LookupError(f"{node} is at another place by now")
+        raise LookupError(f"{node} is at another address now")
     publishers, subscribers, services = state.graph
     told = [("unregisterPublisher", topic, uri) for topic, names in publishers.items() if node in names]
     told += [("unregisterSubscriber", topic, uri) for topic, names in subscribers.items() if node in names]

@@ -23,7 +23,7 @@ EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
 LOG_TIMEOUT = 5.0
 """Seconds for reading a log, once the engine has found the place; the next attempt continues there."""
-NO_MASTER = "it is a program of ROS 2, which no ROS 1 master knows"
+NO_MASTER = "it is a ROS 2 program, which no ROS 1 master knows"
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -64,7 +64,7 @@ class ProbeRunner:
             return self._parameters(service, target)
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
-            return cannot_ask("it is another run by now")
+            return cannot_ask("this is a different run now")
         try:
             return self._ask((*key, target.part), probe, container)
         except RorgError as error:
@@ -107,7 +107,9 @@ class ProbeRunner:
         found = self.engine.inspect(container.id)
         if found is None:
             return cannot_ask("its container is gone")
-        return YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing of its health'}")
+        return (
+            YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing about its health'}")
+        )
 
     def _file(self, role: str, probe: Probe, container: Container) -> Answer:
         isolated = self.engine.capabilities.isolation

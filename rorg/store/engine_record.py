@@ -59,7 +59,7 @@ def check_engine(state: StateDir, engine: EngineRecord) -> None:
     there = f"DOCKER_HOST={known.address} " if known.address else ""
     raise Refused(
         f"use {engine} for {state.path}",
-        f"its containers are on {known}, and would run on there with nobody to manage them",
+        f"its containers are on {known}, and would run on there unmanaged",
         f"`{there}rorg down --engine {known.name}` first, or another --state-dir; "
         f"if that engine no longer exists, remove {state.path / NAME}",
     )

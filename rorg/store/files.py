@@ -1,4 +1,4 @@
-"""Files that are either old or new, whenever a process is killed, and private whatever the umask."""
+"""Files that are either old or new, whenever a process is killed, and private with every umask."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _set_mode(file: int | Path, mode: int) -> None:
 
 
 def make_directory(path: Path, mode: int = 0o750) -> None:
-    """Make a directory with this mode, and those above it, which everybody may enter. An existing one stays unchanged,
+    """Make a directory with this mode, and those above it, which all users may enter. An existing one stays unchanged,
     because it belongs to its creator. Raises OSError."""
     if path.is_dir():
         return

@@ -35,7 +35,7 @@ def write_kept(folder: Path, kept: Kept) -> None:
 
 
 def read_kept(folder: Path) -> Kept:
-    """What was written last; nothing if the file was damaged. Entries that this version does not understand are
+    """The last written content; nothing if the file was damaged. Entries that this version does not understand are
     ignored."""
     try:
         content = read_json(folder / NAME) or {}

@@ -16,13 +16,13 @@ from rorg.model.units import format_duration, parse_lease, parse_time, stamp
 from rorg.store.requests_document import RequestsDocument
 
 HEADER = """\
-# What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
-# requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
-# (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
-# service was asked for. retries: when another try of a change of it that failed was. holds: services that must not be
-# active until a time. suspended: nothing is changed until then.
-# removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: true while
-# everything is removed, whatever else is said here; a time once it is gone, until somebody runs the robot again.
+# What this robot is asked to run. rorg reads the file after every change; after a mistake the last good version counts.
+# requests: id (chosen by the requester), requester, services, and optionally `incarnation` (the run of the requester
+# that it is bound to, which rorg fills in) and `ttl` (a lease, which a new time in `renewed` extends).
+# restarts, retries: when a restart of a service, or another try of its failed change, was requested.
+# holds: services that must not be active until a time. suspended: rorg changes nothing until then.
+# removals: undeclared services whose removal a person has confirmed, though something still names them.
+# down: true while everything is removed, despite all requests; then a time, until a person runs the robot again.
 """
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
 """Text without quotes, unless the dumper quotes it. Everything else is quoted, because dumper and reader disagree about

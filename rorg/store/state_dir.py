@@ -101,7 +101,7 @@ class StateDir:
             found = read_state(path).strip()
         if not re.fullmatch(INSTANCE, found):
             raise Invalid(
-                f"tell which robot {self.path} is",
+                f"identify the robot of {self.path}",
                 f"{path} holds no id",
                 "writing there what the containers of this robot have in their label rorg.io/owner",
             )

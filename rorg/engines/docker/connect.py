@@ -25,7 +25,7 @@ CHUNK = 1 << 16
 
 
 def engine_host(given: str | None) -> str:
-    """Where the engine is: as given, or by DOCKER_HOST, or at Docker's default."""
+    """The engine's address: as given, or by DOCKER_HOST, or at Docker's default."""
     return given or os.environ.get("DOCKER_HOST") or DEFAULT
 
 
@@ -54,7 +54,7 @@ def connect(host: str, timeout: float, both_ways: bool = False) -> http.client.H
         return _Unix(rest, timeout)
     if scheme not in ("", "tcp", "http", "https"):
         remedy = f"`ssh -nNT -L /tmp/engine.sock:/var/run/docker.sock {rest}` and DOCKER_HOST=unix:///tmp/engine.sock"
-        raise EngineError("reach the engine", f"{host}: {scheme} is not spoken", remedy if scheme == "ssh" else "")
+        raise EngineError("reach the engine", f"{host}: {scheme} is not supported", remedy if scheme == "ssh" else "")
     where, verified = urlsplit(f"//{rest}"), bool(os.environ.get("DOCKER_TLS_VERIFY"))
     name = where.hostname or "localhost"
     if both_ways and (scheme == "https" or verified):

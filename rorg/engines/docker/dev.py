@@ -67,7 +67,7 @@ class DevContainers:
         return found
 
     def start(self, found: DevContainer) -> None:
-        """Make it run, whatever state it is in."""
+        """Make it run, from any state."""
         if found.state == "paused":
             self._engine.resume(found.id)
         elif found.state != "running":

@@ -189,7 +189,7 @@ class DockerEngine(Inside):
     def stop(self, container: str, signal: str, grace: float) -> None:
         """A signal wakes a paused container by itself (Docker 20.10 and later: kill thaws). A signal that the engine
         refuses, such as a number that an image declares, is skipped."""
-        why = EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "looking for a hung device")
+        why = EngineError(f"stop {container[:12]}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
         for name, seconds in stop_sequence(signal, grace):
             try:
                 self._do("stop", container, "kill", signal=name)

@@ -37,18 +37,22 @@ class NoAnswer(OSError):
 
 
 KINDS = (
-    ("missing_image", r"no such image", "`rorg build` first"),
-    ("name_taken", r"is already in use by container", "removing or renaming that container, which is not rorg's"),
+    ("missing_image", r"no such image", "`rorg build`"),
+    (
+        "name_taken",
+        r"is already in use by container",
+        "another container_name, or remove that container, which is not rorg's",
+    ),
     ("missing_device", r"gathering device information|no such file or directory.*dev", "plugging the device in"),
-    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
-    ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
+    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or leave the option out"),
+    ("forbidden", r"could not select device driver", "an engine with that runtime, or leave gpus out"),
     ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),
     ("gone", r"no such container", ""),
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
     # An engine that was killed during a start left these. Nothing of the program runs, and this container never will.
     # In the last case a process runs that the engine does not know.
     ("spent", r"task \S+ already exists|failed to start shim: mkdir .*: file exists", ""),
-    ("left_running", r"id already in use", "ending the program that a killed engine left, or a reboot"),
+    ("left_running", r"id already in use", "a reboot, or end the program that a killed engine left"),
 )
 """Pattern in the engine's message -> its stable kind, and a remedy."""
 REMEDY = "`docker info` to see whether the engine runs"
@@ -78,7 +82,7 @@ def refusal(what: str, text: str) -> EngineError:
 def reason(error: BaseException) -> str:
     """Say why the engine cannot be reached."""
     known: dict[type[BaseException], str] = {
-        FileNotFoundError: "its socket is not there",
+        FileNotFoundError: "its socket is missing",
         ConnectionRefusedError: "it refuses the connection",
         PermissionError: "no permission for its socket",
     }

@@ -60,7 +60,9 @@ def make(client: Client, kind: Kind, name: str, spec: Mapping[str, Any], labels:
     made = client.post("/volumes/create", volume_body(name, spec, labels))
     if (made.get("Labels") or {}).get(LABEL_OWNER) != labels[LABEL_OWNER]:
         whose = other_rorg(made.get("Labels") or {}, labels[LABEL_OWNER])
-        why = f"one of that name belongs to {whose}" if whose else "one of that name is there that is not rorg's"
+        why = (
+            f"a volume of that name belongs to {whose}" if whose else "a volume of that name exists that is not rorg's"
+        )
         raise EngineError(f"create the volume {name}", why, "external: true")
 
 

@@ -82,7 +82,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
         )
     except OSError as error:
         why = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        raise EngineError(f"start {record['name']}", why, "fixing that") from error
+        raise EngineError(f"start {record['name']}", why) from error
 
 
 def _log_of(records: Records, record: Record) -> int:
@@ -194,7 +194,7 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     if not os.path.isdir(folder):
         raise EngineError(what, f"no directory {folder}", "creating it, or another `working_dir`")
     if not os.access(folder, os.X_OK):
-        raise EngineError(what, f"rorg may not enter {folder}", f"chmod +x {folder}", "forbidden")
+        raise EngineError(what, f"rorg has no permission for {folder}", f"chmod +x {folder}", "forbidden")
     if "/" not in program:
         found = shutil.which(program, path=path)
         if found is None:
@@ -205,7 +205,7 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
         if not os.path.isfile(found):
             raise EngineError(what, f"no program {found}", "creating it, or another `command`", "missing_image")
         if not os.access(found, os.X_OK):
-            raise EngineError(what, f"{found} may not be executed", f"chmod +x {found}", "forbidden")
+            raise EngineError(what, f"{found} is not executable", f"chmod +x {found}", "forbidden")
     interpreter = _interpreter(found)
     if interpreter.startswith("/") and not os.access(interpreter, os.X_OK):
         raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "installing that")

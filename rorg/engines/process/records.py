@@ -54,7 +54,7 @@ class Records:
         record = _json(path)
         if not isinstance(record, dict) or record.get("id") != container or not _whole(record):
             raise EngineError(
-                f"find {container}", f"{path} cannot be read", "ending its processes, and removing its folder"
+                f"find {container}", f"{path} cannot be read", "to end its processes and remove its folder"
             )
         return record
 

@@ -45,7 +45,7 @@ def end(records: Records, record: Record, name: str, grace: float) -> None:
         send(record, signal.SIGCONT)
         if _ended(records, record, seconds):
             return
-    raise EngineError(f"stop {record['name']}", "it outlived SIGKILL", "looking for a hung device")
+    raise EngineError(f"stop {record['name']}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
 
 
 def _ended(records: Records, record: Record, seconds: float) -> bool:
