@@ -73,7 +73,7 @@ def test_a_change_of_a_moment_ago_is_seen_whether_its_event_has_come_or_not(engi
 def test_what_the_engine_refuses_has_a_kind(engine):
     with pytest.raises(EngineError) as found:
         engine.create("another", {"image": "rorg.test/none:1"}, {LABEL_OWNER: "listing"})
-    assert (found.value.kind, found.value.remedy) == ("missing_image", "`rorg build` first")
+    assert (found.value.kind, found.value.remedy) == ("missing_image", "`rorg build`")
     with pytest.raises(EngineError) as found:
         engine.start("f" * 64)
     assert found.value.kind == "gone"

@@ -26,7 +26,7 @@ from rorg.model.units import counted
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
+class CommitTree:
     """The manifests of a commit, with the files that they name. Paths are those of the tree, contents those of the
     commit; files that git does not know count as they are now."""
 
@@ -40,7 +40,7 @@ class Past:
         return self.desired.catalog
 
 
-def load_at(tree: Tree, rev: str) -> Past:
+def load_at(tree: Tree, rev: str) -> CommitTree:
     """Load the state that `rev` names, for the engine and the robot of a tree; the tree itself is not read.
 
     Raises Invalid if there is no such state, or if its manifests have errors (each with its place as git writes it:
@@ -66,7 +66,7 @@ def load_at(tree: Tree, rev: str) -> Past:
         digests = contents.Contents().of(loaded.catalog, there)
         catalog = _relocated(loaded.catalog, lambda text: text.replace(str(mirror.place), ""))
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
-    return Past(commit, desire(catalog, tree.run, digests, images.references), images)
+    return CommitTree(commit, desire(catalog, tree.run, digests, images.references), images)
 
 
 @contextmanager

@@ -11,8 +11,6 @@ from typing import Any
 from rorg.host.git import head
 from rorg.host.git_cache import GitCache, Unacceptable, Unreachable
 
-POLL = 30.0
-"""Seconds between two fetches."""
 MOST_FOLDERS = 100
 """Directories of a local repository's references that are watched."""
 

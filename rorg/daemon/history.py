@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
@@ -15,7 +16,7 @@ from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
 from rorg.core.standing import FAILED, GOOD, Standing, standing
-from rorg.daemon.saved_memory import outliving, remembered
+from rorg.daemon.saved_memory import remembered, saved_progress
 from rorg.daemon.tree import Tree
 from rorg.history.database import Database
 from rorg.history.meta_requests import Asked
@@ -75,22 +76,19 @@ class Historian:
         changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
         self._progress = progress
         if changed or gone:
-            texts = {name: self.masker.json(json.dumps(outliving(progress[name], epoch))) for name in changed}
+            texts = {name: self.masker.json(json.dumps(saved_progress(progress[name], epoch))) for name in changed}
             self._stale = set() if self.runs.write(texts, gone) else changed
 
     # -- revisions ---------------------------------------------------------------------------------------------
 
     def _refuse(self, tree: Tree) -> None:
         """Record a refused tree, once for each set of errors."""
-        errors, commit = tuple(self.masker.text(str(e)) for e in tree.errors), tree.commit
+        errors = tuple(self.masker.text(str(e)) for e in tree.errors)
         found = Revision(
             number=0,
             at=self.wall(),
             fingerprint="",
-            commit=commit.commit if commit else "",
-            author=commit.author if commit else "",
-            subject=commit.subject if commit else "",
-            dirty=commit is not None and commit.dirty,
+            **_of_commit(tree),
             standing="refused",
             reason=errors[0],
             errors=errors,
@@ -131,15 +129,12 @@ class Historian:
         """Record a state of the manifests, unless it is the one in force."""
         if not self._looked:
             self._revision, self._looked = self.revisions.in_force(), True
-        last, commit = self._revision, tree.commit
+        last = self._revision
         found = Revision(
             number=0,
             at=self.wall(),
             fingerprint=tree.desired.catalog.fingerprint,
-            commit=commit.commit if commit else "",
-            author=commit.author if commit else "",
-            subject=commit.subject if commit else "",
-            dirty=commit is not None and commit.dirty,
+            **_of_commit(tree),
             robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
@@ -161,6 +156,12 @@ class Historian:
         if failed:
             reason = "; ".join(f"{name}: {why}" for name, why in failed.items())
             self.revisions.settle(last.number, FAILED, self.masker.text(reason), self.wall())
+
+
+def _of_commit(tree: Tree) -> dict[str, Any]:
+    """The fields of a Revision that git knows."""
+    commit = tree.commit
+    return {name: getattr(commit, name) for name in ("commit", "author", "subject", "dirty")} if commit else {}
 
 
 def _identity(revision: Revision) -> tuple[object, ...]:

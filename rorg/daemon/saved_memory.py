@@ -15,7 +15,7 @@ TIMES = ("unwanted_since", "ceased_since")
 NEVER = float("inf")
 
 
-def outliving(step: Progress, epoch: float) -> dict[str, Any]:
+def saved_progress(step: Progress, epoch: float) -> dict[str, Any]:
     """What to keep of a service; `epoch` is the time of day at which the loop's clock was at 0. Attempts that failed
     because something is missing on this machine are left out: it may be there next time."""
     times = {name: round(at + epoch, 3) for name in TIMES if (at := getattr(step, name)) is not None}

@@ -237,16 +237,8 @@ def _tries(known: Any, now: float) -> dict[str, Attempt]:
 
 def request_json(request: Request) -> dict[str, Any]:
     """A request as the API shows it."""
-    return {
-        "id": request.id,
-        "requester": request.requester,
-        "services": list(request.services),
-        "reason": request.reason,
-        "incarnation": request.incarnation,
-        "standing": request.standing,
-        "priority": request.priority,
-        "ttl": request.ttl,
-    }
+    names = ("id", "requester", "services", "reason", "incarnation", "standing", "priority", "ttl")
+    return {**{name: getattr(request, name) for name in names}, "services": list(request.services)}
 
 
 def pressure_json(decision: Decision) -> dict[str, Any]:

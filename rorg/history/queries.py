@@ -6,6 +6,7 @@ import json
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from functools import cache
 from operator import itemgetter
 from typing import Any
@@ -16,7 +17,7 @@ from rorg.core.masking import masked
 from rorg.errors import Missing
 from rorg.history.journal import Filter, Journal
 from rorg.history.names import parse
-from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.revisions import FIELDS, Made, Revision, Revisions
 from rorg.history.timeline import Author, spans
 
 COMMIT = re.compile(r"[0-9a-f]{7,40}")
@@ -51,20 +52,8 @@ def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, A
 
 def brief(revision: Revision) -> dict[str, Any]:
     """A revision as it is in a list."""
-    return {
-        "number": revision.number,
-        "at": revision.at,
-        "fingerprint": revision.fingerprint,
-        "commit": revision.commit,
-        "author": revision.author,
-        "subject": revision.subject,
-        "dirty": revision.dirty,
-        "robot": revision.robot,
-        "standing": revision.standing,
-        "reason": revision.reason,
-        "settled_at": revision.settled_at,
-        "errors": list(revision.errors),
-    }
+    found = {name: getattr(revision, name) for name in FIELDS if name != "plan"}
+    return {**found, "errors": list(revision.errors)}
 
 
 def full(revision: Revision) -> dict[str, Any]:
@@ -75,13 +64,7 @@ def full(revision: Revision) -> dict[str, Any]:
 
 def _made(made: Made) -> dict[str, Any]:
     shown = {name: masked(name, value) for name, value in sorted(declared_of(made.declared).items())}
-    return {
-        "digest": made.digest,
-        "declared": json.dumps(shown),
-        "image": made.image,
-        "image_id": made.image_id,
-        "edition": made.edition,
-    }
+    return {**asdict(made), "declared": json.dumps(shown)}
 
 
 def compared(old: Revision, new: Revision) -> dict[str, Any]:

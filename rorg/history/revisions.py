@@ -11,7 +11,6 @@ from typing import Any
 
 from rorg.history.database import Database
 
-STANDINGS = ("applying", "baking", "good", "failed", "superseded", "refused")
 UNDER_WAY = ("applying", "baking")
 """Standings that are not final."""
 LONGEST_PLAN = 1 << 18

@@ -9,6 +9,8 @@ from pathlib import Path
 import psutil
 
 ROOT = Path("/sys/fs/cgroup")
+PATIENCE = 3.0
+"""Seconds to end after SIGTERM, before SIGKILL."""
 
 
 def container_usage(pid: int) -> tuple[float, int] | None:
@@ -63,10 +65,6 @@ def _v2(path: str) -> tuple[float, int]:
 
 def _stat(file: Path, key: str) -> int:
     return next(int(line.split()[1]) for line in file.read_text().splitlines() if line.split()[0] == key)
-
-
-PATIENCE = 3.0
-"""Seconds to end after SIGTERM, before SIGKILL."""
 
 
 def end_processes(container: str) -> bool:

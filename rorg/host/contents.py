@@ -14,6 +14,13 @@ from rorg.model.catalog import Catalog, Spec
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
 """Of one mount. What is larger is data, not configuration: then changes are the service's own business."""
+Facts = tuple[int, int, int, int]
+Known = dict[str, tuple[Facts, str]]
+Stats = tuple[tuple[str | int, ...], ...]
+"""Of files: name, time, size and inode."""
+MOST_CONTEXT_FILES = 20_000
+"""Files of all image contexts together that are checked for changes. Changes of later files are found with the next
+change of these."""
 
 
 class Contents:
@@ -89,10 +96,6 @@ def _one(path: str) -> Iterator[tuple[str, os.stat_result]]:
         yield path, facts
 
 
-Facts = tuple[int, int, int, int]
-Known = dict[str, tuple[Facts, str]]
-
-
 class FileDigests:
     """Between two calls of begin(), of() must be called for every file that matters; the others are forgotten."""
 
@@ -122,13 +125,6 @@ class FileDigests:
                 found = key, hashlib.file_digest(file, "sha256").hexdigest()
         self._known[path] = found
         return found[1]
-
-
-Stats = tuple[tuple[str | int, ...], ...]
-"""Of files: name, time, size and inode."""
-MOST_CONTEXT_FILES = 20_000
-"""Files of all image contexts together that are checked for changes. Changes of later files are found with the next
-change of these."""
 
 
 def below(places: Iterable[Path]) -> Iterator[Path]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from rorg.host.git_process import PATIENCE, owner_of, repository, run_git
+from rorg.host.git_process import PATIENCE, ask_git, repository, run_git
 from rorg.model.units import stamp
 
 COMMIT_PATIENCE = 60.0
@@ -38,12 +38,9 @@ class Commit:
     """Whether files of the tree differ from it."""
 
 
-def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:
-    """git's output; None if git refuses, prints too much, or takes too long. Runs as the owner of the repository.
-    `home`: of the person whose configuration applies."""
-    found = repository(directory)
-    owner = owner_of(found) if found and not home else None
-    said = run_git(["-C", str(directory), *args], owner, patience, {"HOME": home} if home else None)
+def _git(directory: Path, *words: str, patience: float = PATIENCE) -> str | None:
+    """git's output; None if git refuses, prints too much, or takes too long."""
+    said = ask_git(directory, *words, patience=patience)
     return said.text if said.yes else None
 
 
@@ -51,8 +48,8 @@ def identity(home: str) -> dict[str, str]:
     """Name and address of the person with this home, as git's variables for a committer without a ~/.gitconfig."""
     found: dict[str, str] = {}
     for key, what in (("user.name", "NAME"), ("user.email", "EMAIL")) if home else ():
-        value = _git(Path(home), "config", "--global", "--get", key, home=home)
-        found |= {f"GIT_{who}_{what}": value for who in ("AUTHOR", "COMMITTER")} if value else {}
+        said = run_git(["-C", home, "config", "--global", "--get", key], environment={"HOME": home})
+        found |= {f"GIT_{who}_{what}": said.text for who in ("AUTHOR", "COMMITTER")} if said.yes and said.text else {}
     return found
 
 
@@ -79,8 +76,7 @@ def commit_of(directory: Path, name: str) -> str:
 def refusal(directory: Path) -> str:
     """Why git refuses to answer about another user's repository, and what helps; empty if it does answer."""
     found = repository(directory)
-    said = run_git(["-C", str(directory), "rev-parse"], owner_of(found), errors=True) if found else None
-    if found is None or said is None or "safe.directory" not in said.text:
+    if found is None or "safe.directory" not in ask_git(directory, "rev-parse", errors=True).text:
         return ""
     return (
         f"git does not trust {found.parent}, since it is another user's: its revision is not known, and nothing is "
@@ -155,16 +151,8 @@ def commit(root: Path, path: Path, author: str, message: str) -> bool:
     """Commit one file alone, whatever else is staged; False outside of a repository, or if git refuses."""
     if git_dir(root) is None:
         return False
-    who = (
-        "-c",
-        "commit.gpgSign=false",
-        "-c",
-        f"user.name={author}",
-        "-c",
-        f"user.email={author.replace(' ', '.')}@rorg.local",
-    )
+    address = f"{author.replace(' ', '.')}@rorg.local"
+    who = ("-c", "commit.gpgSign=false", "-c", f"user.name={author}", "-c", f"user.email={address}")
     _git(root, "add", "--all", "--", str(path))
-    return (
-        _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path), patience=COMMIT_PATIENCE)
-        is not None
-    )
+    words = ("commit", "--quiet", "--message", message, "--only", "--", str(path))
+    return _git(root, *who, *words, patience=COMMIT_PATIENCE) is not None

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
-from rorg.host.git_process import MISSING, owner_of, repository, run_git
+from rorg.host.git_process import MISSING, ask_git, owner_of
 from rorg.host.person import Person
 
 SHORT = 12
@@ -51,8 +51,7 @@ def unknown(top: Path, files: Sequence[str]) -> list[str]:
 
 def _said(directory: Path, *words: str) -> str:
     """Empty if git refuses."""
-    found = repository(directory)
-    said = run_git(["-C", str(directory), *words], owner_of(found) if found else None)
+    said = ask_git(directory, *words)
     return said.text if said.yes else ""
 
 
@@ -128,7 +127,7 @@ class Restoring:
 def _asked(top: Path, what: str, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
     """git's output, as the owner of the repository; with `told` also its errors. Raises Refused for `what`."""
     more = {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
-    said = run_git(["-C", str(top), *words], owner_of(top / ".git"), COMMIT_PATIENCE, more, errors=told)
+    said = ask_git(top, *words, patience=COMMIT_PATIENCE, environment=more, errors=told)
     if not said.yes:
         why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
         raise Refused(what, why, f"`git -C {top} status`")

@@ -107,6 +107,18 @@ def begin_git(
         return begin_git(words, None, environment, stdin, stdout, stderr)
 
 
+def ask_git(
+    directory: Path,
+    *words: str,
+    patience: float = PATIENCE,
+    environment: Mapping[str, str] | None = None,
+    errors: bool = False,
+) -> Said:
+    """Run git in a directory, as the owner of its repository; see run_git()."""
+    found = repository(directory)
+    return run_git(["-C", str(directory), *words], owner_of(found) if found else None, patience, environment, errors)
+
+
 def run_git(
     words: Sequence[str],
     owner: Owner | None = None,

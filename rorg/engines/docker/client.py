@@ -62,6 +62,15 @@ class Client:
         wants them; a tuple becomes one parameter for each item."""
         return self._call("GET", path, None, timeout, query)
 
+    def find(self, path: str, timeout: float = API_TIMEOUT) -> Any:
+        """The same; None if there is nothing at this path (404)."""
+        try:
+            return self.get(path, timeout)
+        except Refused as refused:
+            if refused.status == 404:
+                return None
+            raise
+
     def post(self, path: str, body: Mapping[str, Any] | None = None, timeout: float = API_TIMEOUT, **query: Any) -> Any:
         return self._call("POST", path, body, timeout, query)
 

@@ -24,7 +24,8 @@ def create_container(
 ) -> str:
     """Make a container and return its id. It takes over the unnamed volumes of `before`. An option in `defaults` is
     left out if the image has its own value."""
-    body, image = create_body(spec, labels), _image_config(client, spec["image"])
+    found = client.find(f"/images/{spec['image']}/json") or {}  # create reports a missing image
+    body, image = create_body(spec, labels), found.get("Config") or {}
     if "stop_signal" in defaults and image.get("StopSignal"):
         body.pop("StopSignal", None)
     keep_volumes(client, body, image.get("Volumes") or {}, before)
@@ -42,15 +43,6 @@ def make(client: Client, name: str, body: Body, platform: str | None) -> str:
         client.delete(f"/containers/{made}", v=True)
         raise
     return made
-
-
-def _image_config(client: Client, image: str) -> Mapping[str, Any]:
-    try:
-        return client.get(f"/images/{image}/json").get("Config") or {}
-    except Refused as no:
-        if no.status == 404:
-            return {}  # create reports that
-        raise
 
 
 def _networks_for_later(client: Client, body: dict[str, Any]) -> dict[str, Any]:

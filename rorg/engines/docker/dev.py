@@ -10,7 +10,7 @@ from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import create_body
 from rorg.engines.docker.create import make
 from rorg.engines.docker.engine import DockerEngine
-from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.engines.docker.errors import docker_errors
 from rorg.model.dev import LABEL_DEV, DevContainer, from_row
 
 COMING = ".new"
@@ -36,12 +36,7 @@ class DevContainers:
     def image(self, reference: str) -> str:
         """The id of the image that a reference means; empty if there is none."""
         with docker_errors(f"look for {reference}"):
-            try:
-                return str(self._client.get(f"/images/{reference}/json")["Id"])
-            except Refused as no:
-                if no.status == 404:
-                    return ""
-                raise
+            return str((self._client.find(f"/images/{reference}/json") or {}).get("Id", ""))
 
     def make(
         self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: DevContainer | None = None

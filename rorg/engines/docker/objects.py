@@ -70,12 +70,9 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
     """Remove one of `owner`, if it still exists. Raises EngineError of kind `in_use` while anything is connected, and
     of kind `foreign` for one of another owner."""
     what = f"remove the {kind} {name}"
-    try:
-        data = client.get(f"/{kind}s/{name}")
-    except Refused as no:
-        if no.status == 404:
-            return
-        raise
+    data = client.find(f"/{kind}s/{name}")
+    if data is None:
+        return
     labels = data.get("Labels") or {}
     if labels.get(LABEL_OWNER) != owner or LABELS[kind] not in labels:
         whose = other_rorg(labels, owner)

@@ -30,7 +30,8 @@ def keep_volumes(client: Client, body: Body, image: Collection[str], before: str
     targets = {posixpath.normpath(t) for t in {*image, *body.get("Volumes", {}), *unnamed} - _taken(host)}
     if not targets:
         return
-    known = _known(client, before) if before else {}
+    previous = client.find(f"/containers/{before}/json") if before else None
+    known = unnamed_volumes(previous) if previous else {}
     owner, service = body["Labels"][LABEL_OWNER], body["Labels"][LABEL_SERVICE]
     for target in sorted(targets):
         name = known.get(target)
@@ -52,16 +53,6 @@ def _taken(host: Mapping[str, Any]) -> set[str]:
     named = {m["Target"] for m in host.get("Mounts") or [] if m["Type"] != "volume" or m.get("Source")}
     found = {*binds, *named, *(host.get("Tmpfs") or {})}
     return found | {f"{t}/" for t in found}
-
-
-def _known(client: Client, container: str) -> dict[str, str]:
-    """Path -> unnamed volume of a container."""
-    try:
-        return unnamed_volumes(client.get(f"/containers/{container}/json"))
-    except Refused as no:
-        if no.status == 404:
-            return {}
-        raise
 
 
 def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:

@@ -33,6 +33,8 @@ UMASK = 0o022
 OWN = frozenset(("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", "LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"))
 """Variables that systemd sets for rorg alone."""
 Child = subprocess.Popen[bytes]
+MOST_OF_A_LINE = 256
+"""Bytes of the first line of a script that the kernel reads."""
 
 
 def hear_signals() -> None:
@@ -181,10 +183,6 @@ def _image_path(records: Records, image: str) -> list[str]:
 def folder_of(record: Record) -> str:
     """The working directory of a container's programs."""
     return str(record["spec"].get("working_dir") or "/")
-
-
-MOST_OF_A_LINE = 256
-"""Bytes of the first line of a script that the kernel reads."""
 
 
 def check_program(service: str, folder: str, command: Sequence[str], path: str) -> None:
