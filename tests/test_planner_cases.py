@@ -27,7 +27,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.operations import Create, Operation, Pause, Resume, Start, Stop
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
-from rorg.core.pressure import Load, Pressure, Shed
+from rorg.core.pressure import Pressure, Shed
 from rorg.core.propagation import CountedOn
 from rorg.core.ros_graph import RosGraph
 from rorg.core.situation import MissingImage
@@ -37,6 +37,7 @@ from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Plugged
 from rorg.model.live import LIVE
+from rorg.model.load import Load
 from rorg.model.objects import EngineObject
 from rorg.model.units import parse_time
 

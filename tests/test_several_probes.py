@@ -16,10 +16,10 @@ from rorg.core.desired import desire
 from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
 from rorg.core.status import ros_nodes
-from rorg.core.withheld import Kept
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load, load_or_raise
 from rorg.model.catalog import Probe
+from rorg.model.former import Kept
 from rorg.probes.answer import YES, no
 from rorg.probes.prober import Prober
 from rorg.store.last_good import read_kept, write_kept

@@ -12,6 +12,7 @@ from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
 from rorg.core.joining import tried
+from rorg.core.memory import NO_ANSWER
 from rorg.core.observed import Container
 from rorg.core.operations import Rename, Signal, Update
 from rorg.core.pressure import LOWERED_SHARES
@@ -32,10 +33,14 @@ def adjust(
     live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.lowered}
     if live:
         steps.append(Step(Update(container=container.id, options=live), "changed", tuple(sorted(live))))
-    elif shares is not None:
+    elif shares is not None and view.s.engine.update:
         why = "leaves the CPU to others" if shares == LOWERED_SHARES else "pressure is over"
         steps.append(Step(Update(container=container.id, options={"cpu_shares": shares}), why, ("cpu_shares",)))
-    if container.name != service.container_name and container.name != (name := _next_name(view, service)):
+    if (
+        view.s.engine.rename
+        and container.name != service.container_name
+        and container.name != (name := _next_name(view, service))
+    ):
         steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
     why = _restart(view, service, has_actions, container)
     contents = view.desired.contents.get(service.name, {})
@@ -99,7 +104,7 @@ def cannot_go_on(view: View, service: Service, has_actions: Callable[[str], bool
     was restarted. "" otherwise."""
     memory = view.s.memory.of(service.name)
     if memory.hung == container.incarnation:
-        return memory.error
+        return memory.error or NO_ANSWER
     for need in service.restarts_with:
         current = view.current(need)
         # Wait until the need is ready: a program that shuts down often still talks to it, e.g. to unregister at the ROS

@@ -161,9 +161,10 @@ def _prewarmed(
 
 
 def _surroundings(inputs: Inputs) -> dict[str, Any]:
-    """Return the fields of a Situation about images, devices and ROS graphs."""
+    """Return the fields of a Situation about the engine, images, devices and ROS graphs."""
     unplugged_now = unplugged(inputs.desired, inputs.devices)
-    return {"images": inputs.images, "devices": inputs.devices, "unplugged": unplugged_now, "ros": inputs.ros}
+    fields = {"images": inputs.images, "devices": inputs.devices, "ros": inputs.ros, "engine": inputs.engine}
+    return {**fields, "unplugged": unplugged_now}
 
 
 def _tracked(

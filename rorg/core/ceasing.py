@@ -39,8 +39,9 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
 
 
 def _pause(view: View, service: Service, container: Container, why: str) -> Step:
-    """Pause, or stop if others would suffer from the pause or the engine cannot pause: an idle service must not run for
-    ever."""
+    """Pause, or stop if the engine cannot pause or the pause would affect others: no idle service runs for ever."""
+    if not view.s.engine.pause:
+        return stop(container, f"{why}; stop instead of pause: the engine cannot pause", service)
     tried = view.s.memory.of(service.name).attempt(Pause) or Attempt()
     if tried.error and (tried.unsupported or tried.count >= PAUSES):
         return stop(container, f"{why}; stop instead of pause: {tried.error}", service)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from rorg.model.engines import capabilities_of
 from rorg.model.installation import Installation, Space
 from rorg.model.units import format_memory
 
@@ -38,7 +39,7 @@ def examine(host: Installation) -> list[Check]:
 
 
 def _engine(host: Installation) -> Iterator[Check]:
-    if host.engine != "docker":
+    if not capabilities_of(host.engine).server:
         yield Check("engine", OK, f"{host.engine}: needs nothing else")
     elif host.engine_denied:
         message = f"no permission to use the engine at {host.engine_host}"

@@ -12,8 +12,9 @@ from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
-from rorg.core.pressure import NONE, PATIENCE, Chances, Load, Victim, advance, excess, helps, without
+from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
+from rorg.model.load import Load
 
 ALIVE = ("running", "restarting", "paused")
 

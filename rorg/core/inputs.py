@@ -10,14 +10,15 @@ from rorg.core.dispatch import DispatchLimits
 from rorg.core.incremental import Planned
 from rorg.core.memory import Memory, ProbeResults
 from rorg.core.observed import Observed
-from rorg.core.pressure import Load
 from rorg.core.ros_graph import Graphs
 from rorg.core.schedule import Schedule
 from rorg.core.situation import MissingImage
 from rorg.core.tracking import Tracked
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Device, Plugged
+from rorg.model.engines import Capabilities
 from rorg.model.learned import Learned
+from rorg.model.load import Load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +44,7 @@ class Inputs:
     memory: Memory
     now: float
     owner: str
+    engine: Capabilities = Capabilities()
     removals: bool = True
     booted_at: str = ""
     limits: DispatchLimits = DispatchLimits()

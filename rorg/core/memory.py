@@ -16,8 +16,8 @@ from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
-from rorg.core.withheld import Kept
 from rorg.model.catalog import Probe, Request, Service
+from rorg.model.former import Kept
 
 MOST_STOPPED = 16
 """Number of runs per service that are remembered as stopped by rorg."""
@@ -80,6 +80,10 @@ class Attempt:
     """It failed because the engine will never start this container again; a new container helps."""
     unsupported: bool = False
     """It failed because the engine does not support the operation."""
+
+
+NO_ANSWER = "it does not answer any more"
+"""Why a run hangs, if what its probe said was forgotten: a changed manifest begins with a clean slate."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from rorg.model.load import Load
 from rorg.model.policy import Budget, Thresholds
 from rorg.model.units import format_memory
 
@@ -31,24 +32,6 @@ OTHERS = "programs outside rorg"
 PATIENCE = 30.0
 """Seconds to wait for shed services to end before the next measure, and for services to come up before any is shed. If
 it takes longer, something hangs and waiting would not help."""
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """One sample of the machine. `at` is the loop's clock in seconds."""
-
-    at: float
-    cpu: float
-    """Cores in use since the last sample."""
-    cores: float
-    memory: int
-    """Bytes in use: total minus available."""
-    memory_total: int
-    cpu_some: float = 0.0
-    """PSI: percentage of the last 10 s in which some program waited."""
-    memory_some: float = 0.0
-    use: Mapping[str, tuple[float, int]] = field(default_factory=dict)
-    """Service -> (cores, bytes). While it is empty nothing is measured, so nothing is concluded."""
 
 
 @dataclass(frozen=True, slots=True)

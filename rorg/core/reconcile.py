@@ -81,7 +81,7 @@ class _Reconciled:
             steps += adjust(self.view, self.service, self.has_actions, *current)
             later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
             self.notes += [later] if later else []
-        elif new_name != self.service.container_name:
+        elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
         if swap.old and swap.old.alive:
             steps.append(stop(swap.old, "changed", self.service))
@@ -95,16 +95,18 @@ class _Reconciled:
     def difference(self, container: Container, spec: Spec) -> Difference:
         """Add differences that no option shows: a stopped container cannot start on a network that was recreated, even
         under the same name; and a container's device may be at another node now."""
-        declared_difference = difference(
-            container, spec, self.desired.digests[self.name], self.desired.declared[self.name]
-        )
-        nodes = (NODES,) if not declared_difference.recreate and replugged(container, self.nodes) else ()
+        declared = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
+        nodes = (NODES,) if not declared.recreate and replugged(container, self.nodes) else ()
         networks = ("networks",) if self.on_another(container) else ()
-        return (
-            replace(declared_difference, recreate=(*declared_difference.recreate, *nodes, *networks))
-            if nodes or networks
-            else declared_difference
-        )
+        more = (*nodes, *networks, *self.not_in_place(container, declared))
+        return replace(declared, recreate=(*declared.recreate, *more)) if more else declared
+
+    def not_in_place(self, container: Container, declared: Difference) -> tuple[str, ...]:
+        """Return options that an engine with `rename` and `update` would change in place. A name that was only made
+        unique is no difference."""
+        own, engine = self.service.container_name, self.s.engine
+        named = engine.rename or container.name == own or container.name.startswith(f"{own}.")
+        return (*(() if named else ("container_name",)), *(() if engine.update else sorted(declared.live)))
 
     def on_another(self, container: Container) -> bool:
         """Return whether a stopped container was joined to a network that no longer exists or is about to be
@@ -196,7 +198,7 @@ class _Reconciled:
 
     def make_room(self, old: Container) -> list[Step]:
         """The new container takes the service's name; the old one gets a temporary one."""
-        if old.name != self.service.container_name:
+        if old.name != self.service.container_name or not self.s.engine.rename:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from rorg.core.content import changed
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
-from rorg.core.memory import Memory, ProbeResult, Progress
+from rorg.core.memory import NO_ANSWER, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.plan import Action
@@ -142,7 +142,7 @@ def _verdict(progress: Progress, service: Service, current: Container, seen: See
     if progress.well_since is not None:
         return _of_a_bake(progress, service, current, seen)
     if progress.hung == progress.incarnation:
-        return _Verdict(error=progress.error)
+        return _Verdict(error=progress.error or NO_ANSWER)
     said = f": {progress.probe}" if progress.probe else ""
     if progress.was_ready:
         return _Verdict(error=f"no longer ready{said}")

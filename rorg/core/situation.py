@@ -11,6 +11,7 @@ from rorg.core.observed import Observed
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
 from rorg.model.devices import Device, Plugged
+from rorg.model.engines import Capabilities
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,7 @@ class Situation:
     memory: Memory
     now: float
     owner: str
+    engine: Capabilities = Capabilities()
     restarts: Mapping[str, str] = field(default_factory=dict)
     removals: bool = True
     """False while manifests do not load or declare no service: then nothing undeclared is removed, because an empty

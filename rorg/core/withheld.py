@@ -5,40 +5,18 @@ if a tree declares no service any more."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TypeVar
 
 from rorg.core.desired import Desired, desire
 from rorg.core.observed import Observed
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
+from rorg.model.former import Former, Kept
 
 T = TypeVar("T")
 Withheld = Mapping[str, str]
 """Services and groups whose removal waits for confirmation -> the reason."""
 EMPTIED = "the manifests no longer declare any service"
-
-
-@dataclass(frozen=True, slots=True)
-class Former:
-    """A service or group as last declared."""
-
-    what: Service | Group
-    needed_by: tuple[str, ...] = ()
-    groups: tuple[str, ...] = ()
-    """Groups that named it."""
-    withheld: str = ""
-    """Why its removal waits for confirmation; "" if it does not. Once set, it stays until a person decides."""
-
-
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """State for the next pass."""
-
-    catalog: Catalog | None = None
-    """The last good tree."""
-    former: Mapping[str, Former] = field(default_factory=dict)
-    merged: tuple[Catalog, Mapping[str, Former], Desired] | None = None
-    """The last merge of a tree with withheld services, kept because merging takes long."""
 
 
 def emptied(catalog: Catalog) -> bool:

@@ -18,7 +18,7 @@ from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
-from rorg.manifest.programs import PROCESS, check_programs
+from rorg.manifest.programs import check_programs, of_this_machine
 from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
 from rorg.manifest.render import render
 from rorg.manifest.secrets import secrets_of, unread_secrets
@@ -301,7 +301,7 @@ def _resolve_all(
         joined, of_joins = join(source, services[name], services, groups, known)
         services[name], found = _resolve(source, joined, groups, known)
         diagnostics += of_joins + found
-    more = told_of_processes if engine == PROCESS else check_shared_memory
+    more = told_of_processes if of_this_machine(engine) else check_shared_memory
     return [*diagnostics, *more(services, sources)]
 
 

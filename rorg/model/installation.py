@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from rorg.model.engines import DEFAULT_ENGINE
+
 
 @dataclass(frozen=True, slots=True)
 class Space:
@@ -22,7 +24,7 @@ class Space:
 class Installation:
     """An empty text means that nothing is wrong, or that nothing is known, as is said of each."""
 
-    engine: str = "docker"
+    engine: str = DEFAULT_ENGINE
     engine_host: str = ""
     engine_error: str = ""
     """Why it does not answer; empty where it does."""

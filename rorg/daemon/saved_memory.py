@@ -1,5 +1,5 @@
-"""What of the loop's memory outlives it, as JSON of one service. Times are those of the day, seconds since the epoch:
-the clock that the loop goes by begins anew with every boot."""
+"""The part of the loop's memory that survives a restart, as JSON for each service. Times are of the day, in seconds
+since the epoch, because the loop's clock starts again with every boot."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ TIMES = ("unwanted_since", "ceased_since")
 NEVER = float("inf")
 
 
-def outliving(step: Progress, epoch: float) -> dict[str, Any]:
-    """What is to be kept of a service; `epoch` is the time of day at which the loop's clock was at 0. What is missing
-    on this machine may be there when the next rorg looks: that is not kept."""
+def saved_progress(step: Progress, epoch: float) -> dict[str, Any]:
+    """What to keep of a service; `epoch` is the time of day at which the loop's clock was at 0. Attempts that failed
+    because something is missing on this machine are left out: it may be there next time."""
     times = {name: round(at + epoch, 3) for name in TIMES if (at := getattr(step, name)) is not None}
     attempts = {
         verb: [list(map(str, t.signature)), t.count, round(t.at + epoch, 3) if t.at else 0.0, t.error]
@@ -37,9 +37,9 @@ def outliving(step: Progress, epoch: float) -> dict[str, Any]:
 
 
 def remembered(runs: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Memory:
-    """The memory that a loop begins with. `now` is its clock, `epoch` as above, `booted_at` the time of day at which
-    the machine was booted. A time that is still to come is taken for now, since the clock was set meanwhile; a boot
-    begins every back-off anew. What is not as it should be is passed over."""
+    """The memory that a loop begins with. `now` is its clock, `epoch` as above, `booted_at` the time of day of the
+    machine's boot. A time in the future counts as now, because the clock was set meanwhile; back-offs start again after
+    a boot. Malformed entries are ignored."""
     progress = restore({"runs": runs}).progress
     return Memory({n: _with_times(step, runs[n], now, epoch, booted_at) for n, step in progress.items()})
 

@@ -1,4 +1,4 @@
-"""Entries that say the same, put together: a service that fails all day has one line."""
+"""Combines entries that repeat, so that a service that fails all day has one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 TIMES = re.compile(r"\b[0-9]+(\.[0-9]+)? (ms|s|m|h)\b")
 """How long something took, or takes."""
 WINDOW = 12
-"""Lines that another one is compared with."""
+"""Lines that an entry is compared with."""
 
 
 class Folded(NamedTuple):
@@ -22,8 +22,8 @@ class Folded(NamedTuple):
 
 
 def folded(entries: Iterable[Mapping[str, Any]], window: int = WINDOW) -> list[Folded]:
-    """What says the same as one of the last `window` lines, but for times and counts, is put together with it, in the
-    place of the later one."""
+    """Combine entries that are the same as one of the last `window` lines, except for times and counts, in the place of
+    the later one."""
     near: dict[tuple[str, ...], Folded] = {}
     found: list[Folded] = []
     for entry in entries:
@@ -37,7 +37,7 @@ def folded(entries: Iterable[Mapping[str, Any]], window: int = WINDOW) -> list[F
 
 def _said(entry: Mapping[str, Any]) -> tuple[str, ...]:
     text = TIMES.sub("_", entry["message"])
-    if "crashes" in entry:  # the message tells it behind the exit code, which may be the same number
+    if "crashes" in entry:  # the message has it after the exit code, which may be the same number
         head, _, tail = text.rpartition(str(entry["crashes"]))
         text = f"{head}_{tail}"
     return str(entry["kind"]), str(entry.get("service") or ""), text

@@ -1,4 +1,4 @@
-"""Files in and out of a plain process's folder: those of this machine."""
+"""Copies files into and out of the folder of a plain process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rorg.errors import Invalid
 
 
 def copy(source: str, place: str) -> None:
-    """As cp -r: modes and links are kept. Raises Invalid."""
+    """Copy like cp -r: modes and links are kept. Raises Invalid."""
     origin, directory = Path(source), Path(source).is_dir()
     target = place_of(source, Path(place), Path(place).is_dir(), directory)
     what = f"copy {source} to {target}"

@@ -1,4 +1,4 @@
-"""Whose a container, network or volume is that carries another owner's label, or none."""
+"""Names the owner of a container, network or volume that is not ours."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rorg.errors import EngineError, RorgError
 
 
 def other_rorg(labels: Mapping[str, str], owner: str) -> str:
-    """Names the other rorg that made it, for people; empty for what no other rorg made."""
+    """Name the other rorg that made it, for people; empty if no other rorg did."""
     other = labels.get(LABEL_OWNER, owner)
     if other == owner:
         return ""
@@ -20,7 +20,7 @@ def other_rorg(labels: Mapping[str, str], owner: str) -> str:
 
 
 def name_taken(client: Client, name: str, owner: str, error: EngineError) -> EngineError:
-    """The same error; if a container of another rorg has the name, with which rorg that is."""
+    """The same error; if the container of that name belongs to another rorg, it says to which."""
     try:
         with docker_errors(f"inspect {name}"):
             labels = client.get(f"/containers/{name}/json")["Config"].get("Labels") or {}

@@ -1,5 +1,5 @@
-"""Asking a program by TCP or HTTP. It may be anything: every question has one deadline, from the look-up of the name to
-the last byte, and a cap on what is read. No redirect is followed and no proxy asked."""
+"""Asks a program by TCP or HTTP, with bounds, because it may be anything: each question has one deadline from the
+look-up of the name to the last byte, and a limit of what is read. No redirects, no proxies."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from urllib.parse import urlsplit
 from rorg.host.deadline import Deadline
 
 HEAD = 64 << 10
-"""Bytes of an answer of which only the head is looked at. A usual one has some hundred."""
+"""Bytes of an answer of which only the head is read. A usual one has a few hundred."""
 _lookups: dict[tuple[str, int], Future[list[Any]]] = {}
-"""Names that are being looked up: the resolver has no deadline, and whoever asks meanwhile waits for the same."""
+"""Names that are being looked up. The resolver has no deadline, so whoever asks for the same name meanwhile waits for
+the same look-up."""
 _lock = threading.Lock()
 
 
@@ -61,8 +62,8 @@ def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Conne
 def answer(
     url: str, deadline: Deadline, most: int = HEAD, body: bytes | None = None, headers: Mapping[str, str] | None = None
 ) -> Iterator[http.client.HTTPResponse]:
-    """What an http:// URL answers to a GET, or to a POST of `body`, once its head is there; its body is read within the
-    block. Raises OSError for whatever prevents it, also what is no HTTP."""
+    """The answer of an http:// URL to a GET, or to a POST of `body`, after its head; read its body within the block.
+    Raises OSError for any failure, also for something that is not HTTP."""
     host, port = place_of(url)
     parts = urlsplit(url)
     asked = http.client.HTTPConnection(host, port)
@@ -79,7 +80,7 @@ def answer(
 
 
 def place_of(url: str, scheme: str = "http") -> tuple[str, int]:
-    """Host and port of a URL; without one, 80. Raises OSError."""
+    """Host and port of a URL, by default 80. Raises OSError."""
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
@@ -91,7 +92,7 @@ def place_of(url: str, scheme: str = "http") -> tuple[str, int]:
 
 
 def _addresses(host: str, port: int, deadline: Deadline) -> list[Any]:
-    """As getaddrinfo gives them, but not later than the deadline."""
+    """As getaddrinfo returns them, but before the deadline."""
     with contextlib.suppress(OSError):
         return socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
     with _lock:

@@ -1,4 +1,4 @@
-"""What the engine says of containers, as our values."""
+"""The engine's inspection of a container, as a Container."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from datetime import datetime
 from typing import Any
 
 from rorg.core.observed import Container, from_labels
-from rorg.engines.docker.live import live_options
-from rorg.host.processes import process_start
+from rorg.engines.docker.live_options import live_options
+from rorg.host.clock import process_start
 
 ENGINES_OWN = ("bridge", "host", "none")
-"""Networks that are always there."""
+"""Networks that every engine has."""
 NEVER = "0001-01-01T00:00:00Z"
-"""What the engine calls the start of a container that never started."""
+"""The engine's start time of a container that never started."""
 
 
 def epoch_seconds(stamp: str) -> float:
@@ -25,7 +25,7 @@ def epoch_seconds(stamp: str) -> float:
 
 
 def began(container: Container) -> float:
-    """When its run of now began. The engine notes its start after the program's first words; the process knows."""
+    """When its current run began. The engine notes the start after the program's first output; the process knows."""
     try:
         return process_start(container.pid)
     except (OSError, IndexError, ValueError):
@@ -33,7 +33,8 @@ def began(container: Container) -> float:
 
 
 def read_container(data: Mapping[str, Any], local: bool) -> Container:
-    """From its inspection. The processes of an engine on another machine (`local` is false) are nobody's here."""
+    """A Container from its inspection. If the engine is on another machine (`local` is false), process ids mean nothing
+    here."""
     state, labels = data["State"], data["Config"].get("Labels") or {}
     started = state.get("StartedAt") or NEVER
     return Container(
@@ -56,6 +57,6 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
 
 
 def _networks(data: Mapping[str, Any]) -> dict[str, str]:
-    """By name, the ids of networks that it joins and that may be another one some day."""
+    """By name, the ids of the networks that it joins; the engine's own are left out, since they never change."""
     found = (data.get("NetworkSettings") or {}).get("Networks") or {}
     return {name: (n or {}).get("NetworkID") or "" for name, n in found.items() if name not in ENGINES_OWN}

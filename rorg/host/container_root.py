@@ -1,5 +1,5 @@
-"""Looking at a file as whoever is inside another root sees it, such as a container's. A link in there means a place in
-there; the kernel, asked for /proc/PID/root/LINK, goes from an absolute link to a file of this machine."""
+"""Looks at a file as a process with another root sees it, such as a container's. A link must lead to a place inside,
+but the kernel follows an absolute link below /proc/PID/root to a file of this machine."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import os
 import stat
 
 MOST_LINKS = 40
-"""On the way to one file, as in the kernel."""
+"""Links on the way to one file, as in the kernel."""
 MOST_DEPTH = 64
-"""Directories below each other, each of which costs a descriptor meanwhile."""
+"""Nested directories, each of which needs an open descriptor."""
 
 
 def modified(root: str, path: str) -> float:
-    """When the file at an absolute path below `root` was written last, seconds since the epoch. Nothing is opened but
-    as a place (O_PATH), so that no pipe or device waits or does anything. Raises OSError."""
+    """When the file at an absolute path below `root` was last modified, seconds since the epoch. Files are opened only
+    as places (O_PATH), so that no pipe or device waits or does anything. Raises OSError."""
     place = os.open(root, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     way, pending, links = [place], _names(path), 0
     try:
@@ -25,7 +25,7 @@ def modified(root: str, path: str) -> float:
                 if len(way) > 1:
                     os.close(way.pop())
                 continue
-            # What was judged is what is gone on from, also while somebody in there renames.
+            # Go on from what was checked, even if someone inside renames it meanwhile.
             found = os.open(name, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=way[-1])
             way.append(found)
             if len(way) > MOST_DEPTH:
@@ -44,5 +44,5 @@ def modified(root: str, path: str) -> float:
 
 
 def _names(path: str) -> list[str]:
-    """Of the path, the first one last."""
+    """The names of the path, the first one last."""
     return [name for name in reversed(path.split("/")) if name not in ("", ".")]

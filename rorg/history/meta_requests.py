@@ -1,4 +1,4 @@
-"""What meta-services asked for, as it was from one time to the next. Requests of other services are theirs to make."""
+"""The requests of meta-services over time. Other services make their own requests."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Asked:
         """The text that was written last."""
 
     def note(self, at: str, requests: Iterable[Request]) -> None:
-        """These are what meta-services ask for from now on (ISO 8601 in UTC)."""
+        """Record that meta-services request these from now on (ISO 8601 in UTC)."""
         text = json.dumps([_said(request) for request in requests])
         if self._last is None:
             self._last = next((found for _, found in self.database.rows(NEWEST, (ANY,))), "[]")
@@ -41,20 +41,20 @@ class Asked:
         self.database.write(change)
 
     def at(self, time: str) -> tuple[Request, ...]:
-        """What they asked for at a time."""
+        """Their requests at a time."""
         for _, text in self.database.rows(NEWEST, (time,)):
             return _read(text)
         return ()
 
     def between(self, begin: str, end: str) -> Iterator[tuple[str, tuple[Request, ...]]]:
-        """What they asked for at `begin`, and then each change up to `end`: (since when, all that they ask for)."""
+        """Their requests at `begin`, then each change up to `end`: (since when, all requests)."""
         yield begin, self.at(begin)
         for at, text in self.database.rows(CHANGES, (begin, end)):
             yield at, _read(text)
 
 
 def _read(text: str) -> tuple[Request, ...]:
-    """None of what nobody could have written."""
+    """The requests in a text; none if it is malformed."""
     try:
         return tuple(_request(said) for said in json.loads(text))
     except (ValueError, TypeError, LookupError, RecursionError):
@@ -62,7 +62,7 @@ def _read(text: str) -> tuple[Request, ...]:
 
 
 def _said(request: Request) -> list[Any]:
-    """But when it was renewed last: that is no other request."""
+    """Without the last renewal, which makes no other request."""
     return [request.requester, request.id, request.services, request.reason, request.priority, request.ttl]
 
 

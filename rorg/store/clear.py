@@ -1,5 +1,5 @@
-"""What is left of a robot that was taken down: whose it is, that it is down, the requests that are kept, and what is
-not rorg's."""
+"""Clears the state of a robot that was taken down. What stays: its owner id, that it is down, requests that are kept,
+and files of others."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ FILES = (
 LOCKS = ("instance.lock", ".requests.lock", "owner.json", "lock")
 FOLDERS = ("process", "run", "builds", "git")
 SOCKETS = ("services", ".new", "rorg.sock")
-"""Below the run directory, which may be one of the machine's."""
+"""Below the run directory, which may be shared by the machine."""
 
 
 def clear(state: StateDir, now: float) -> None:
-    """Removes all that rorg keeps of a robot, and notes that it is down since `now`, in seconds since the epoch. The
-    owner id stays: the robot's volumes carry it. The caller owns the directory, and has seen that nothing of the robot
-    runs. Directories of which somebody uses more stay, with that. Raises Invalid for what the disk refuses."""
+    """Remove everything that rorg keeps of a robot, and note that it is down since `now`, in seconds since the epoch.
+    The owner id stays, because the robot's volumes carry it. The caller owns the directory, and has checked that
+    nothing of the robot runs. Directories with files of others stay. Raises Invalid if the disk refuses."""
     with state.usable():
         for path in (state.run / name for name in SOCKETS):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
@@ -47,14 +47,14 @@ def clear(state: StateDir, now: float) -> None:
         down(lambda d: replace(d, down=True, down_since=stamp(now), purge=False), notify=False)
         for path in (*state.path.glob("journal.*"), *(state.path / name for name in (*FILES, *LOCKS))):
             path.unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # of the machine's, or somebody else's
+    with contextlib.suppress(OSError):  # it is the machine's, or others use it
         state.run.rmdir()
 
 
 def stays_down(state: StateDir, restarted: bool) -> str:
-    """Since when a robot is down and stays so, ISO 8601 in UTC; empty if it may come up. rorg that was `restarted`, by
-    systemd or an engine, leaves it down; a person who runs it brings it up. The caller owns the directory. Raises
-    Invalid."""
+    """Since when a robot is down and stays down, ISO 8601 in UTC; empty if it may come up. An rorg that was
+    `restarted`, by systemd or an engine, leaves it down; a person who runs rorg brings it up. The caller owns the
+    directory. Raises Invalid."""
     file = RequestsFile(state.requests)
     file.read()
     since = file.document.down_since

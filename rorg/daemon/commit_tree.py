@@ -1,4 +1,4 @@
-"""A state of the tree from the history of its repository, read as if it lay in the tree now."""
+"""Reads the tree of an earlier commit as if it were the current one."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from rorg.model.units import counted
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
-    """What the manifests of a commit declare, with the files that they name: paths are those of the tree, contents
-    those of the commit; what git does not know counts as it is now."""
+class CommitTree:
+    """The manifests of a commit, with the files that they name. Paths are those of the tree, contents those of the
+    commit; files that git does not know count as they are now."""
 
     commit: str
     """In full."""
@@ -40,11 +40,12 @@ class Past:
         return self.desired.catalog
 
 
-def load_at(tree: Tree, rev: str) -> Past:
-    """The state that `rev` names, for the engine and the robot of a tree, which is not read itself.
+def load_at(tree: Tree, rev: str) -> CommitTree:
+    """Load the state that `rev` names, for the engine and the robot of a tree; the tree itself is not read.
 
-    Raises Invalid where there is no such state, or its manifests have errors (each with its place as git writes it:
-    abc1234:services/a.yaml), and Unreachable where git does not answer."""
+    Raises Invalid if there is no such state, or if its manifests have errors (each with its place as git writes it:
+    abc1234:services/a.yaml), and Unreachable if git does not answer.
+    """
     root = tree.root.resolve()
     commit = resolved(root, rev)
     with extracted(root, commit) as mirror, _named(mirror):
@@ -65,12 +66,12 @@ def load_at(tree: Tree, rev: str) -> Past:
         digests = contents.Contents().of(loaded.catalog, there)
         catalog = _relocated(loaded.catalog, lambda text: text.replace(str(mirror.place), ""))
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
-    return Past(commit, desire(catalog, tree.run, digests, images.references), images)
+    return CommitTree(commit, desire(catalog, tree.run, digests, images.references), images)
 
 
 @contextmanager
 def _named(mirror: Mirror) -> Iterator[None]:
-    """Errors of the block tell of places in the commit, rather than of those in the mirror."""
+    """Name places in the commit, instead of those in the mirror, in errors of the block."""
     try:
         yield
     except RorgError as error:
@@ -80,8 +81,8 @@ def _named(mirror: Mirror) -> Iterator[None]:
 
 
 def _bring_inputs(mirror: Mirror, inputs: Inputs) -> None:
-    """What git does not know of what is read with the manifests, and of what is mounted."""
-    # One by one: none is kept away by the size of another.
+    """Bring files that git does not know and that are read with the manifests, or mounted."""
+    # One by one, so that a large file does not keep the others away.
     for place in _here(mirror, (*inputs.files, *inputs.contexts)):
         mirror.bring([place], 1, contents.MOST_BYTES)
     for place in _here(mirror, inputs.mounted):
@@ -90,7 +91,7 @@ def _bring_inputs(mirror: Mirror, inputs: Inputs) -> None:
 
 
 def _bring_contexts(mirror: Mirror, images: Mapping[str, Image]) -> None:
-    """What git does not know of what images are built from."""
+    """Bring files that git does not know and that images are built from."""
     for image in images.values():
         named = [Path(image.directory, word) for word in image.import_command or ()]
         mirror.bring(_here(mirror, named), identity.MOST_FILES, identity.MOST_BYTES)
@@ -99,7 +100,7 @@ def _bring_contexts(mirror: Mirror, images: Mapping[str, Image]) -> None:
 
 
 def _context(mirror: Mirror, place: Path, image: Image) -> Iterator[Path]:
-    """The files that are in a context now, by the .dockerignore of then."""
+    """The files that are in a context now, by the commit's .dockerignore."""
     here = mirror.real(place)
     with suppress(OSError):
         yield from (here / name for name, _ in context_files(here, image.dockerfile, place))
@@ -112,7 +113,7 @@ def _here(mirror: Mirror, places: Iterable[Path]) -> list[Path]:
 
 
 def _relocated(value: Any, change: Callable[[str], str]) -> Any:
-    """The same with all its texts changed."""
+    """The same value with all its texts changed."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):

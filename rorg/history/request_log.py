@@ -1,7 +1,7 @@
-"""What a robot was asked for over some time: what was in force when it began, and each change since.
+"""The requests of a robot over some time: those at the beginning, and each change.
 
-What meta-services ask for is on record as it was from one time to the next, also where the requests file was edited by
-hand. What other services ask for is known from the journal.
+Requests of meta-services are on record with their times, even if the requests file was edited by hand. Those of other
+services are known from the journal.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from rorg.errors import Missing
-from rorg.history.asked import Asked
 from rorg.history.journal import Filter, Journal
+from rorg.history.meta_requests import Asked
 from rorg.model.catalog import Request
 
 Key = tuple[str, str]
@@ -19,12 +19,11 @@ Key = tuple[str, str]
 ENDING = frozenset({"release", "request-dropped"})
 KINDS = frozenset({"request", "down", *ENDING})
 SLICE = 500
-"""Entries that are read at once."""
+"""Entries that are read at a time."""
 
 
 class Asking(NamedTuple):
-    """A request that is made, in place of the one before; or released, where it names no services. They are in order of
-    time."""
+    """A request that is made, or replaces the previous one; without services, its release. Sorted by time."""
 
     at: str
     """ISO 8601 in UTC."""
@@ -33,12 +32,12 @@ class Asking(NamedTuple):
 
 
 def requested(journal: Journal, begin: str, end: str) -> dict[str, Any]:
-    """From `begin` to `end`, ISO 8601 in UTC, but as far as there is a record: what was in force stands at the
-    beginning. Raises Missing where there is none of that time."""
+    """Requests from `begin` to `end`, ISO 8601 in UTC, as far as they are on record; those at the beginning come first.
+    Raises Missing if nothing of that time is on record."""
     first = next(iter(journal.select(Filter(), 1)), None)
-    what = f"tell what was requested from {begin} to {end}"
+    what = f"list what was requested from {begin} to {end}"
     if first is None or begin >= end or first["at"] > end:
-        raise Missing(what, "nothing of that time is on record", "`rorg events --since 30d` for what is")
+        raise Missing(what, "nothing of that time is on record", "`rorg events --since 30d` for what is on record")
     begin, old = max(begin, first["at"]), list[Mapping[str, Any]]()
     people = list(_people(Asked(journal.database), begin, end))
     meta = {"developer", *(asking.key[0] for asking in people)}
@@ -55,7 +54,7 @@ def requested(journal: Journal, begin: str, end: str) -> dict[str, Any]:
 
 
 def _people(asked: Asked, begin: str, end: str) -> Iterator[Asking]:
-    """Of meta-services."""
+    """Those of meta-services."""
     before: Mapping[Key, tuple[str, ...]] = {}
     for at, requests in asked.between(begin, end):
         now = _services_of(requests)
@@ -69,7 +68,7 @@ def _services_of(requests: Iterable[Request]) -> dict[Key, tuple[str, ...]]:
 
 
 def _services(journal: Journal, end: str, meta: set[str], old: list[Mapping[str, Any]]) -> Iterator[Asking]:
-    """Of all others. `old` gets the entries that do not say what was requested: those of an rorg of before."""
+    """Those of all other services. `old` gets entries of an older rorg, which do not say what was requested."""
     held = dict[Key, tuple[str, ...]]()
     for entry in _entries(journal, end):
         at, key = entry["at"], (str(entry.get("service", "")), str(entry.get("request", "")))
@@ -96,7 +95,7 @@ def _entries(journal: Journal, end: str) -> Iterator[dict[str, Any]]:
 
 
 def _from(begin: str, changes: Iterable[Asking]) -> Iterator[Asking]:
-    """Those since `begin`, after what was in force then."""
+    """Changes since `begin`, after the requests at that time."""
     held, late = dict[Key, tuple[str, ...]](), list[Asking]()
     for asking in changes:
         if asking.at > begin:

@@ -1,5 +1,5 @@
-"""A commit that brings files back to how they were in another one. It is made first as an object that nothing refers
-to, so that it can be looked at before anybody agrees; then git takes branch, index and work tree there in one step."""
+"""Makes a commit that restores files as of another commit. It is first made as an object without a reference, so that
+people can look at it before they agree; then git moves branch, index and work tree there in one step."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
-from rorg.host.git_process import MISSING, owner_of, repository, run_git
+from rorg.host.git_process import MISSING, ask_git, owner_of
 from rorg.host.person import Person
 
 SHORT = 12
-"""Digits of a commit in what people read and paste."""
+"""Digits of a commit in text for people."""
 MAGIC = frozenset("*?[]\\:!^")
-"""What git takes for more than a path."""
+"""Characters by which git takes a path for a pattern."""
 NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMITTER_EMAIL")
 
 
 def top_of(directory: Path) -> Path:
-    """The top of the work tree that a directory lies in. Raises Refused."""
+    """The top of a directory's work tree. Raises Refused."""
     found = _said(directory, "rev-parse", "--show-toplevel")
     if not found:
         why = f"{directory} is in no git repository that this user may read"
@@ -32,12 +32,12 @@ def top_of(directory: Path) -> Path:
 
 
 def subject_of(directory: Path, commit: str) -> str:
-    """The first line of its message."""
+    """The first line of a commit's message."""
     return _said(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
 
 
 def changed(top: Path, directory: Path) -> list[str]:
-    """Files below a directory that are not as they were committed, by their paths below `top`. Raises Refused."""
+    """Files below a directory that differ from the commit, by their paths below `top`. Raises Refused."""
     what = f"look at {directory}"
     words = ("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", str(directory))
     return _asked(top, what, *words).split("\0")[:-1]
@@ -50,27 +50,26 @@ def unknown(top: Path, files: Sequence[str]) -> list[str]:
 
 
 def _said(directory: Path, *words: str) -> str:
-    """Empty where git says no."""
-    found = repository(directory)
-    said = run_git(["-C", str(directory), *words], owner_of(found) if found else None)
+    """Empty if git refuses."""
+    said = ask_git(directory, *words)
     return said.text if said.yes else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Restoring:
-    """What a commit is to restore."""
+    """What a commit restores."""
 
     top: Path
     """Of the work tree."""
     source: str
     """The commit, in full, whose files come back."""
     paths: tuple[str, ...]
-    """Below `top`; `.` for all. What the source does not have of them goes."""
+    """Below `top`; `.` for all. Files that the source does not have are removed."""
     message: str
 
     def commands(self, clone: bool = False) -> list[str]:
-        """The same for a shell, line by line; in a `clone` with the push that publishes it. Empty where there is
-        nothing of these paths. Raises Refused."""
+        """The same for a shell, line by line; in a `clone` with the push that publishes it. Empty if nothing has these
+        paths. Raises Refused."""
         place = [] if clone else ["-C", str(self.top)]
         there = self._there("HEAD")
         paths = ["--", *(f":(literal){p}" if MAGIC & set(p) else p for p in there)]
@@ -82,8 +81,8 @@ class Restoring:
         return [shlex.join(["git", *place, *words]) for words in lines if there]
 
     def commit(self, person: Person, environment: Mapping[str, str]) -> str:
-        """Makes the commit on top of the one that is checked out, as this person; it is returned in full, and nothing
-        refers to it. Empty where it would change nothing. Raises Refused with what git says."""
+        """Make the commit on top of the current one, as this person. Return it in full; nothing refers to it. Empty if
+        it would change nothing. Raises Refused with git's reason."""
         head = self._git("rev-parse", "--verify", "HEAD^{commit}")
         there = self._there(head)
         if not there:
@@ -102,8 +101,8 @@ class Restoring:
         return self._git("commit-tree", tree, "-p", head, "-m", self.message, environment=who)
 
     def take(self, commit: str) -> None:
-        """Goes there. Raises Refused, with nothing changed, where something else has been committed since, or where
-        what is not committed would be lost."""
+        """Move there. Raises Refused, with nothing changed, if there is another commit since, or if uncommitted changes
+        would be lost."""
         self._git("merge", "--ff-only", "--no-autostash", "--quiet", commit, told=True)
 
     def _there(self, head: str) -> list[str]:
@@ -114,7 +113,7 @@ class Restoring:
         return bool(self._git("ls-tree", "--full-tree", "--name-only", commit, "--", path))
 
     def _who(self, person: Person, environment: Mapping[str, str]) -> dict[str, str]:
-        """By the variables of git, the person's configuration or the repository's; else by the name of the user."""
+        """By git's variables, the person's configuration or the repository's; otherwise by the user's name."""
         found = identity(person.home) | {name: environment[name] for name in NAMES if environment.get(name)}
         if "GIT_AUTHOR_NAME" not in found and not self._git("config", "--default", "", "--get", "user.name"):
             found = dict(zip(NAMES, 2 * (person.name, f"{person.name}@rorg.local"), strict=True)) | found
@@ -126,9 +125,9 @@ class Restoring:
 
 
 def _asked(top: Path, what: str, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
-    """What git says, as whose repository it is; with `told` also of mistakes. Raises Refused, as not doing `what`."""
+    """git's output, as the owner of the repository; with `told` also its errors. Raises Refused for `what`."""
     more = {"GIT_LITERAL_PATHSPECS": "1", **(environment or {})}
-    said = run_git(["-C", str(top), *words], owner_of(top / ".git"), COMMIT_PATIENCE, more, errors=told)
+    said = ask_git(top, *words, patience=COMMIT_PATIENCE, environment=more, errors=told)
     if not said.yes:
         why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
         raise Refused(what, why, f"`git -C {top} status`")
