@@ -1,5 +1,8 @@
-"""Normal forms of declared options: two that make the same container are equal. Used for comparing only; what is sent
-and digested stays as it was declared, so that no new version of rorg replaces a container by itself."""
+"""Normal forms of declared options: two values that make the same container have the same normal form.
+
+They are used for comparison only. The engine and the digest get the values as declared, so that an upgrade of rorg with
+better normal forms replaces no container.
+"""
 
 from __future__ import annotations
 
@@ -11,39 +14,44 @@ from rorg.model.options import OPTIONS
 from rorg.model.ports import parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
-Turn = Callable[[Any], Any]
+Normalize = Callable[[Any], Any]
 NOTHING = None
-"""The normal form of what is as if it had not been declared."""
+"""The normal form of a value that has the same effect as declaring nothing."""
 
 
 _NO_MODES = frozenset(("rw", "rprivate", "consistent", "cached", "delegated"))
-"""What a volume is by itself, or what means nothing on Linux."""
+"""Volume modes that are Docker's default, or have no effect on Linux."""
 
 
-def _each(turn: Turn) -> Turn:
-    """A list in which neither order nor repetition matters."""
+def _each(normalize: Normalize) -> Normalize:
+    """Normalize a list in which neither order nor repetition matters."""
 
     def run(value: Any) -> Any:
-        found = {repr(new): new for new in (_tried(turn, item) for item in value)}
-        return [found[key] for key in sorted(found)] or NOTHING
+        by_text = {
+            repr(normalized): normalized for normalized in (_normalized_or_same(normalize, item) for item in value)
+        }
+        return [by_text[key] for key in sorted(by_text)] or NOTHING
 
     return run
 
 
-def _tried(turn: Turn, value: Any) -> Any:
-    """What was declared for an old container may be what would be refused today."""
+def _normalized_or_same(normalize: Normalize, value: Any) -> Any:
+    """Normalize a value, or return it unchanged: an old container may carry values that today's rules refuse."""
     try:
-        return turn(value)
+        return normalize(value)
     except (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError):
         return value
 
 
-def _spread(turn: Callable[[str], list[str]]) -> Turn:
-    """A list of which each item stands for several."""
+def _spread(normalize: Callable[[str], list[str]]) -> Normalize:
+    """Normalize a list in which one item can stand for several, such as a range of ports."""
 
     def run(value: Any) -> Any:
-        several = (_tried(turn, item) for item in value)
-        return sorted({one for many in several for one in (many if isinstance(many, list) else [many])}) or NOTHING
+        results = (_normalized_or_same(normalize, item) for item in value)
+        return (
+            sorted({single for values in results for single in (values if isinstance(values, list) else [values])})
+            or NOTHING
+        )
 
     return run
 
@@ -53,7 +61,7 @@ def _ports(text: str) -> list[str]:
 
 
 def _paths(value: Any) -> Any:
-    """Here an empty list is something else than none: nothing is masked."""
+    """Keep an empty list: for masked paths it means "mask nothing", which differs from Docker's default."""
     return sorted(set(value))
 
 
@@ -61,7 +69,7 @@ def _same(value: Any) -> Any:
     return value
 
 
-def _among(*defaults: Any) -> Turn:
+def _among(*defaults: Any) -> Normalize:
     return lambda value: NOTHING if value in defaults else value
 
 
@@ -89,7 +97,7 @@ def _tmpfs(text: str) -> str:
 
 
 def _security(text: str) -> str:
-    """The engine still takes the colon of old."""
+    """Docker still accepts the old form with a colon."""
     name, colon, value = text.partition(":")
     text = f"{name}={value}" if colon and "=" not in name else text
     return "no-new-privileges" if text == "no-new-privileges=true" else text
@@ -107,7 +115,7 @@ def _restart(text: str) -> Any:
 
 
 def _hosts(value: Any) -> Any:
-    """The first address of a name counts, so their order does."""
+    """Keep the order of addresses of one name, because the first one counts."""
     return sorted(value, key=lambda item: item.partition(":")[0]) or NOTHING
 
 
@@ -128,7 +136,7 @@ def _limit(value: Any) -> Any:
     return NOTHING if value <= 0 else value
 
 
-_TURNS: Mapping[str, Turn] = {
+_NORMALIZERS: Mapping[str, Normalize] = {
     "cap_add": _each(_capability),
     "cap_drop": _each(_capability),
     "device_cgroup_rules": _each(_same),
@@ -155,15 +163,15 @@ _TURNS: Mapping[str, Turn] = {
 
 
 def normal(option: str, value: Any) -> Any:
-    """The normal form of one option's value; None if it means the same as no declaration."""
+    """Return the normal form of one option; None if it has the same effect as declaring nothing."""
     if value is None:
         return None
-    if option in _TURNS:
-        return _tried(_TURNS[option], value)
+    if option in _NORMALIZERS:
+        return _normalized_or_same(_NORMALIZERS[option], value)
     return value or NOTHING if option in OPTIONS and OPTIONS[option].empty else value
 
 
 def normal_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """All declared fields of a container in normal form."""
-    found = {name: normal(name, value) for name, value in fields.items()}
-    return {name: value for name, value in found.items() if value is not NOTHING}
+    """Return all declared fields of a container in normal form."""
+    normalized = {name: normal(name, value) for name, value in fields.items()}
+    return {name: value for name, value in normalized.items() if value is not NOTHING}

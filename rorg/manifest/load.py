@@ -16,7 +16,7 @@ from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
 from rorg.manifest.profiles import Merged, built_in_profiles, merge_profiles
-from rorg.manifest.programs import PROCESS, check_programs
+from rorg.manifest.programs import check_programs, of_this_machine
 from rorg.manifest.references import (
     check_conflicts,
     check_container_names,
@@ -261,5 +261,5 @@ def _resolve_all(
         with_joins, of_joins = join(source, services[name], services, groups, known)
         services[name], found = resolve(source, with_joins, groups, known)
         diagnostics += of_joins + found
-    more = told_of_processes if engine == PROCESS else check_shared_memory
+    more = told_of_processes if of_this_machine(engine) else check_shared_memory
     return [*diagnostics, *more(services, sources)]

@@ -16,19 +16,28 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic
+from rorg.model.engines import ENGINES
 from rorg.model.image_names import declared
 
-PROCESS, DOCKER = "process", "docker"
+
+def in_containers(engine: str) -> bool:
+    """Whether rorg knows the engine, and its programs run in containers with files of their own."""
+    return engine in ENGINES and ENGINES[engine].isolation
+
+
+def of_this_machine(engine: str) -> bool:
+    """Whether rorg knows the engine, and its programs are plain processes with the files of this machine."""
+    return engine in ENGINES and not ENGINES[engine].isolation
 
 
 def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[str, Any]:
     """The options of a service for its engine. Without `working_dir`, a process starts in its manifest's directory;
     paths that begin with `./`, `../` or `~/` are relative to it too."""
     found = dict(options)
-    folder = found.get("working_dir", "." if engine == PROCESS else None)
-    if folder is not None and engine != DOCKER:
+    folder = found.get("working_dir", "." if of_this_machine(engine) else None)
+    if folder is not None and not in_containers(engine):
         found["working_dir"] = str(real(source.directory / os.path.expanduser(folder)))
-    if source.spec.inherit_environment is not None and engine != DOCKER:
+    if source.spec.inherit_environment is not None and not in_containers(engine):
         found["inherit_environment"] = list(source.spec.inherit_environment)
     return found
 
@@ -41,9 +50,9 @@ def check_programs(
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
         spec = services[name].spec
-        if spec is not None and engine == DOCKER:
+        if spec is not None and in_containers(engine):
             diagnostics += _as_container(source, spec)
-        elif spec is not None and engine == PROCESS:
+        elif spec is not None and of_this_machine(engine):
             diagnostics += _as_process(source, spec, images)
     return diagnostics
 

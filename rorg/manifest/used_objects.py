@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from rorg.manifest.documents import Source
-from rorg.manifest.programs import PROCESS
+from rorg.manifest.programs import of_this_machine
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic, close_to
 from rorg.model.objects import EngineObject, Kind, keys_of
@@ -38,7 +38,7 @@ def objects_of(
         if first != name:
             where = sources[name].where("spec", "name") if one.called != name else sources[name].where("metadata")
             diagnostics.append(Diagnostic(where, f"the {kind} '{first}' is called '{one.called}' too", "another name"))
-    if found and engine == PROCESS:
+    if found and of_this_machine(engine):
         where = sources[min(found)].where("kind")
         diagnostics.append(Diagnostic(where, LEFT_OUT[kind], "the docker engine, where that matters", "warning"))
     return found, diagnostics

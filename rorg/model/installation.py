@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from rorg.model.engines import DEFAULT_ENGINE
+
 
 @dataclass(frozen=True, slots=True)
 class Space:
@@ -22,7 +24,7 @@ class Space:
 class Installation:
     """The facts. In the `_error` fields, empty means no problem."""
 
-    engine: str = "docker"
+    engine: str = DEFAULT_ENGINE
     engine_host: str = ""
     engine_error: str = ""
     """Why the engine does not answer; empty if it does."""

@@ -1,7 +1,7 @@
-"""A rendered container as the body of the engine's create call (Docker API 1.41 and later).
+"""The body of the engine's create call for a rendered container (Docker API 1.41 and later).
 
-One entry for each option of the `container:` section: an option that is missing here fails a test, so none can be
-dropped in silence.
+There is one entry for each option of the `container:` section. A test fails if one is missing, so that none is dropped
+silently.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ Body = dict[str, Any]
 NANO = 1_000_000_000
 UNMASKED = "systempaths=unconfined"
 OF_PROCESSES = frozenset(("inherit_environment",))
-"""Options for the process engine only."""
+"""Options that are only for the process engine."""
 BESIDE = ("container_name", "labels", "platform")
-"""Options that are sent beside the body."""
+"""Options that are not part of the body: parameters of the call, and labels, which `create` adds."""
 
 
 def _put(api: str, turn: Callable[[Any], Any] | None) -> Callable[[Body, Any], None]:
@@ -85,8 +85,8 @@ def _volumes(body: Body, values: list[Any]) -> None:
 
 
 def _as_bind(value: Mapping[str, Any]) -> str:
-    """A bind mount that only the short form can express: older engines make no directory on the host for a long one,
-    and none knows labels of SELinux there."""
+    """A bind mount that needs the short form: for a long one, older engines create no directory on the host, and no
+    engine takes SELinux labels."""
     bind = value.get("bind") or {}
     if not (value["type"] == "bind" and (bind.get("create_host_path") or bind.get("selinux"))):
         return ""
@@ -127,7 +127,7 @@ def _expose(body: Body, values: list[str]) -> None:
 
 
 def _security(body: Body, values: list[str]) -> None:
-    """Paths of the system are no matter of the engine's: clients leave them unmasked by themselves."""
+    """Unmasking paths of the system is left to clients, so it is no option of the engine."""
     body["HostConfig"]["SecurityOpt"] = [v for v in values if v != UNMASKED]
     if UNMASKED in values:
         body["HostConfig"]["MaskedPaths"] = body["HostConfig"]["ReadonlyPaths"] = []
@@ -153,7 +153,7 @@ def _blkio(body: Body, value: Mapping[str, Any]) -> None:
 
 
 def _networks(body: Body, value: Mapping[str, Any]) -> None:
-    """The first by name is the one that the container is created on, as with Compose."""
+    """The container is created on the first network by name, as with Compose."""
     endpoints = {}
     for name, network in sorted(value.items()):
         ipam = {
@@ -176,7 +176,7 @@ def _networks(body: Body, value: Mapping[str, Any]) -> None:
     first = min(endpoints)
     body["NetworkingConfig"] = {"EndpointsConfig": endpoints}
     body["HostConfig"].setdefault("NetworkMode", first)
-    if endpoints[first]["MacAddress"]:  # older engines know only the container's one
+    if endpoints[first]["MacAddress"]:  # older engines know only one for the container
         body.setdefault("MacAddress", endpoints[first]["MacAddress"])
 
 
