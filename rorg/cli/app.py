@@ -13,7 +13,7 @@ import typer.main
 from typer.core import TyperCommand
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
-from rorg.cli.options import Argument, Option, duration
+from rorg.cli.options import Argument, Option, duration, moment
 from rorg.cli.output import nobody_reads
 from rorg.cli.signature import Parameter, parameters, parted
 from rorg.cli.signature import call as calling
@@ -131,7 +131,7 @@ def _typers(parameter: Parameter) -> Any:
         help=declared.help,
         show_default=f"{parameter.default:g}s" if timed and declared.show_default else declared.show_default,
         envvar=declared.envvar,
-        metavar=declared.metavar,
+        metavar=declared.metavar or {duration: "DURATION", moment: "TIME"}.get(declared.parser),  # type: ignore[call-overload]
         parser=_told(declared) if declared.parser else None,
         min=None if declared.parser else declared.least,
         max=None if declared.parser else declared.most,

@@ -28,21 +28,15 @@ TOLD = 10
 
 def command(
     images: Annotated[
-        list[str],
-        Argument(
-            help="Images to build, with their parents. Default: all of the tree.",
-            show_default=False,
-            completes="images",
-        ),
+        list[str], Argument("Images to build, with their parents. Default: all of the tree.", completes="images")
     ] = [],  # noqa: B006
     directory: ManifestsDirectory = None,
-    pull: Annotated[bool, Option(names=("--pull",), help="Pull external images again.")] = False,
-    no_cache: Annotated[bool, Option(names=("--no-cache",), help="Do not use the engine's build cache.")] = False,
+    pull: Annotated[bool, Option("Pull external images again.")] = False,
+    no_cache: Annotated[bool, Option("Do not use the engine's build cache.")] = False,
     jobs: Annotated[
-        int | None,
-        Option(names=("-j", "--jobs"), least=1, help="Parallel builds. Default: one per processor, at most 4."),
+        int | None, Option("Parallel builds. Default: one per processor, at most 4.", names=("-j", "--jobs"), least=1)
     ] = None,
-    dry_run: Annotated[bool, Option(names=("--dry-run",), help="Print what rorg would do, and do nothing.")] = False,
+    dry_run: Annotated[bool, Option("Print what rorg would do, and do nothing.")] = False,
     state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",

@@ -55,7 +55,7 @@ SCRIPTS = {"bash": BASH, "zsh": ZSH, "fish": FISH}
 word a line, or :files or :directories, which the shell knows better."""
 
 
-def command(shell: Annotated[str, Argument(help="bash, zsh or fish.", completes=("bash", "zsh", "fish"))]) -> None:
+def command(shell: Annotated[str, Argument("bash, zsh or fish.", completes=("bash", "zsh", "fish"))]) -> None:
     """Print the completion script of a shell.
 
     Example: source <(rorg completion bash)

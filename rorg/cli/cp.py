@@ -7,7 +7,7 @@ from typing import Annotated
 
 from rorg.cli.options import Argument, EngineName, StateDirectory
 
-Place = Annotated[str, Argument(help="SERVICE:PATH, or a path on this machine; one of each.")]
+Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each.")]
 
 
 def command(

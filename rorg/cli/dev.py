@@ -23,37 +23,22 @@ def command(
     name: Annotated[
         str | None,
         Argument(
-            help="A service or an image; image/NAME if a service has the same name. Default: list the containers.",
-            show_default=False,
+            "A service or an image; image/NAME if a service has the same name. Default: list the containers.",
             completes=SERVICES,
         ),
     ] = None,
-    command: Annotated[
-        list[str] | None, Argument(help="A command, after `--`, instead of a shell.", show_default=False)
-    ] = None,
-    fresh: Annotated[
-        bool, Option(names=("--fresh",), help="Create the container again; the workspace and the home stay.")
-    ] = False,
-    stop: Annotated[bool, Option(names=("--stop",), help="Stop and remove it; without a name, all of them.")] = False,
-    called: Annotated[
-        str, Option(names=("--name",), help="Name of the container. Default: NAME-dev.", show_default=False)
-    ] = "",
+    command: Annotated[list[str] | None, Argument("A command, after `--`, instead of a shell.")] = None,
+    fresh: Annotated[bool, Option("Create the container again; the workspace and the home stay.")] = False,
+    stop: Annotated[bool, Option("Stop and remove it; without a name, all of them.")] = False,
+    called: Annotated[str, Option("Name of the container. Default: NAME-dev.", names=("--name",))] = "",
     workspace: Annotated[
         Path | None,
-        Option(
-            names=("--workspace",),
-            help="Directory to work in, at the same path inside. Default: the current one.",
-            show_default=False,
-            completes=DIRECTORIES,
-        ),
+        Option("Directory to work in, at the same path inside. Default: the current one.", completes=DIRECTORIES),
     ] = None,
-    x11: Annotated[bool, Option(names=("--x11",), help="Let programs open windows on this screen.")] = False,
-    gpu: Annotated[bool, Option(names=("--gpu",), help="Give it all GPUs.")] = False,
+    x11: Annotated[bool, Option("Let programs open windows on this screen.")] = False,
+    gpu: Annotated[bool, Option("Give it all GPUs.")] = False,
     devcontainer: Annotated[
-        bool,
-        Option(
-            names=("--devcontainer",), help="Only write .devcontainer/devcontainer.json in the workspace, for editors."
-        ),
+        bool, Option("Only write .devcontainer/devcontainer.json in the workspace, for editors.")
     ] = False,
     directory: ManifestsDirectory = None,
     yes: Yes = False,

@@ -19,26 +19,16 @@ def command(
     rev: Annotated[
         str,
         Argument(
-            help="Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a "
-            "branch. A..B compares the manifests of two.",
-            show_default=False,
+            "Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
+            " branch. A..B compares the manifests of two."
         ),
     ] = "",
-    service: Annotated[
-        str,
-        Option(
-            names=("--service",),
-            show_default=False,
-            help="Only this service.",
-            metavar="SERVICE",
-            completes=SERVICES,
-        ),
-    ] = "",
+    service: Annotated[str, Option("Only this service.", metavar="SERVICE", completes=SERVICES)] = "",
     unified: Annotated[
         bool,
         Option(
+            "Show a unified diff of each container that changes; possible secrets are masked.",
             names=("--unified", "-u"),
-            help="Show a unified diff of each container that changes; possible secrets are masked.",
         ),
     ] = False,
     state_dir: StateDirectory = None,
@@ -46,8 +36,8 @@ def command(
     output: Annotated[
         str,
         Option(
+            "table: one line per service; wide: every step; name, yaml or json.",
             names=("-o", "--output"),
-            help="table: one line per service; wide: every step; name, yaml or json.",
             completes=FORMS,
         ),
     ] = "table",

@@ -16,12 +16,8 @@ if TYPE_CHECKING:
 
 def command(
     yes: Yes = False,
-    keep_requests: Annotated[
-        bool, Option(names=("--keep-requests",), help="Keep what was requested for the next `rorg run`.")
-    ] = False,
-    volumes: Annotated[
-        bool, Option(names=("--volumes",), help="Remove the robot's volumes too, with all that is in them.")
-    ] = False,
+    keep_requests: Annotated[bool, Option("Keep what was requested for the next `rorg run`.")] = False,
+    volumes: Annotated[bool, Option("Remove the robot's volumes too, with all that is in them.")] = False,
     timeout: Timeout = 300.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,

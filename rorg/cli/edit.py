@@ -21,7 +21,7 @@ KINDS = {"svc": "Service"}
 
 def command(
     manifest: Annotated[
-        str, Argument(help="KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
+        str, Argument("KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
     ],
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,

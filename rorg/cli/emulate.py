@@ -32,43 +32,26 @@ SHORTEST = 2.0
 
 
 def command(
-    trace: Annotated[Path, Argument(help="File of a Trace: the requests to replay.", completes=FILES)],
+    trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
-    compress: Annotated[
-        float, Option(names=("--compress",), help="Divide the times of the trace by this.", least=1, most=1000)
-    ] = 6.0,
-    pairs: Annotated[
-        int, Option(names=("--pairs",), help="How often to run everything-on and rorg in turns.", least=1, most=100)
-    ] = 3,
+    compress: Annotated[float, Option("Divide the times of the trace by this.", least=1, most=1000)] = 6.0,
+    pairs: Annotated[int, Option("How often to run everything-on and rorg in turns.", least=1, most=100)] = 3,
     scale: Annotated[
         float | None,
         Option(
-            names=("--scale",),
+            "Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
             least=0.001,
             most=1,
-            show_default=False,
             metavar="F",
-            help="Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
         ),
     ] = None,
     engine: EngineName = None,
     save: Annotated[
-        Path | None,
-        Option(
-            names=("--save",),
-            help="Write all measurements to this file, as JSON, after each run.",
-            show_default=False,
-            completes=FILES,
-        ),
+        Path | None, Option("Write all measurements to this file, as JSON, after each run.", completes=FILES)
     ] = None,
     plot: Annotated[
         Path | None,
-        Option(
-            names=("--plot",),
-            help="Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.",
-            show_default=False,
-            completes=FILES,
-        ),
+        Option("Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.", completes=FILES),
     ] = None,
     output: Output = "table",
 ) -> None:

@@ -20,42 +20,16 @@ MOST_TOLD = 10_000
 
 
 def command(
-    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new entries.")] = False,
+    follow: Annotated[bool, Option("Follow new entries.", names=("-f", "--follow"))] = False,
     tail: Annotated[
-        int | None,
-        Option(names=("--tail",), least=0, help="Number of entries, the last ones. Default: 20, or all with --since."),
+        int | None, Option("Number of entries, the last ones. Default: 20, or all with --since.", least=0)
     ] = None,
-    kind: Annotated[
-        str,
-        Option(names=("--kind",), metavar="KINDS", help="Only these kinds: crashed,failed (-o wide shows them)."),
-    ] = "",
-    service: Annotated[
-        str, Option(names=("--service",), metavar="SERVICES", help="Only about these services.", completes=SERVICES)
-    ] = "",
-    since: Annotated[
-        str | None,
-        Option(
-            names=("--since",),
-            parser=moment,
-            show_default=False,
-            metavar="TIME",
-            help="Only since 10m (ago), or 2026-01-31T12:00:00Z.",
-        ),
-    ] = None,
-    until: Annotated[
-        str | None,
-        Option(
-            names=("--until",),
-            parser=moment,
-            show_default=False,
-            metavar="TIME",
-            help="Only until this time, in the form of --since.",
-        ),
-    ] = None,
-    grep: Annotated[
-        str, Option(names=("--grep",), help="Only with this text in the message; case does not matter.")
-    ] = "",
-    no_fold: Annotated[bool, Option(names=("--no-fold",), help="Show every repeated event.")] = False,
+    kind: Annotated[str, Option("Only these kinds: crashed,failed (-o wide shows them).", metavar="KINDS")] = "",
+    service: Annotated[str, Option("Only about these services.", metavar="SERVICES", completes=SERVICES)] = "",
+    since: Annotated[str | None, Option("Only since 10m (ago), or 2026-01-31T12:00:00Z.", parser=moment)] = None,
+    until: Annotated[str | None, Option("Only until this time, in the form of --since.", parser=moment)] = None,
+    grep: Annotated[str, Option("Only with this text in the message; case does not matter.")] = "",
+    no_fold: Annotated[bool, Option("Show every repeated event.")] = False,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:

@@ -7,22 +7,20 @@ from typing import Annotated
 
 from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
 
-Service = Annotated[str, Argument(help="A running service.", completes=SERVICES)]
+Service = Annotated[str, Argument("A running service.", completes=SERVICES)]
 NO_PROGRAM = 127
 
 
 def command(
     service: Service,
-    command: Annotated[list[str], Argument(help="The command, after `--`.")],
+    command: Annotated[list[str], Argument("The command, after `--`.")],
     interactive: Annotated[
-        bool,
-        Option(names=("-i", "--interactive"), help="Pass standard input to the command; a terminal is always passed."),
+        bool, Option("Pass standard input to the command; a terminal is always passed.", names=("-i", "--interactive"))
     ] = False,
     terminal: Annotated[
         bool,
         Option(
-            names=("-t", "--tty"),
-            help="Fail without a terminal. Default: the command gets a terminal if there is one here.",
+            "Fail without a terminal. Default: the command gets a terminal if there is one here.", names=("-t", "--tty")
         ),
     ] = False,
     state_dir: StateDirectory = None,

@@ -23,7 +23,7 @@ def command(
     what: Annotated[
         str,
         Argument(
-            help="A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
+            "A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
             completes=SERVICES,
         ),
     ],

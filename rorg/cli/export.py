@@ -15,26 +15,22 @@ FORMS = ("yaml", "json")
 
 
 def command(
-    format: Annotated[str, Argument(help="compose.", completes=FORMATS)],
+    format: Annotated[str, Argument("compose.", completes=FORMATS)],
     directory: Directory = None,
     output: Annotated[
         Path | None,
         Option(
-            names=("--output",),
-            help="The Compose file to write; it and the files beside it must not exist. Default: standard output.",
-            show_default=False,
+            "The Compose file to write; it and the files beside it must not exist. Default: standard output.",
             completes=FILES,
         ),
     ] = None,
     form: Annotated[
         str,
         Option(
-            names=("-o",),
-            help="yaml, or json: the file, what it cannot say, and what stands beside it.",
-            completes=FORMS,
+            "yaml, or json: the file, what it cannot say, and what stands beside it.", names=("-o",), completes=FORMS
         ),
     ] = "yaml",
-    force: Annotated[bool, Option(names=("--force",), help="Overwrite existing files.")] = False,
+    force: Annotated[bool, Option("Overwrite existing files.")] = False,
     state_dir: StateDirectory = None,
 ) -> None:
     """Write the robot as a Compose file: every container option, needs, image builds, networks and volumes, without

@@ -26,34 +26,19 @@ def percent(text: str) -> float:
 
 
 def command(
-    services: Annotated[
-        list[str] | None, Argument(help="Services. Default: all.", show_default=False, completes=SERVICES)
-    ] = None,
+    services: Annotated[list[str] | None, Argument("Services. Default: all.", completes=SERVICES)] = None,
     since: Annotated[
-        str | None,
-        Option(
-            names=("--since",),
-            parser=moment,
-            metavar="TIME",
-            show_default=False,
-            help="Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.",
-        ),
+        str | None, Option("Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)
     ] = None,
     margin: Annotated[
         float,
         Option(
-            names=("--margin",),
-            parser=percent,
-            metavar="PERCENT",
-            show_default=False,
-            help="Margin on top of the measured use. Default: 10%.",
+            "Margin on top of the measured use. Default: 10%.", parser=percent, metavar="PERCENT", show_default=False
         ),
     ] = 0.1,
-    write: Annotated[
-        bool, Option(names=("--write",), help="Write it into the manifests, as `rorg edit` does.")
-    ] = False,
+    write: Annotated[bool, Option("Write it into the manifests, as `rorg edit` does.")] = False,
     output: Annotated[
-        str, Option(names=("-o", "--output"), help="diff, table, wide, name, yaml or json.", completes=("diff", *FORMS))
+        str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), completes=("diff", *FORMS))
     ] = "diff",
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,

@@ -47,29 +47,24 @@ def command(
     what: Annotated[
         list[str] | None,
         Argument(
-            help="A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
+            "A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
             "services and groups; names may follow a kind.",
-            show_default=False,
             completes=SERVICES,
         ),
     ] = None,
     label: Annotated[
-        str, Option(names=("-l", "--selector"), help="Services with these labels: site=lab,arm.", metavar="LABELS")
+        str, Option("Services with these labels: site=lab,arm.", names=("-l", "--selector"), metavar="LABELS")
     ] = "",
-    group: Annotated[str, Option(names=("--group",), help="Services of this group.", completes=GROUPS)] = "",
+    group: Annotated[str, Option("Services of this group.", completes=GROUPS)] = "",
     sort_by: Annotated[
         str,
-        Option(
-            names=("--sort-by",),
-            help="name, state, age, restarts or priority.",
-            completes=("name", "state", "age", "restarts", "priority"),
-        ),
+        Option("name, state, age, restarts or priority.", completes=("name", "state", "age", "restarts", "priority")),
     ] = "name",
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
     output: Output = "table",
-    watch: Annotated[bool, Option(names=("-w", "--watch"), help="Keep showing changes.")] = False,
+    watch: Annotated[bool, Option("Keep showing changes.", names=("-w", "--watch"))] = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
     counts unexpected exits. AGE is the time since the last start.

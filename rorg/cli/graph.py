@@ -21,14 +21,12 @@ Graph = dict[str, Any]
 
 
 def command(
-    what: Annotated[str, Argument(help="services or images. Default: services.", completes=KINDS)] = "services",
+    what: Annotated[str, Argument("services or images. Default: services.", completes=KINDS)] = "services",
     directory: Directory = None,
     form: Annotated[
         str,
         Option(
-            names=("-o", "--output"),
-            help="table, wide, name, yaml, json, dot, mermaid or svg.",
-            completes=(*FORMS, *DRAWN),
+            "table, wide, name, yaml, json, dot, mermaid or svg.", names=("-o", "--output"), completes=(*FORMS, *DRAWN)
         ),
     ] = "table",
     state_dir: StateDirectory = None,

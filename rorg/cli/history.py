@@ -20,25 +20,17 @@ MOST = 1000
 
 def command(
     action: Annotated[
-        str, Argument(help="list, show REV, diff REV [REV] (default: the newest), or export.", completes=ACTIONS)
+        str, Argument("list, show REV, diff REV [REV] (default: the newest), or export.", completes=ACTIONS)
     ] = "list",
     revisions: Annotated[
-        list[str], Argument(help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
+        list[str], Argument("Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
     ] = [],  # noqa: B006
     number: Annotated[
-        int, Option(names=("-n", "--number"), help="For list: how many of the newest.", least=1, most=MOST)
+        int, Option("For list: how many of the newest.", names=("-n", "--number"), least=1, most=MOST)
     ] = 20,
-    format: Annotated[
-        str, Option(names=("--format",), help="For export: jsonl or protobuf.", completes=FORMATS)
-    ] = "jsonl",
+    format: Annotated[str, Option("For export: jsonl or protobuf.", completes=FORMATS)] = "jsonl",
     file: Annotated[
-        Path | None,
-        Option(
-            names=("--file",),
-            help="For export: the file to write. Default: standard output.",
-            completes=FILES,
-            metavar="FILE",
-        ),
+        Path | None, Option("For export: the file to write. Default: standard output.", completes=FILES, metavar="FILE")
     ] = None,
     output: Output = "table",
     state_dir: StateDirectory = None,

@@ -28,12 +28,10 @@ ACTIONS = ("list", "prune", "save", "load")
 
 
 def command(
-    action: Annotated[str, Argument(help="list, prune, save FILE [IMAGE...] or load FILE.", completes=ACTIONS)],
-    names: Annotated[list[str], Argument(help="A file, and images. Default: all that services use.")] = [],  # noqa: B006
-    keep: Annotated[
-        int | None, Option(names=("--keep",), help="For prune: number of revisions whose images stay.", least=1)
-    ] = None,
-    dry_run: Annotated[bool, Option(names=("--dry-run",), help="For prune: only show what rorg would remove.")] = False,
+    action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", completes=ACTIONS)],
+    names: Annotated[list[str], Argument("A file, and images. Default: all that services use.")] = [],  # noqa: B006
+    keep: Annotated[int | None, Option("For prune: number of revisions whose images stay.", least=1)] = None,
+    dry_run: Annotated[bool, Option("For prune: only show what rorg would remove.")] = False,
     yes: Yes = False,
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,

@@ -15,50 +15,30 @@ SOURCES = ("compose", "systemd", "roslaunch")
 
 
 def command(
-    what: Annotated[str, Argument(help="compose, systemd or roslaunch.", completes=SOURCES)],
+    what: Annotated[str, Argument("compose, systemd or roslaunch.", completes=SOURCES)],
     files: Annotated[
         list[str],
         Argument(
-            help="Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
+            "Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
             "launch file with its arguments as ARG:=VALUE.",
-            show_default=False,
             completes=FILES,
         ),
     ] = [],  # noqa: B006
-    env_file: Annotated[
-        list[str],
-        Option(
-            names=("--env-file",),
-            help="For compose: read this file instead of .env.",
-            show_default=False,
-            completes=FILES,
-        ),
-    ] = [],  # noqa: B006
-    profile: Annotated[
-        list[str],
-        Option(names=("--profile",), help="For compose: include services of this profile.", show_default=False),
-    ] = [],  # noqa: B006
-    project_name: Annotated[
-        str, Option(names=("--project-name",), help="For compose: name of the project.", show_default=False)
-    ] = "",
-    image: Annotated[
-        str,
-        Option(names=("--image",), help="For systemd and roslaunch: the image of the services.", show_default=False),
-    ] = "",
+    env_file: Annotated[list[str], Option("For compose: read this file instead of .env.", completes=FILES)] = [],  # noqa: B006
+    profile: Annotated[list[str], Option("For compose: include services of this profile.")] = [],  # noqa: B006
+    project_name: Annotated[str, Option("For compose: name of the project.")] = "",
+    image: Annotated[str, Option("For systemd and roslaunch: the image of the services.")] = "",
     also: Annotated[
         list[str],
         Option(
+            "A file or directory that the import may read, too, although it is outside the project's folder.",
             names=("--read",),
-            help="A file or directory that the import may read, too, although it is outside the project's folder.",
-            show_default=False,
             completes=FILES,
         ),
     ] = [],  # noqa: B006
-    output: Annotated[
-        Path, Option(names=("--output",), help="Directory to write the manifests to.", completes=DIRECTORIES)
-    ] = Path("manifests"),
-    force: Annotated[bool, Option(names=("--force",), help="Overwrite existing files.")] = False,
-    form: Annotated[str, Option(names=("-o",), help="table, wide, name, yaml or json.", completes=FORMS)] = "table",
+    output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
+    force: Annotated[bool, Option("Overwrite existing files.")] = False,
+    form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), completes=FORMS)] = "table",
 ) -> None:
     """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
     something cannot be carried over, rorg lists all of it and writes nothing.

@@ -17,9 +17,7 @@ NEXT = """{name} is a robot of three services{git}. Next:
 
 
 def command(
-    directory: Annotated[Path, Argument(help="Directory to write to; created if missing.", show_default=False)] = Path(
-        "."
-    ),
+    directory: Annotated[Path, Argument("Directory to write to; created if missing.", show_default=False)] = Path("."),
 ) -> None:
     """Write a first robot, ready to run: three services with comments, schemas for editors, in git.
 

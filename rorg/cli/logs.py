@@ -20,15 +20,11 @@ AGAIN = 0.3
 
 def command(
     services: ServiceNames,
-    follow: Annotated[bool, Option(names=("-f", "--follow"), help="Follow new lines.")] = False,
-    tail: Annotated[
-        int | None, Option(names=("-n", "--tail"), least=0, help="Only the last lines of each: 100.")
-    ] = None,
-    since: Annotated[str, Option(names=("--since",), help="Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
-    timestamps: Annotated[bool, Option(names=("-t", "--timestamps"), help="Show when each line was printed.")] = False,
-    output: Annotated[
-        str, Option(names=("-o", "--output"), help="table or json.", completes=("table", "json"))
-    ] = "table",
+    follow: Annotated[bool, Option("Follow new lines.", names=("-f", "--follow"))] = False,
+    tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
+    since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
+    timestamps: Annotated[bool, Option("Show when each line was printed.", names=("-t", "--timestamps"))] = False,
+    output: Annotated[str, Option("table or json.", names=("-o", "--output"), completes=("table", "json"))] = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:

@@ -34,12 +34,13 @@ class Argument(NamedTuple):
 class Option(NamedTuple):
     """A word with a name, such as `--for 10m`, or a flag."""
 
-    names: tuple[str, ...]
-    """None for that of the parameter: --tls-cert for tls_cert."""
     help: str
+    names: tuple[str, ...] = ()
+    """Default: the name of the parameter, --tls-cert for tls_cert."""
     show_default: bool = True
     envvar: str | None = None
     metavar: str | None = None
+    """Name of its value in the help. Default: DURATION or TIME, if that is what it parses."""
     parser: Callable[[str], Any] | None = None
     """Makes its value of its text; raises ValueError."""
     least: float | None = None
@@ -79,37 +80,37 @@ def words(text: str) -> list[str]:
 
 
 DIRECTORY = Argument(
-    help="Directory of manifests. Default: that of the running rorg, else ./manifests, else the current one, else, "
-    "if that holds none, the last one.",
+    "Directory of manifests. Default: that of the running rorg, else ./manifests, else the current "
+    "one, else, if that holds none, the last one.",
     show_default=False,
     completes=DIRECTORIES,
 )
 Directory = Annotated[Path | None, DIRECTORY]
-MANIFESTS = Option(names=("--manifests",), help="Directory of manifests.", parser=str, completes=DIRECTORIES)
+MANIFESTS = Option("Directory of manifests.", names=("--manifests",), parser=str, completes=DIRECTORIES)
 ManifestsDirectory = Annotated[Any, MANIFESTS]
 """The same where a word without a name is something else."""
 ROBOT = Option(
+    "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, else the "
+    "name of this machine if a robot has it, else none.",
     names=("--robot",),
     show_default=False,
     metavar="NAME",
-    help="The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, else the name of this "
-    "machine if a robot has it, else none.",
 )
 """What every command has that takes a directory of manifests."""
 STATE_DIR = Option(
+    "State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for "
+    "others ~/.local/state/rorg.",
     names=("--state-dir",),
     show_default=False,
     completes=DIRECTORIES,
-    help="State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for others "
-    "~/.local/state/rorg.",
 )
 SOCKET = Option(
+    "Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, else the one in"
+    " the state directory, else /run/rorg/rorg.sock.",
     names=("--socket",),
     show_default=False,
     metavar="PATH",
     completes=FILES,
-    help="Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, else the one in the state "
-    "directory, else /run/rorg/rorg.sock.",
 )
 """What every command has that takes a StateDirectory."""
 StateDirectory = Annotated[Path | None, STATE_DIR]
@@ -119,32 +120,22 @@ OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.hel
 EngineName = Annotated[
     str | None,
     Option(
+        "docker or process. Default: docker.",
         names=("--engine",),
         envvar="RORG_ENGINE",
         show_default=False,
-        help="docker or process. Default: docker.",
         completes=ENGINES,
     ),
 ]
-Output = Annotated[str, Option(names=("-o", "--output"), help="table, wide, name, yaml or json.", completes=FORMS)]
-Yes = Annotated[bool, Option(names=("--yes", "-y"), help="Do not ask.")]
-Wait = Annotated[bool, Option(names=("--wait",), help="Return when everything is ready; exit 4 if that fails.")]
-Timeout = Annotated[
-    float,
-    Option(names=("--timeout",), parser=duration, metavar="DURATION", help="Longest time to wait: 10s, 5m."),
-]
-ServiceName = Annotated[str, Argument(help="A service or a group.", completes=SERVICES)]
-ServiceNames = Annotated[list[str], Argument(help="Services or groups.", completes=SERVICES)]
-Rest = Annotated[list[str], Argument(help="A program and its arguments, after `--`.", rest=True)]
+Output = Annotated[str, Option("table, wide, name, yaml or json.", names=("-o", "--output"), completes=FORMS)]
+Yes = Annotated[bool, Option("Do not ask.", names=("--yes", "-y"))]
+Wait = Annotated[bool, Option("Return when everything is ready; exit 4 if that fails.", names=("--wait",))]
+Timeout = Annotated[float, Option("Longest time to wait: 10s, 5m.", names=("--timeout",), parser=duration)]
+ServiceName = Annotated[str, Argument("A service or a group.", completes=SERVICES)]
+ServiceNames = Annotated[list[str], Argument("Services or groups.", completes=SERVICES)]
+Rest = Annotated[list[str], Argument("A program and its arguments, after `--`.", rest=True)]
 For = Annotated[
-    float | None,
-    Option(
-        names=("--for",),
-        parser=duration,
-        metavar="DURATION",
-        show_default=False,
-        help="How long, such as 10m or 1h30m.",
-    ),
+    float | None, Option("How long, such as 10m or 1h30m.", names=("--for",), parser=duration, show_default=False)
 ]
-End = Annotated[bool, Option(names=("--end",), help="End it now.")]
-Reason = Annotated[str, Option(names=("--reason",), help="Why; shown wherever rorg lists this.")]
+End = Annotated[bool, Option("End it now.", names=("--end",))]
+Reason = Annotated[str, Option("Why; shown wherever rorg lists this.", names=("--reason",))]

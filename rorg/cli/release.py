@@ -9,9 +9,9 @@ from rorg.cli.output import check_form, print_rows
 
 
 def command(
-    id: Annotated[str, Argument(help="Id of the request.", completes=REQUESTS)],
+    id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
     requester: Annotated[
-        str, Option(names=("--as",), help="Its requester, if several use the same id.", completes=SERVICES)
+        str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",

@@ -13,43 +13,22 @@ if TYPE_CHECKING:
 
 def command(
     services: ServiceNames,
-    requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
+    requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
     id: Annotated[
-        str,
-        Option(
-            names=("--id",), help="Id of the request; the same id again replaces it. Default: the first service's name."
-        ),
+        str, Option("Id of the request; the same id again replaces it. Default: the first service's name.")
     ] = "",
-    reason: Annotated[str, Option(names=("--reason",), help="Why; shown by `rorg why`.")] = "",
+    reason: Annotated[str, Option("Why; shown by `rorg why`.")] = "",
     ttl: Annotated[
         float | None,
-        Option(
-            names=("--ttl",),
-            parser=duration,
-            metavar="DURATION",
-            show_default=False,
-            help=("Lease, such as 10s: the request ends after that time unless it is sent again."),
-        ),
+        Option("Lease, such as 10s: the request ends after that time unless it is sent again.", parser=duration),
     ] = None,
     priority: Annotated[
         int | None,
-        Option(
-            names=("--priority",),
-            least=0,
-            most=100,
-            show_default=False,
-            help=("Raise its services to this priority while the request lasts. Default: their own."),
-        ),
+        Option("Raise its services to this priority while the request lasts. Default: their own.", least=0, most=100),
     ] = None,
     output: Output = "table",
     wait: Wait = False,
-    rollback: Annotated[
-        bool,
-        Option(
-            names=("--rollback",),
-            help="With --wait: withdraw the request if waiting fails, or on Ctrl-C.",
-        ),
-    ] = False,
+    rollback: Annotated[bool, Option("With --wait: withdraw the request if waiting fails, or on Ctrl-C.")] = False,
     timeout: Timeout = 60.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,

@@ -15,10 +15,7 @@ def command(
     at: Annotated[
         str,
         Option(
-            names=("--at",),
-            show_default=False,
-            metavar="TIME|REV",
-            help="A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.",
+            "A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.", metavar="TIME|REV"
         ),
     ] = "",
     yes: Yes = False,

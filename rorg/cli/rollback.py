@@ -23,25 +23,10 @@ if TYPE_CHECKING:
 
 def command(
     revision: Annotated[
-        str,
-        Argument(
-            help="REV: a number from `rorg history`, or a commit as in git. Default: the last good one.",
-            show_default=False,
-        ),
+        str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last good one.")
     ] = "",
-    service: Annotated[
-        str,
-        Option(
-            names=("--service",),
-            show_default=False,
-            help="Only the manifest of this service.",
-            metavar="SERVICE",
-            completes=SERVICES,
-        ),
-    ] = "",
-    printed: Annotated[
-        bool, Option(names=("--print",), help="Only print the git commands that make the commit.")
-    ] = False,
+    service: Annotated[str, Option("Only the manifest of this service.", metavar="SERVICE", completes=SERVICES)] = "",
+    printed: Annotated[bool, Option("Only print the git commands that make the commit.", names=("--print",))] = False,
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,

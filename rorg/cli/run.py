@@ -21,7 +21,7 @@ STAY_DOWN = "RORG_STAY_DOWN"
 """The variable by which whatever restarts rorg says that no person does."""
 LOOK = b"l"
 """What the handler of SIGHUP writes."""
-Pem = Annotated[Path | None, Option(names=(), show_default=False, help="PEM file, for --listen.")]
+Pem = Annotated[Path | None, Option("PEM file, for --listen.", show_default=False)]
 
 
 def command(
@@ -29,70 +29,32 @@ def command(
     state_dir: OwnStateDirectory = None,
     engine: EngineName = None,
     group: Annotated[
-        str,
-        Option(
-            names=("--group",),
-            envvar="RORG_GROUP",
-            help="Members of this group (name or number) may do everything through the socket.",
-        ),
+        str, Option("Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP")
     ] = GROUP,
     listen: Annotated[
-        str,
-        Option(
-            names=("--listen",),
-            metavar="HOST:PORT",
-            show_default=False,
-            help=("Also serve the API on TCP, with TLS and only for clients with a certificate."),
-        ),
+        str, Option("Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT")
     ] = "",
     tls_cert: Pem = None,
     tls_key: Pem = None,
     tls_ca: Pem = None,
-    tls_revoked: Annotated[
-        Path | None,
-        Option(names=(), show_default=False, help="PEM list (CRL) of revoked client certificates, for --listen."),
-    ] = None,
+    tls_revoked: Annotated[Path | None, Option("PEM list (CRL) of revoked client certificates, for --listen.")] = None,
     git: Annotated[
         str,
         Option(
-            names=("--git",),
+            "Follow the manifests of this repository instead of a directory.",
             metavar="REPO[@BRANCH]",
-            show_default=False,
             completes=DIRECTORIES,
-            help="Follow the manifests of this repository instead of a directory.",
         ),
     ] = "",
-    path: Annotated[
-        str,
-        Option(
-            names=("--path",),
-            metavar="DIR",
-            show_default=False,
-            help="Directory of the manifests in the repository. Default: its top.",
-        ),
-    ] = "",
-    poll: Annotated[
-        float,
-        Option(
-            names=("--poll",),
-            parser=duration,
-            metavar="DURATION",
-            least=1,
-            most=86_400,
-            help="How often to fetch: 30s, 5m.",
-        ),
-    ] = 30.0,
-    committed: Annotated[
-        bool, Option(names=("--committed",), help="Use only committed manifests of DIRECTORY.")
-    ] = False,
+    path: Annotated[str, Option("Directory of the manifests in the repository. Default: its top.", metavar="DIR")] = "",
+    poll: Annotated[float, Option("How often to fetch: 30s, 5m.", parser=duration, least=1, most=86_400)] = 30.0,
+    committed: Annotated[bool, Option("Use only committed manifests of DIRECTORY.")] = False,
     signers: Annotated[
         Path | None,
         Option(
-            names=("--signers",),
+            "Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
             metavar="FILE|DIR",
-            show_default=False,
             completes=FILES,
-            help="Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
         ),
     ] = None,
 ) -> None:

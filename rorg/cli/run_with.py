@@ -22,19 +22,11 @@ TYPED = (signal.SIGINT, signal.SIGQUIT)
 def command(
     services: ServiceNames,
     program: Rest,
-    no_wait: Annotated[
-        bool, Option(names=("--no-wait",), help="Start the command immediately, without waiting.")
-    ] = False,
+    no_wait: Annotated[bool, Option("Start the command immediately, without waiting.")] = False,
     timeout: Timeout = 60.0,
-    requester: Annotated[str, Option(names=("--as",), help="The service that asks.")] = "developer",
-    reason: Annotated[
-        str,
-        Option(names=("--reason",), show_default=False, help="Why; shown by `rorg why`. Default: the program's name."),
-    ] = "",
-    priority: Annotated[
-        int | None,
-        Option(names=("--priority",), least=0, most=100, show_default=False, help="As in `rorg request`."),
-    ] = None,
+    requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
+    reason: Annotated[str, Option("Why; shown by `rorg why`. Default: the program's name.")] = "",
+    priority: Annotated[int | None, Option("As in `rorg request`.", least=0, most=100)] = None,
     state_dir: StateDirectory = None,
 ) -> None:
     """Request services for as long as a command runs.

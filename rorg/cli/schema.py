@@ -9,7 +9,7 @@ from rorg.cli.options import Argument
 
 
 def command(
-    directory: Annotated[Path, Argument(help="Directory to write to; created if missing.")] = Path("schemas"),
+    directory: Annotated[Path, Argument("Directory to write to; created if missing.")] = Path("schemas"),
 ) -> None:
     """Write the JSON schemas of manifests, which editors use to complete and check them.
 

@@ -16,61 +16,45 @@ if TYPE_CHECKING:
 
 
 def command(
-    trace: Annotated[Path, Argument(help="File of a Trace: the requests to replay.", completes=FILES)],
+    trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
     workload: Annotated[
         Path | None,
         Option(
-            names=("--workload",),
-            help="File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
-            show_default=False,
+            "File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
             completes=FILES,
         ),
     ] = None,
-    seed: Annotated[int, Option(names=("--seed",), help="Random seed.")] = 1,
+    seed: Annotated[int, Option("Random seed.")] = 1,
     learn: Annotated[
         Path | None,
         Option(
-            names=("--learn",),
+            "File of another Trace, from which to learn prewarming before the first one begins. Default: "
+            "learn during the first one.",
             metavar="TRACE",
-            help="File of another Trace, from which to learn prewarming before the first one begins. Default: learn "
-            "during the first one.",
-            show_default=False,
             completes=FILES,
         ),
     ] = None,
-    every: Annotated[
-        float,
-        Option(names=("--every",), parser=duration, least=0.01, metavar="DURATION", help="Time between two samples."),
-    ] = 1.0,
-    csv: Annotated[
-        Path | None,
-        Option(names=("--csv",), help="Write the time series to a file.", show_default=False, completes=FILES),
-    ] = None,
+    every: Annotated[float, Option("Time between two samples.", parser=duration, least=0.01)] = 1.0,
+    csv: Annotated[Path | None, Option("Write the time series to a file.", completes=FILES)] = None,
     plot: Annotated[
         Path | None,
-        Option(
-            names=("--plot",),
-            help="Plot CPU, memory and the activity of the robot over time to a .png or .svg.",
-            show_default=False,
-            completes=FILES,
-        ),
+        Option("Plot CPU, memory and the activity of the robot over time to a .png or .svg.", completes=FILES),
     ] = None,
     compare: Annotated[
         list[str],
         Option(
-            names=("--compare",),
+            "Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
+            "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more "
+            "variants.",
             metavar="[NAME=]VARIANT",
-            help="Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
-            "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more variants.",
         ),
     ] = [],  # noqa: B006
     sweep: Annotated[
         list[str],
         Option(
-            names=("--sweep",),
+            "Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
             metavar="SETTING=VALUES",
-            help="Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
         ),
     ] = [],  # noqa: B006
     output: Output = "table",

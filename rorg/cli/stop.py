@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def command(
-    id: Annotated[str, Argument(help="Id of the request.", completes=REQUESTS)],
+    id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
     requester: Annotated[
-        str, Option(names=("--as",), help="Its requester, where several use the same id.", completes=SERVICES)
+        str, Option("Its requester, where several use the same id.", names=("--as",), completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",

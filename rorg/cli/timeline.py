@@ -17,23 +17,13 @@ LEAST = 20
 
 
 def command(
-    service: Annotated[str, Argument(help="A service, also one that no longer exists.", completes=SERVICES)],
+    service: Annotated[str, Argument("A service, also one that no longer exists.", completes=SERVICES)],
     since: Annotated[
-        str | None,
-        Option(
-            names=("--since",),
-            parser=moment,
-            metavar="TIME",
-            show_default=False,
-            help="Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.",
-        ),
+        str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
     ] = None,
-    until: Annotated[
-        str | None,
-        Option(names=("--until",), parser=moment, metavar="TIME", show_default=False, help="End. Default: now."),
-    ] = None,
+    until: Annotated[str | None, Option("End. Default: now.", parser=moment)] = None,
     tail: Annotated[
-        int, Option(names=("-n", "--tail"), least=0, help="How many of the last states to list below the chart.")
+        int, Option("How many of the last states to list below the chart.", names=("-n", "--tail"), least=0)
     ] = 20,
     output: Output = "table",
     state_dir: StateDirectory = None,

@@ -11,17 +11,8 @@ if TYPE_CHECKING:
 
 
 def command(
-    once: Annotated[bool, Option(names=("--once",), help="Print one table and exit.")] = False,
-    interval: Annotated[
-        float,
-        Option(
-            names=("--interval",),
-            parser=duration,
-            metavar="DURATION",
-            least=0.2,
-            help="Time between updates: 500ms, 2s.",
-        ),
-    ] = 1.0,
+    once: Annotated[bool, Option("Print one table and exit.")] = False,
+    interval: Annotated[float, Option("Time between updates: 500ms, 2s.", parser=duration, least=0.2)] = 1.0,
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:

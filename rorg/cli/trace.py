@@ -19,54 +19,29 @@ PARTS = 1000.0
 
 
 def command(
-    action: Annotated[str, Argument(help="generate, record, or show FILE.", completes=ACTIONS)],
-    trace: Annotated[Path | None, Argument(help="For show: the file of a trace.", completes=FILES)] = None,
+    action: Annotated[str, Argument("generate, record, or show FILE.", completes=ACTIONS)],
+    trace: Annotated[Path | None, Argument("For show: the file of a trace.", completes=FILES)] = None,
     length: Annotated[
         float,
         Option(
-            names=("--duration",),
-            parser=duration,
-            metavar="DURATION",
-            show_default=False,
-            help="For generate: length of the day. Default: 4h.",
+            "For generate: length of the day. Default: 4h.", names=("--duration",), parser=duration, show_default=False
         ),
     ] = 4 * 3600.0,
     greetings: Annotated[
-        int | None,
-        Option(names=("--greetings",), least=0, help="For generate: number of visitors to greet. Default: 47 an hour."),
+        int | None, Option("For generate: number of visitors to greet. Default: 47 an hour.", least=0)
     ] = None,
     tours: Annotated[
-        int | None,
-        Option(names=("--tours",), least=0, help="For generate: how many of them get a tour. Default: 5 in 2 hours."),
+        int | None, Option("For generate: how many of them get a tour. Default: 5 in 2 hours.", least=0)
     ] = None,
-    seed: Annotated[int, Option(names=("--seed",), least=0, help="For generate: random seed.")] = 1,
+    seed: Annotated[int, Option("For generate: random seed.", least=0)] = 1,
     since: Annotated[
-        str | None,
-        Option(
-            names=("--since",),
-            parser=moment,
-            metavar="TIME",
-            show_default=False,
-            help="For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.",
-        ),
+        str | None, Option("For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
     ] = None,
-    until: Annotated[
-        str | None,
-        Option(
-            names=("--until",),
-            parser=moment,
-            metavar="TIME",
-            show_default=False,
-            help="For record: end. Default: now.",
-        ),
-    ] = None,
+    until: Annotated[str | None, Option("For record: end. Default: now.", parser=moment)] = None,
     file: Annotated[
         Path | None,
         Option(
-            names=("--file",),
-            help="For generate and record: the file to write. Default: standard output.",
-            completes=FILES,
-            metavar="FILE",
+            "For generate and record: the file to write. Default: standard output.", completes=FILES, metavar="FILE"
         ),
     ] = None,
     output: Output = "table",

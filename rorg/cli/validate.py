@@ -21,17 +21,13 @@ def command(
     output: Annotated[
         str,
         Option(
+            "table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
             names=("-o", "--output"),
-            help="table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
             completes=(*FORMS, SARIF),
         ),
     ] = "table",
     machine: Annotated[
-        bool,
-        Option(
-            names=("--machine",),
-            help="Also check against this machine and its engine: devices, paths, ports, limits, runtimes.",
-        ),
+        bool, Option("Also check against this machine and its engine: devices, paths, ports, limits, runtimes.")
     ] = False,
     state_dir: StateDirectory = None,
 ) -> None:

@@ -10,11 +10,9 @@ from rorg.cli.options import EngineName, Option
 
 def command(
     engine: EngineName = None,
-    speed: Annotated[float, Option(names=("--speed",), help="Speed; 2 is twice as fast.", least=0.1, most=20)] = 1.0,
-    keep: Annotated[bool, Option(names=("--keep",), help="Keep the robot running at the end.")] = False,
-    svg: Annotated[
-        str | None, Option(names=("--svg",), help="Save a picture of standby and tour to this file.")
-    ] = None,
+    speed: Annotated[float, Option("Speed; 2 is twice as fast.", least=0.1, most=20)] = 1.0,
+    keep: Annotated[bool, Option("Keep the robot running at the end.")] = False,
+    svg: Annotated[str | None, Option("Save a picture of standby and tour to this file.")] = None,
 ) -> None:
     """Run a tour-guide robot of stand-in services through its work, and leave nothing behind.
 
