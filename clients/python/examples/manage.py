@@ -1,4 +1,4 @@
-"""A program that brings its own service along. In a container its manifest must say `may_manage: [lab-*]`."""
+"""A program that brings its own service. In a container, its manifest must say `may_manage: [lab-*]`."""
 
 from __future__ import annotations
 

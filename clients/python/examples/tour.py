@@ -1,4 +1,4 @@
-"""A behaviour: it drives while what it needs is there, and stops at once when it is not."""
+"""A behaviour: it drives while everything that it needs is ready, and stops immediately when something is not."""
 
 from __future__ import annotations
 

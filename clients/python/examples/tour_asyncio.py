@@ -1,4 +1,4 @@
-"""The same on asyncio: two requests at once, and a restart that is waited for."""
+"""The same with asyncio: two requests together, and a restart with a wait."""
 
 from __future__ import annotations
 

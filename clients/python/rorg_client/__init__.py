@@ -75,7 +75,8 @@ _shared: Client | None = None
 
 
 def __getattr__(name: str) -> Any:
-    """What needs asyncio is imported when it is used: that costs as much as all the rest. So are the types."""
+    """Imports what needs asyncio, and the types, when they are used: asyncio takes as long as everything else
+    together."""
     if name in ("AsyncClient", "AsyncRequest"):
         from rorg_client import aio
 

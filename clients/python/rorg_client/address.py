@@ -1,4 +1,4 @@
-"""Where rorg is, and how to get there: a unix socket, or TCP with TLS and a certificate."""
+"""The address of rorg, and connections to it: a unix socket, or TCP with TLS and a certificate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST = 107
 
 
 def default_address() -> str:
-    """RORG_SOCKET (set in containers that may request something), else RORG_ADDRESS, else the machine's own rorg."""
+    """RORG_SOCKET (set in containers that may request something), or RORG_ADDRESS, or the machine's own rorg."""
     found = os.environ.get("RORG_SOCKET") or os.environ.get("RORG_ADDRESS")
     if found:
         return found
@@ -59,7 +59,7 @@ class Address:
         return self.text
 
     def tls(self) -> ssl.SSLContext:
-        """With our certificate, and the authority that the server's must be of."""
+        """A context with our certificate, for servers with a certificate of our authority."""
         if self._context is None:
             import ssl
 
@@ -77,7 +77,7 @@ class Address:
         return self._context
 
     def connect(self, timeout: float | None) -> socket.socket:
-        """A connection; by way of its open directory where the path of the socket is too long."""
+        """A connection, made through the open directory of the socket if its path is too long."""
         if self.host:
             found = socket.create_connection((self.host, self.port), timeout)
             try:

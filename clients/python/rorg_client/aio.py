@@ -37,8 +37,8 @@ T = TypeVar("T")
 
 
 class AsyncClient:
-    """As Client, for one event loop at a time. Each call that is under way has a connection of its own, so that those
-    that wait delay no other; a call that is cancelled hangs up."""
+    """Like Client, for one event loop at a time. Each call under way has its own connection, so that a waiting call
+    delays no other; a cancelled call closes its connection."""
 
     def __init__(
         self,
@@ -54,26 +54,26 @@ class AsyncClient:
         self._newest = Newest()
         self._idle: list[AsyncConnection] = []
         self._home: tuple[int, asyncio.AbstractEventLoop | None] = (0, None)
-        """Process and event loop that the idle connections are of."""
+        """The process and event loop of the idle connections."""
         self._watcher: AsyncWatcher | None = None
         self._tasks: set[asyncio.Future[Any]] = set()
-        """What goes on though nobody waits for it."""
+        """Tasks that continue although nobody waits for them."""
 
     async def close(self) -> None:
-        """Closes the connections that are idle; the next call makes another."""
+        """Closes idle connections; the next call opens another."""
         for connection in self._at_home():
             connection.close()
         self._idle = []
 
     def _at_home(self) -> list[AsyncConnection]:
-        """Idle connections of this process and event loop."""
+        """The idle connections of this process and event loop."""
         home = (os.getpid(), asyncio.get_running_loop())
         if self._home != home:
             self._home, self._idle, self._watcher = home, [], None
         return self._idle
 
     def keep(self, task: asyncio.Future[Any]) -> None:
-        """Lets a task go on to its end."""
+        """Lets a task run to its end."""
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -90,21 +90,21 @@ class AsyncClient:
         requester: str | None = None,
         on_lost: Callable[[Loss], None] | None = None,
     ) -> AsyncRequest:
-        """As Client.request: `async with client.request(...)`, or `held = await client.request(...)`. When its task is
-        cancelled while it waits, the request is released at once."""
+        """Like Client.request: `async with client.request(...)`, or `held = await client.request(...)`. If its task is
+        cancelled while it waits, the request is released immediately."""
         check_names("request", services)
         check_id(id or "request")
         return AsyncRequest(self, services, id, ttl, reason, priority, requester, wait, on_lost)
 
     async def wait(self, *services: str, timeout: float = 30.0) -> dict[str, Readiness]:
-        """Returns how each is when the services and all that they need are ready; raises NotReady with what is
-        missing."""
+        """Returns the readiness of each service when they and all that they need are ready; raises NotReady with what
+        is missing."""
         told = await self.do(calls.wait(services, timeout))
         found: dict[str, Readiness] | None = told.get("services")
         return found or {name: {"ready": True, "incarnation": "", "reason": ""} for name in services}
 
     async def readiness(self, *services: str) -> dict[str, Readiness]:
-        """How each of these services is now, without waiting."""
+        """The current readiness of each service, without waiting."""
         try:
             return await self.wait(*services, timeout=0.0)
         except NotReady as error:
@@ -118,7 +118,7 @@ class AsyncClient:
 
     @property
     def watcher(self) -> AsyncWatcher:
-        """What tells requests of this client that they lost something."""
+        """Tells requests of this client when they lose something."""
         self._at_home()
         if self._watcher is None:
             self._watcher = AsyncWatcher(self)
@@ -149,7 +149,7 @@ class AsyncClient:
 
     async def restart(self, name: str, force: bool = False, wait: float | None = None) -> list[str]:
         """Stops and starts a service, or each of a group; returns their names. Drivers only with `force`. `wait`:
-        seconds to wait until those that are wanted are ready in another run."""
+        seconds to wait until the wanted ones are ready again in a new run."""
         if wait is None:
             return await self.do(calls.restart(name, force))
         end = time.monotonic() + wait
@@ -167,8 +167,8 @@ class AsyncClient:
         return names
 
     async def hold(self, name: str, seconds: float, reason: str = "", force: bool = False) -> list[str]:
-        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names. Raises
-        Refused, with whom in `confirm`, where that stops what moves hardware, or others with it, without `force`."""
+        """Keeps a service, or those of a group, from being active, regardless of requests; returns their names. Without
+        `force`, raises Refused if that stops a driver or other services, which are in `confirm`."""
         return await self.do(calls.hold(name, seconds, reason, force))
 
     async def unhold(self, name: str) -> None:
@@ -186,7 +186,7 @@ class AsyncClient:
         return await self.do(calls.manifests())
 
     async def manifest(self, kind: str, name: str) -> str:
-        """Its text."""
+        """The text of a manifest."""
         return await self.do(calls.manifest(kind, name))
 
     async def put_manifest(self, kind: str, name: str, text: str, base: str | None, message: str = "") -> ManifestView:
@@ -197,12 +197,12 @@ class AsyncClient:
         await self.do(calls.delete_manifest(kind, name, base, message))
 
     async def put_service(self, name: str, spec: Spec, message: str = "") -> ManifestView:
-        """Creates a service, or changes it, to this `spec` of its manifest."""
+        """Creates a service with this `spec`, or changes it to that."""
         base = calls.digest_of(await self.manifests(), "Service", name)
         return await self.put_manifest("Service", name, calls.manifest_text("Service", name, spec), base, message)
 
     async def remove_service(self, name: str, message: str = "") -> None:
-        """Removes a service; one that is gone already is fine."""
+        """Removes a service; removing twice is fine."""
         base = calls.digest_of(await self.manifests(), "Service", name)
         if base is not None:
             await self.delete_manifest("Service", name, base, message)
@@ -218,7 +218,7 @@ class AsyncClient:
         requester: str | None = None,
         only: Mapping[str, Any] | None = None,
     ) -> AsyncIterator[Event]:
-        """As Client.events."""
+        """Like Client.events."""
         while True:
             connection: AsyncConnection | None = None
             try:
@@ -240,11 +240,11 @@ class AsyncClient:
     # -- plumbing ----------------------------------------------------------------------------------------------
 
     async def call(self, method: str, path: str, body: Any = None) -> Any:
-        """Any call of the API; JSON (or text) back. Raises a subclass of Error."""
+        """Makes any call of the API; returns JSON or text. Raises a subclass of Error."""
         return await self.do(Call(method, path, body))
 
     async def do(self, call: Call[T], patience: float | None = None, timeout: float | None = None) -> T:
-        """Makes a call, and again while nobody answers."""
+        """Makes a call, and repeats it while rorg does not answer."""
         attempts = Attempts(call, self.patience if patience is None else patience, str(self.address))
         deadline = time.monotonic() + (call.wait or 0.0)
         while True:

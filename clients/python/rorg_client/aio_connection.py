@@ -1,4 +1,4 @@
-"""One connection of the client for asyncio."""
+"""One connection of the asyncio client."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class AsyncConnection:
-    """Whatever goes wrong is an OSError."""
+    """A connection. Every failure is an OSError."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
@@ -38,7 +38,7 @@ class AsyncConnection:
             found.setblocking(False)
             name, folder = address.place()
             try:
-                found.connect(name)  # at once, or not at all
+                found.connect(name)  # immediately, or not at all
             finally:
                 if folder is not None:
                     os.close(folder)
@@ -48,7 +48,7 @@ class AsyncConnection:
             raise
 
     async def ask(self, data: bytes, reading: Reading[T], timeout: float) -> T:
-        """Sends, and reads the answer, within so many seconds."""
+        """Sends a request and reads the answer, within a number of seconds."""
         timer = asyncio.get_running_loop().call_later(timeout, self._time_out)
         try:
             self._writer.write(data)
@@ -66,7 +66,7 @@ class AsyncConnection:
         self._writer.transport.abort()
 
     async def drive(self, reading: Reading[T]) -> T:
-        """Gives a reader what it wants until it has all."""
+        """Feeds a reader until it has everything."""
         try:
             wanted = next(reading)
             while True:
@@ -88,7 +88,7 @@ class AsyncConnection:
 
 
 async def events_of(connection: AsyncConnection, path: str) -> AsyncIterator[Event]:
-    """Events of one connection; the first has nothing but the number at which it begins."""
+    """Events of one connection; the first one has only the number where the stream begins."""
     head = await connection.ask(asking("GET", path, None, {}), reading_head(), 30.0)
     if head[0] != 200:
         raise problem(head[0], await connection.drive(reading_body(head)))

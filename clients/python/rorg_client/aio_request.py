@@ -1,4 +1,4 @@
-"""A request that a program on asyncio holds, kept alive by a task."""
+"""A request held by an asyncio program, kept alive by a task."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from rorg_client.aio import AsyncClient
 
 PROMPT = 1.0
-"""Seconds that a cancelled task waits for its release, which goes on all the same."""
+"""Seconds that a cancelled task waits for its release, which continues in any case."""
 
 
 def looked_at(done: asyncio.Future[Any]) -> None:
-    """What went wrong in it is nobody's news."""
+    """Marks the exception of a task as seen."""
     if not done.cancelled():
         done.exception()
 
 
 class AsyncRequest(Kept):
-    """An asynchronous context manager, or awaited and then released by hand."""
+    """An asynchronous context manager; or awaited, and released explicitly."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class AsyncRequest(Kept):
         self._callbacks: list[Callable[[Loss], None]] = [on_lost] if on_lost else []
         self._lost: asyncio.Event | None = None
         self._sending: asyncio.Task[RequestView] | None = None
-        """The last time that it was sent: what is on its way must have arrived before it can be taken back."""
+        """Its last sending: it must have arrived before the request can be released."""
         self._beat: asyncio.Task[None] | None = None
         self._waiting: set[asyncio.Future[dict[str, Readiness]]] = set()
 
@@ -94,8 +94,8 @@ class AsyncRequest(Kept):
     # -- readiness and loss ------------------------------------------------------------------------------------
 
     async def wait(self, timeout: float = 30.0) -> AsyncRequest:
-        """Returns when its services and all that they need are ready; raises NotReady with what is missing, also when
-        it is released meanwhile."""
+        """Returns when its services and all that they need are ready; raises NotReady with what is missing, also if it
+        is released meanwhile."""
         known = len(self.losses)
         waiting = asyncio.ensure_future(self.client.wait(*self.services, timeout=timeout))
         self._waiting.add(waiting)
@@ -116,12 +116,12 @@ class AsyncRequest(Kept):
         return asyncio.ensure_future(self.wait(timeout))
 
     async def readiness(self) -> dict[str, Readiness]:
-        """How each of its services is now."""
+        """The current readiness of each of its services."""
         return await self.client.readiness(*self.services)
 
     @property
     def lost(self) -> asyncio.Event:
-        """Set when a service that was ready is so no more; `losses` say which and why. wait() clears it."""
+        """Set when a service that was ready is no longer; `losses` say which one and why. wait() clears it."""
         if self._lost is None:
             self._lost = asyncio.Event()
             if self.losses:
@@ -130,12 +130,12 @@ class AsyncRequest(Kept):
         return self._lost
 
     def on_lost(self, call: Callable[[Loss], None]) -> None:
-        """Calls it for every loss."""
+        """Registers a function that is called for every loss."""
         self._callbacks.append(call)
         self.client.watcher.add(self)
 
     def note(self, loss: Loss) -> None:
-        """Something was lost."""
+        """Records a loss."""
         if self.takes(loss):
             if self._lost is not None:
                 self._lost.set()
@@ -145,7 +145,7 @@ class AsyncRequest(Kept):
     # -- the end -----------------------------------------------------------------------------------------------
 
     async def release(self) -> None:
-        """Gives it up; goes on with it when the task is cancelled meanwhile. Should it fail, call it again."""
+        """Releases it, and continues if the task is cancelled meanwhile. If it fails, call it again."""
         if self.ours:
             await asyncio.shield(self._ending())
 
@@ -168,14 +168,14 @@ class AsyncRequest(Kept):
         self._given_up = True
 
     async def _give_up(self) -> None:
-        """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
+        """Releases it after an error, without raising another one: then the lease ends it."""
         if self.ours:
             task = self._ending()
             task.add_done_callback(looked_at)
             await asyncio.wait({task}, timeout=PROMPT)
 
     def abandon(self) -> None:
-        """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        """Stops keeping it without a release, because another request with the same id has replaced it."""
         self._given_up = True
         for waiting in self._waiting:
             waiting.cancel()

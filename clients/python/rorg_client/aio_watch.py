@@ -1,4 +1,4 @@
-"""One task that follows what happens to the requests of a client on asyncio, and tells those that lost something."""
+"""A task that follows what happens to the requests of an asyncio client, and tells those that lose something."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ class AsyncWatcher:
                 finally:
                     connection.close()
             except (Forbidden, Invalid):
-                pause = 10 * PAUSE  # a rorg that does not tell; it may be replaced by one that does
+                pause = 10 * PAUSE  # an rorg that does not report losses; another one may replace it
             except (OSError, Error, ValueError):
                 pass
             await asyncio.sleep(pause)
 
     async def _look(self, requester: str | None) -> None:
-        """What was lost while nobody was there to tell."""
+        """Finds losses from a time when the stream was not followed."""
         for request in self._of(requester):
             for name, run in list(request.runs.items()):
                 try:

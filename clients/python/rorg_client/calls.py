@@ -1,5 +1,5 @@
-"""Every call of the API as a value, and when one that failed is made again. No I/O and no clock here: both clients
-share it."""
+"""Every call of the API as a value, and the rules for repeating a failed one. Without I/O or clock, because both
+clients share it."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from rorg_client.types import GroupView, ManifestView, RequestView, ServiceView, Usage, Why
 
 PATIENCE = 30.0
-"""Seconds for which a call is tried again while nobody answers: a restart of rorg takes less."""
+"""Seconds for which a call is repeated while rorg does not answer: a restart of rorg takes less."""
 TTL = 10.0
 """Seconds of a lease; it is renewed three times as often."""
 HELD = 10.0
-"""Seconds for which rorg may hold an answer back until it has acted on an earlier change."""
+"""Seconds for which rorg may hold back an answer until it has acted on an earlier change."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0
-"""Seconds between two attempts."""
+"""Shortest and longest pause between two attempts, in seconds."""
 NOT_NOW = (429, 503)
-"""Statuses of what was not done and can be asked again: too many calls, and rorg is busy."""
+"""HTTP statuses of calls that were not done and can be repeated: too many calls, or rorg is busy."""
 MANIFESTS = "/v1/manifests"
 T = TypeVar("T")
 
 
 class Newest:
-    """The newest changes that a client knows of: what it reads later must not be older."""
+    """The newest changes that a client knows of: later reads must not be older."""
 
     def __init__(self) -> None:
         self.change, self.manifest = 0, 0
@@ -49,7 +49,7 @@ class Newest:
 
 
 class Call(Generic[T]):
-    """One call, and the type of its answer. `pick` is the field that counts of the answer."""
+    """One call, and the type of its answer. `pick`: the field of the answer to return."""
 
     def __init__(self, method: str, path: str, body: Any = None, pick: str = "", wait: float | None = None) -> None:
         if not re.fullmatch(r"/[!-~]*", path):
@@ -58,15 +58,15 @@ class Call(Generic[T]):
         self.body = None if body is None else json.dumps(body).encode()
         self.renewal = method == "POST" and path.partition("?")[0].endswith("/renew")
         self.once = (method == "POST" and not self.renewal) or (method != "GET" and path.startswith(MANIFESTS))
-        """Whether it does something else the second time: only repeated when it surely did not arrive."""
+        """Whether a second time has another effect: then it is only repeated if the first one surely did not arrive."""
 
     def at(self, left: float) -> str:
-        """The path, with what is left of the time to wait."""
+        """The path, with the time left to wait."""
         return self.path if self.wait is None else f"{self.path}&timeout={max(0.0, left):.3f}"
 
     def not_before(self, newest: Newest) -> int:
-        """The change that the answer must know of. What is asked for may be declared by an earlier change; a renewal or
-        a release never has to wait."""
+        """The change that the answer must know of. A request may name what an earlier change declared; renewals and
+        releases never wait."""
         return (
             newest.change
             if self.method == "GET"
@@ -80,7 +80,7 @@ class Call(Generic[T]):
         return {"rorg-not-before": str(number)} if number else {}
 
     def told(self, answer: Answer) -> Any:
-        """What was answered. Raises a subclass of Error."""
+        """The content of an answer. Raises a subclass of Error."""
         if answer.status >= 400:
             raise problem(answer.status, answer.body)
         if not answer.headers.get("content-type", "").startswith("application/json"):
@@ -90,14 +90,14 @@ class Call(Generic[T]):
 
 
 def generation(answer: Answer) -> int:
-    """The number of the change that was answered; 0 where it was none."""
+    """The generation of the answered change; 0 if it was none."""
     found = answer.headers.get("rorg-generation", "")
     return int(found) if found.isdigit() else 0
 
 
 class Failed(Exception):
-    """An attempt that had no answer, or "not now". `sent`: it may have arrived. `stale`: its connection was kept from
-    an earlier call, which says nothing of who is there now. `after`: seconds until it may be made again."""
+    """A failed attempt: no answer, or "not now". `sent`: it may have arrived. `stale`: it used a connection kept from
+    an earlier call, which says nothing about the current rorg. `after`: seconds until it may be repeated."""
 
     def __init__(self, error: BaseException, sent: bool, stale: bool = False, after: float = 0.0) -> None:
         self.error, self.sent, self.stale, self.after = error, sent, stale, after
@@ -105,23 +105,23 @@ class Failed(Exception):
 
 
 def not_now(answer: Answer) -> Failed | None:
-    """What an answer stands for that says "not now"."""
+    """The failure that an answer "not now" stands for."""
     if answer.status not in NOT_NOW:
         return None
-    # Who is merely busy is asked again as soon as may be: it is back before the second is over.
+    # A busy rorg is asked again soon: it is back within a second.
     after = answer.headers.get("retry-after", "") if answer.status == 429 else ""
     return Failed(problem(answer.status, answer.body), sent=False, after=float(after) if after.isdigit() else 0.0)
 
 
 class Attempts:
-    """When a call that failed is made again. `patience` counts from the first failure."""
+    """Decides when a failed call is repeated. `patience` counts from the first failure."""
 
     def __init__(self, call: Call[Any], patience: float, where: str) -> None:
         self.call, self.patience, self.where = call, patience, where
         self.pause, self.end = FIRST_PAUSE, -1.0
 
     def again(self, failed: Failed, now: float) -> float:
-        """Seconds until the next attempt; raises what went wrong when there is none."""
+        """Seconds until the next attempt; raises the error if there is none."""
         if failed.stale and not self.call.once:
             return 0.0
         if self.end < 0:
@@ -251,7 +251,7 @@ def events(
     requester: str | None,
     only: Mapping[str, Any] | None = None,
 ) -> str:
-    """The path."""
+    """The path of the events."""
     path = _query("/v1/events", cursor=cursor, follow=follow, tail=tail, mine=mine or None, requester=requester)
     more = {k: v for k, v in (only or {}).items() if v}
     return f"{path}&{urlencode(more, doseq=True)}" if more else path
@@ -264,7 +264,7 @@ def description(name: str) -> Call[list[dict[str, Any]]]:
 def logs(
     name: str, also: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str]
 ) -> str:
-    """The path."""
+    """The path of the logs."""
     more = [("also", other) for other in also] + [("after", cursor) for cursor in after]
     path = _query(f"/v1/services/{_of(name)}/logs", follow=follow, tail=tail, since=since)
     return f"{path}&{urlencode(more)}" if more else path
@@ -274,12 +274,12 @@ def logs(
 
 
 def duration(seconds: float) -> str:
-    """As rorg reads it."""
+    """A duration as rorg reads it."""
     return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"
 
 
 def digest_of(found: list[ManifestView], kind: str, name: str) -> str | None:
-    """The digest of a manifest as it is now; None where there is none."""
+    """The current digest of a manifest; None if there is none."""
     return next((m["digest"] for m in found if (m["kind"], m["name"]) == (kind, name)), None)
 
 
@@ -290,7 +290,7 @@ def manifest_text(kind: str, name: str, spec: dict[str, Any]) -> str:
 
 
 def _block(value: dict[str, Any], indent: str) -> list[str]:
-    """A mapping in YAML's block style; what is no mapping is in JSON, which YAML takes."""
+    """A mapping in YAML's block style; other values are in JSON, which is valid YAML."""
     lines = []
     for key, found in value.items():
         if isinstance(found, dict) and found:

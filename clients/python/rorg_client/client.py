@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 RESTART_PAUSE = 0.05
-"""Seconds between two looks at whether another run has begun."""
+"""Seconds between two checks whether a new run has begun."""
 
 
 class Client:
-    """Calls of one rorg, from any thread. A call is repeated while nobody answers, for `patience` seconds: a restart of
-    rorg is only a longer wait. What it reads is never older than what it changed.
+    """Calls one rorg, from any thread. A call is repeated for `patience` seconds while rorg does not answer, so that a
+    restart of rorg only takes longer. Reads are never older than this client's own changes.
 
     `address`: the path of a socket, unix:///PATH or https://HOST:PORT; by default RORG_SOCKET, RORG_ADDRESS, or the
     machine's own rorg. `ca`, `cert`, `key`: files for https, by default RORG_CA, RORG_CERT, RORG_KEY.
@@ -64,19 +64,19 @@ class Client:
         self._hung_up = False
 
     def close(self) -> None:
-        """Closes this thread's connection; the next call makes another."""
+        """Closes this thread's connection; the next call opens another."""
         connection = self._kept()
         if connection:
             connection.close()
         self._local.kept = None
 
     def _kept(self) -> Connection | None:
-        """This thread's; a child after fork() must not speak on that of its parent."""
+        """This thread's connection; a forked child must not use its parent's."""
         pid, connection = getattr(self._local, "kept", None) or (0, None)
         return connection if pid == os.getpid() else None
 
     def hang_up(self) -> None:
-        """Ends the call under way and those to come: they raise Unreachable. For a client that one thread uses."""
+        """Ends the current and all later calls with Unreachable. For a client that a single thread uses."""
         self._hung_up = True
         if self._latest is not None:
             self._latest.abort()
@@ -100,12 +100,12 @@ class Client:
         requester: str | None = None,
         on_lost: Callable[[Loss], None] | None = None,
     ) -> Request:
-        """Requests services at once and keeps the request until release(), or the end of a `with` block.
+        """Requests services immediately, and keeps the request until release() or the end of a `with` block.
 
-        `wait`: seconds to wait until they, and all that they need, are ready; raises NotReady with the reason, having
-        released the request. `id`: the same one again replaces the request. `ttl`: seconds of the lease; None for none,
-        and then only release() ends it (or the end of the container that asked). `on_lost`: called, in a thread of the
-        client, when a service that was ready is so no more.
+        `wait`: seconds to wait until they and all that they need are ready; otherwise raises NotReady with the reason,
+        and releases the request. `id`: the same id again replaces the request. `ttl`: seconds of the lease; with None,
+        only release() ends the request (or the end of the container that asked). `on_lost`: called in a thread of the
+        client when a service that was ready is no longer.
         """
         check_names("request", services)
         check_id(id or "request")
@@ -126,14 +126,14 @@ class Client:
         return made
 
     def wait(self, *services: str, timeout: float = 30.0) -> dict[str, Readiness]:
-        """Returns how each is when the services and all that they need are ready; raises NotReady with what is
-        missing."""
+        """Returns the readiness of each service when they and all that they need are ready; raises NotReady with what
+        is missing."""
         told = self.do(calls.wait(services, timeout))
         found: dict[str, Readiness] | None = told.get("services")
         return found or {name: {"ready": True, "incarnation": "", "reason": ""} for name in services}
 
     def readiness(self, *services: str) -> dict[str, Readiness]:
-        """How each of these services is now, without waiting."""
+        """The current readiness of each service, without waiting."""
         try:
             return self.wait(*services, timeout=0.0)
         except NotReady as error:
@@ -147,7 +147,7 @@ class Client:
 
     @property
     def watcher(self) -> Watcher:
-        """What tells requests of this client that they lost something."""
+        """Tells requests of this client when they lose something."""
         if self._watcher is None or self._watcher.pid != os.getpid():
             self._watcher = Watcher(self)
         return self._watcher
@@ -177,7 +177,7 @@ class Client:
 
     def restart(self, name: str, force: bool = False, wait: float | None = None) -> list[str]:
         """Stops and starts a service, or each of a group; returns their names. Drivers only with `force`. `wait`:
-        seconds to wait until those that are wanted are ready in another run."""
+        seconds to wait until the wanted ones are ready again in a new run."""
         if wait is None:
             return self.do(calls.restart(name, force))
         end = time.monotonic() + wait
@@ -195,8 +195,8 @@ class Client:
         return names
 
     def hold(self, name: str, seconds: float, reason: str = "", force: bool = False) -> list[str]:
-        """Keeps a service, or each of a group, from being active, whoever requests it; returns their names. Raises
-        Refused, with whom in `confirm`, where that stops what moves hardware, or others with it, without `force`."""
+        """Keeps a service, or those of a group, from being active, regardless of requests; returns their names. Without
+        `force`, raises Refused if that stops a driver or other services, which are in `confirm`."""
         return self.do(calls.hold(name, seconds, reason, force))
 
     def unhold(self, name: str) -> None:
@@ -214,7 +214,7 @@ class Client:
         return self.do(calls.manifests())
 
     def manifest(self, kind: str, name: str) -> str:
-        """Its text."""
+        """The text of a manifest."""
         return self.do(calls.manifest(kind, name))
 
     def put_manifest(self, kind: str, name: str, text: str, base: str | None, message: str = "") -> ManifestView:
@@ -225,12 +225,12 @@ class Client:
         self.do(calls.delete_manifest(kind, name, base, message))
 
     def put_service(self, name: str, spec: Spec, message: str = "") -> ManifestView:
-        """Creates a service, or changes it, to this `spec` of its manifest."""
+        """Creates a service with this `spec`, or changes it to that."""
         base = calls.digest_of(self.manifests(), "Service", name)
         return self.put_manifest("Service", name, calls.manifest_text("Service", name, spec), base, message)
 
     def remove_service(self, name: str, message: str = "") -> None:
-        """Removes a service; one that is gone already is fine."""
+        """Removes a service; removing twice is fine."""
         base = calls.digest_of(self.manifests(), "Service", name)
         if base is not None:
             self.delete_manifest("Service", name, base, message)
@@ -246,15 +246,15 @@ class Client:
         requester: str | None = None,
         only: Mapping[str, Any] | None = None,
     ) -> Iterator[Event]:
-        """What happened, each with its number `seq`; `mine`: about own requests and what they name, and a service sees
-        no others; `only` those of a `kind` or about a `service` (lists), `since`, `until`, with a `text`. When
-        following, goes on across restarts of rorg, without a gap."""
+        """Events, each with its number `seq`. `mine`: only about own requests and what they name, and a service sees no
+        others; `only`: those of a `kind` or about a `service` (lists), `since`, `until`, or with a `text`. When
+        following, it continues across restarts of rorg, without a gap."""
         while True:
             connection: Connection | None = None
             try:
                 connection = Connection(self.address, None if follow else self.timeout)
                 for event in self.lines(connection, calls.events(cursor, follow, tail, mine, requester, only)):
-                    # From here on it is known what was missed, though nothing may have been seen yet.
+                    # Later losses are detected from here, even if nothing has been seen yet.
                     cursor = event["seq"]
                     if "kind" in event:
                         yield event
@@ -269,7 +269,7 @@ class Client:
             time.sleep(0.2)
 
     def lines(self, connection: Connection, path: str) -> Iterator[Event]:
-        """Events of one connection; the first has nothing but the number at which it begins."""
+        """Events of one connection; the first one has only the number where the stream begins."""
         connection.send(asking("GET", path, None, {}), connection.socket.gettimeout())
         head = connection.drive(reading_head())
         if head[0] != 200:
@@ -287,11 +287,11 @@ class Client:
     # -- plumbing ----------------------------------------------------------------------------------------------
 
     def call(self, method: str, path: str, body: Any = None) -> Any:
-        """Any call of the API; JSON (or text) back. Raises a subclass of Error."""
+        """Makes any call of the API; returns JSON or text. Raises a subclass of Error."""
         return self.do(Call(method, path, body))
 
     def do(self, call: Call[T]) -> T:
-        """Makes a call, and again while nobody answers."""
+        """Makes a call, and repeats it while rorg does not answer."""
         attempts, deadline = Attempts(call, self.patience, str(self.address)), time.monotonic() + (call.wait or 0.0)
         while True:
             try:
@@ -314,7 +314,7 @@ class Client:
             raise Failed(error, sent=False) from error
         whole, self._latest = False, connection
         try:
-            if self._hung_up:  # it may have come too early for this connection
+            if self._hung_up:  # hang_up() may have come too early for this connection
                 connection.abort()
             connection.send(asking(call.method, call.at(left), call.body, call.headers(self._newest)), timeout)
             answer = connection.drive(reading())
@@ -322,7 +322,7 @@ class Client:
         except (OSError, ValueError) as error:
             raise Failed(error, sent=True, stale=stale) from error
         finally:
-            # Half an answer, after an interrupt for instance, must not be taken for that to the next call.
+            # Half an answer, for example after an interrupt, must not be read as the answer to the next call.
             if whole and not answer.last and not call.once:
                 self._local.kept = (os.getpid(), connection)
             else:

@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Connection:
-    """Open when it is made. Whatever goes wrong is an OSError."""
+    """A connection, opened when it is made. Every failure is an OSError."""
 
     def __init__(self, address: Address, timeout: float | None) -> None:
         self.socket = address.connect(timeout)
@@ -24,7 +24,7 @@ class Connection:
         self.socket.sendall(data)
 
     def drive(self, reading: Reading[T]) -> T:
-        """Gives a reader what it wants until it has all."""
+        """Feeds a reader until it has everything."""
         try:
             wanted = next(reading)
             while True:
@@ -34,7 +34,7 @@ class Connection:
             return found
 
     def abort(self) -> None:
-        """Ends whatever another thread reads on it."""
+        """Ends what another thread reads on it."""
         with contextlib.suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
 

@@ -1,4 +1,4 @@
-"""What can go wrong, as classes: `cannot {what}: {cause}; try {remedy}`."""
+"""The errors of calls: `cannot {what}: {cause}; try {remedy}`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Error(Exception):
-    """rorg said no, or did not answer."""
+    """rorg refused, or did not answer."""
 
     def __init__(self, what: str, cause: str, remedy: str = "", code: str = "", status: int = 0) -> None:
         self.what, self.cause, self.remedy, self.code, self.status = what, cause, remedy, code, status
@@ -21,11 +21,11 @@ class Error(Exception):
 
 
 class Unreachable(Error):
-    """Nobody answers, or rorg cannot answer now."""
+    """rorg does not answer, or cannot answer now."""
 
 
 class Forbidden(Error):
-    """This caller may not."""
+    """The caller lacks the permission."""
 
 
 class NotFound(Error):
@@ -33,8 +33,7 @@ class NotFound(Error):
 
 
 class Refused(Error):
-    """It conflicts with what is, or does not fit. `confirm`: services that it would touch, where it is done when asked
-    for with `force`."""
+    """The call conflicts with something. `confirm`: the services that it would affect, if `force` would do it."""
 
     confirm: list[str] = []
 
@@ -44,7 +43,7 @@ class Invalid(Error):
 
 
 class NotReady(Error):
-    """It did not become ready in time; the cause says what is missing, `services` how each one is."""
+    """Not ready in time; the cause says what is missing, `services` has the readiness of each."""
 
     services: dict[str, Readiness] = {}
 
@@ -63,7 +62,7 @@ _CODES = {
 
 
 def problem(status: int, text: bytes) -> Error:
-    """The error that an answer stands for."""
+    """The error in an answer."""
     try:
         told = json.loads(text)
     except ValueError:

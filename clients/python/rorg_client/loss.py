@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 
 class Loss(NamedTuple):
-    """A service that was ready under a request is so no more. `cause` is a stable word: held, shed, preempted,
-    restarted, crashed, hung, replaced, unready or ceased; or dropped, where the request itself is gone."""
+    """A service that was ready under a request is no longer. `cause` is a stable word: held, shed, preempted,
+    restarted, crashed, hung, replaced, unready or ceased; or dropped, if the request itself is gone."""
 
     service: str
-    """Empty where the request itself is gone."""
+    """Empty if the request itself is gone."""
     cause: str
     reason: str
     """Why, for people."""

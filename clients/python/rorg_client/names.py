@@ -1,4 +1,4 @@
-"""What callers name: services, and ids of requests."""
+"""Checks of names: of services, and ids of requests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rorg_client.errors import invalid
 
 
 def check_names(what: str, services: Sequence[Any]) -> None:
-    """Raises Invalid unless all of these are texts, one at least."""
+    """Raises Invalid unless these are texts, at least one."""
     if not services:
         raise invalid(f"cannot {what}", "no service is named", "one at least")
     for place, name in enumerate(services, 1):
@@ -21,7 +21,7 @@ def check_names(what: str, services: Sequence[Any]) -> None:
 
 
 def check_id(id: str) -> None:
-    """Raises Invalid for what cannot be the id of a request."""
+    """Raises Invalid for a text that cannot be the id of a request."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}", id):
         raise invalid(
             f"cannot request as '{id}'",

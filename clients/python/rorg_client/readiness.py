@@ -1,4 +1,4 @@
-"""How services are for whoever waits for them, where rorg itself does not say."""
+"""The readiness of services, if rorg itself does not report it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def readiness_of(service: ServiceView) -> Readiness:
-    """From how a service is, where rorg says no more."""
+    """The readiness of a service, from its state."""
     ready = next((c for c in service["conditions"] if c["type"] == "Ready"), None)
     fine = service["state"] == "meta" or bool(service["wanted"] and ready and ready["status"] == "True")
     why = "" if fine else service["held"] or (ready and (ready["message"] or ready["reason"])) or "not ready"

@@ -1,4 +1,4 @@
-"""A request that a program holds, kept alive by a thread."""
+"""A request held by a program, kept alive by a thread."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _numbers = itertools.count(1)
 
 
 def new_id(service: str) -> str:
-    """Tells the requests of all processes and threads apart."""
+    """A new id, different in all processes and threads."""
     return f"{service[:40]}-{os.getpid()}-{next(_numbers)}"
 
 
 class Kept:
-    """What the requests of both clients know. One belongs to the process that made it: a forked child that leaves its
+    """The state of a request in both clients. It belongs to the process that made it: a forked child that leaves its
     parent's block, or releases it, changes nothing."""
 
     def __init__(
@@ -47,20 +47,20 @@ class Kept:
             "ttl": None if ttl is None else calls.duration(ttl),
         }
         self.losses: list[Loss] = []
-        """What was lost since it was last ready."""
+        """Losses since it was last ready."""
         self.runs: dict[str, str] = {}
-        """The run of each service that was ready last, as far as it is known."""
+        """The last ready run of each service, if known."""
         self.arrived = False
         self._given_up, self._pid = False, os.getpid()
 
     @property
     def ours(self) -> bool:
-        """Whether it is this process's to keep and to release."""
+        """Whether this process keeps and releases it."""
         return not self._given_up and self._pid == os.getpid()
 
     def ready_now(self, found: dict[str, Readiness], known: int) -> bool:
-        """Forgets the losses that were `known` when it was asked, and says whether one has come since of a run that
-        was told to be ready: then it was lost between the answer and now."""
+        """Forgets the losses `known` before the question, and returns whether another one came since for a run that was
+        reported ready: then it was lost between the answer and now."""
         self.runs = {name: told["incarnation"] for name, told in found.items() if told["incarnation"]}
         self.losses = [
             loss for loss in self.losses[known:] if loss.incarnation and self.runs.get(loss.service) == loss.incarnation
@@ -68,7 +68,7 @@ class Kept:
         return bool(self.losses)
 
     def takes(self, loss: Loss) -> bool:
-        """Whether it is news, and then keeps it in mind: events and a look at the service may both tell of one loss."""
+        """Whether a loss is new; then it is recorded. Events and a look at the service may both report the same one."""
         known = any(
             one.cause == loss.cause if loss.cause == "dropped" else one[::3] == loss[::3] and one.incarnation
             for one in self.losses
@@ -83,13 +83,13 @@ def unknown(id: str) -> Loss:
 
 
 def released(id: str, services: Sequence[str]) -> NotReady:
-    """What a wait of a request ends with when the request is released meanwhile."""
+    """The error of a wait whose request is released meanwhile."""
     cause = f"the request '{id}' was released"
     return NotReady(f"cannot wait for {', '.join(services)}", cause, "a new request", "not-ready")
 
 
 def tell(call: Callable[[Loss], None], loss: Loss) -> None:
-    """What a callback does wrong is told, and stops nobody else."""
+    """Calls a callback. An exception in it is reported, and does not affect others."""
     try:
         call(loss)
     except Exception:
@@ -99,7 +99,7 @@ def tell(call: Callable[[Loss], None], loss: Loss) -> None:
 
 
 class Request(Kept):
-    """A context manager; release() may be called twice. Its heartbeat goes on through restarts of rorg."""
+    """A context manager; release() may be called twice. Its heartbeat continues through restarts of rorg."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Request(Kept):
         self._callbacks: list[Callable[[Loss], None]] = []
         self._beat: threading.Thread | None = None
         self._waiting: list[Client] = []
-        """Of futures that are pending."""
+        """Pending futures."""
 
     def put(self) -> None:
         """Sends it, and keeps it alive from now on."""
@@ -128,7 +128,7 @@ class Request(Kept):
             self._beat.start()
 
     def _heartbeat(self) -> None:
-        # A beat must not wait for ever for one that does not answer: the next one may reach a rorg that was restarted.
+        # A beat must not wait forever for an rorg that does not answer: the next one may reach a restarted rorg.
         pause = (self.ttl or calls.TTL) / 3
         client = self.client.like(min(pause, self.client.timeout), 0.0)
         while not self._over.wait(pause):
@@ -158,7 +158,7 @@ class Request(Kept):
         return self
 
     def ready(self, timeout: float = 30.0) -> Future[Request]:
-        """The same as a future: it holds the request when all are ready, else NotReady, also when it is released."""
+        """The same as a future: it gives the request when all are ready; otherwise, or if it is released, NotReady."""
         from concurrent.futures import Future
 
         future: Future[Request] = Future()
@@ -169,7 +169,7 @@ class Request(Kept):
             client = self.client.like(self.client.timeout, self.client.patience)
             self._waiting.append(client)
             try:
-                if self._over.is_set():  # whoever sets it later finds the client, and makes it hang up
+                if self._over.is_set():  # release() later finds the client, and makes it hang up
                     raise released(self.id, self.services)
                 future.set_result(self._wait(client, timeout))
             except BaseException as error:
@@ -182,17 +182,17 @@ class Request(Kept):
         return future
 
     def readiness(self) -> dict[str, Readiness]:
-        """How each of its services is now."""
+        """The current readiness of each of its services."""
         return self.client.readiness(*self.services)
 
     @property
     def lost(self) -> threading.Event:
-        """Set when a service that was ready is so no more; `losses` say which and why. wait() clears it."""
+        """Set when a service that was ready is no longer; `losses` say which one and why. wait() clears it."""
         self._watch()
         return self._lost
 
     def on_lost(self, call: Callable[[Loss], None]) -> None:
-        """Calls it for every loss, in a thread of the client."""
+        """Registers a function that is called for every loss, in a thread of the client."""
         self._callbacks.append(call)
         self._watch()
 
@@ -201,7 +201,7 @@ class Request(Kept):
             self.client.watcher.add(self)
 
     def note(self, loss: Loss) -> None:
-        """Something was lost."""
+        """Records a loss."""
         with self._guard:
             news = self.takes(loss)
             if news:
@@ -212,7 +212,8 @@ class Request(Kept):
     # -- the end -----------------------------------------------------------------------------------------------
 
     def release(self) -> None:
-        """Gives it up. While nobody answers it is tried again, like every call; should that fail, call it again."""
+        """Releases it. Like every call, this is repeated while rorg does not answer; if it still fails, call it
+        again."""
         if not self.ours:
             return
         self._stop()
@@ -222,12 +223,12 @@ class Request(Kept):
         self._given_up = True
 
     def give_up(self) -> None:
-        """Releases it because of an error, which counts more than one of the release: the lease ends it then."""
+        """Releases it after an error, without raising another one: then the lease ends it."""
         with contextlib.suppress(Error):
             self.release()
 
     def abandon(self) -> None:
-        """Lets go of it without releasing: for a request that another one with the same id has replaced."""
+        """Stops keeping it without a release, because another request with the same id has replaced it."""
         self._given_up = True
         self._stop()
 

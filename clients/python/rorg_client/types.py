@@ -1,4 +1,4 @@
-"""What rorg answers, as types: the schemas of its API (schemas/openapi.json)."""
+"""The answers of rorg as types, after the schemas of its API (schemas/openapi.json)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rorg_client.loss import Loss as Loss
 
 
 class Readiness(TypedDict):
-    """How a service is for whoever waits for it. `incarnation` is the run that is ready."""
+    """The readiness of a service. `incarnation` is the run that is ready."""
 
     ready: bool
     incarnation: str
@@ -25,7 +25,7 @@ class Condition(TypedDict):
 
 
 class ServiceView(TypedDict):
-    """How a service is."""
+    """The state of a service."""
 
     service: str
     state: str

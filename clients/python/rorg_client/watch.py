@@ -1,4 +1,4 @@
-"""One thread that follows what happens to the requests of a client, and tells those that lost something."""
+"""A thread that follows what happens to the requests of a client, and tells those that lose something."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rorg_client.types import Event, ServiceView
 
 PAUSE = 0.5
-"""Seconds until it attempts again to follow."""
+"""Seconds until the next attempt to follow."""
 LATELY = 20
-"""The last losses of a service among which that of a run is looked for."""
+"""The last losses of a service among which that of a run is searched."""
 
 
 class Watcher:
@@ -32,7 +32,7 @@ class Watcher:
         self._requests: list[Request] = []
         self._connections: dict[str | None, Connection] = {}
         self._followed: list[str | None] = []
-        """Requesters whose events are counted_on, each by a thread."""
+        """Requesters whose events are counted on, each followed by a thread."""
 
     def add(self, request: Request) -> None:
         with self._lock:
@@ -67,7 +67,7 @@ class Watcher:
             try:
                 cursor = self._follow(client, requester, cursor)
             except (Forbidden, Invalid):
-                over.wait(10 * PAUSE)  # a rorg that does not tell; it may be replaced by one that does
+                over.wait(10 * PAUSE)  # an rorg that does not report losses; another one may replace it
             except (OSError, Error, ValueError):
                 over.wait(PAUSE)
         client.close()
@@ -99,7 +99,7 @@ class Watcher:
             return [r for r in self._requests if r.requester == requester]
 
     def _look(self, client: Client, requester: str | None) -> None:
-        """What was lost while nobody was there to tell."""
+        """Finds losses from a time when the stream was not followed."""
         for request in self._of_now(requester):
             for name, run in list(request.runs.items()):
                 try:
@@ -121,12 +121,12 @@ class Watcher:
 
 
 def losses_of(service: str) -> dict[str, list[str]]:
-    """Selects the events that say why a service was lost."""
+    """The parameters of the events that say why a service was lost."""
     return {"kind": ["lost"], "service": [service]}
 
 
 def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
-    """Whether another run, or none, is there now, and what seems to have happened; the journal may know better. Raises
+    """Whether there is now another run or none, and the apparent reason; the journal may know a better one. Raises
     Unreachable while rorg does not know what runs."""
     if view["sync"] == "Unknown":
         raise Unreachable(f"cannot look at {name}", "the engine has not reported yet what runs", "again in a moment")
@@ -140,13 +140,13 @@ def lost_meanwhile(name: str, run: str, view: ServiceView) -> Loss | None:
 
 
 def loss_of(event: Event, request: Kept) -> Loss | None:
-    """What an event means for a request, if anything."""
+    """The loss that an event means for a request, if any."""
     if event["kind"] == "request-dropped" and event.get("request") == request.id:
         return Loss("", "dropped", event["message"])
     if event["kind"] != "lost" or request.id not in event.get("requests", []):
         return None
     name, run = event.get("service", ""), event.get("incarnation", "")
     if name in request.runs and request.runs[name] not in ("", run):
-        return None  # of a run before the one that it was told is ready
+        return None  # of a run before the one that was reported ready
     request.runs.pop(name, None)
     return Loss(name, event.get("cause", ""), event["message"], run)

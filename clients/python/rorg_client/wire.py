@@ -1,11 +1,11 @@
-"""HTTP/1.1 as both clients speak it, without any I/O: the bytes to send, and readers that say what they want next."""
+"""HTTP/1.1 as both clients speak it, without I/O: the bytes to send, and readers that say what they need next."""
 
 from __future__ import annotations
 
 from typing import Dict, Generator, NamedTuple, Tuple, TypeVar
 
 LINE = -1
-"""A reader yields this for a line, or the number of bytes that it wants."""
+"""A reader yields this to get a line, or the number of bytes that it needs."""
 LONGEST = 65536
 """Bytes of a line."""
 T = TypeVar("T")
@@ -20,12 +20,12 @@ class Answer(NamedTuple):
 
     @property
     def last(self) -> bool:
-        """Nothing more can be asked on this connection."""
+        """Whether this connection takes no more calls."""
         return self.headers.get("connection", "").lower() == "close"
 
 
 def asking(method: str, path: str, body: bytes | None, headers: dict[str, str]) -> bytes:
-    """A whole request."""
+    """A whole request, as bytes."""
     lines = [f"{method} {path} HTTP/1.1", "host: rorg", *(f"{name}: {value}" for name, value in headers.items())]
     if body is not None:
         lines.append("content-type: application/json")
@@ -64,7 +64,7 @@ def reading_head() -> Reading[Head]:
 
 
 def reading_chunk() -> Reading[bytes]:
-    """The next piece of a body whose length was not said before; empty at its end."""
+    """The next chunk of a body; empty at its end."""
     size = (yield from _line()).partition(";")[0]
     try:
         count = int(size, 16)

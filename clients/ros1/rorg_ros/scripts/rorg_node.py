@@ -29,16 +29,16 @@ from rorg_ros.srv import (
 
 
 class Master(Graph):
-    """The graph as the ROS master knows it."""
+    """The graph, as the ROS master knows it."""
 
     def alive(self, node):
-        """Registered, and somebody listens at its port: a paused node does, a killed one does not."""
+        """Registered, and something listens at its port: true for a paused node, not for a killed one."""
         try:
             return listens(master().lookupNode(node))
         except rosgraph.MasterError:
             return False
         except (OSError, xmlrpc.client.Error):
-            return True  # no master: nothing can be concluded
+            return True  # no master: nothing is known
 
     def near(self, node):
         return is_near(self._where(node)[0])
@@ -48,7 +48,7 @@ class Master(Graph):
         return port if is_near(host) else 0
 
     def _where(self, node):
-        """(host, port) of its registration; ("", 0) where there is none, or no master."""
+        """(host, port) of its registration; ("", 0) without one, or without a master."""
         try:
             where = urlparse(master().lookupNode(node))
             return where.hostname or "", where.port or 0
@@ -63,11 +63,11 @@ class Master(Graph):
 
 
 def master():
-    return rosgraph.Master("/rorg")  # one for each call: a connection is not for several threads
+    return rosgraph.Master("/rorg")  # one for each call: a connection must not be shared by threads
 
 
 def listens(uri):
-    """Whether anybody is there: only a refused connection says no."""
+    """Whether anything listens there: only a refused connection means no."""
     where = urlparse(uri)
     try:
         socket.create_connection((where.hostname or "", where.port or 0), timeout=1.0).close()
@@ -79,8 +79,8 @@ def listens(uri):
 
 
 def is_near(host):
-    """Whether an address, or what a name stands for, is one of this machine; None where it stands for nothing. Only
-    such a one can be bound to."""
+    """Whether an address, or what a name stands for, is one of this machine (only then can it be bound); None if the
+    name stands for nothing."""
     try:
         with socket.socket() as probe:
             probe.bind((host, 0))
@@ -92,7 +92,7 @@ def is_near(host):
 
 
 class Service(rospy.Service):
-    """Tells its handler what a call came by, in place of whatever its caller says of that."""
+    """Passes the connection of a call to its handler, in place of what the caller claims about itself."""
 
     def handle(self, transport, header):
         there, here = transport.socket.getpeername(), transport.socket.getsockname()
@@ -128,7 +128,7 @@ def publish(client: Client) -> None:
 
 
 def offer(bridge: Bridge) -> None:
-    """Puts ROS services in front of the bridge."""
+    """Offers the ROS services of the bridge."""
 
     def query(request):
         found, message, service = bridge.query(request.name)

@@ -21,11 +21,11 @@ from rorg_ros2_interfaces.srv import (
 from rorg_ros2.bridge import Bridge, Client, Error, Graph
 
 LEASE = 20
-"""Seconds for which a caller may be out of the graph: a paused participant leaves it after 10 to 20 s."""
+"""Seconds for which a caller may be missing in the graph: a paused participant leaves it after 10 to 20 s."""
 
 
 class Discovered(Graph):
-    """The graph as DDS discovers it. Who runs a node is known by what manifests declare: it has no port of its own."""
+    """The graph, as DDS discovers it. A node has no port of its own, so manifests must declare who runs it."""
 
     def __init__(self, node: Node) -> None:
         self.node = node
@@ -48,7 +48,7 @@ class Discovered(Graph):
 
 
 class RorgNode(Node):
-    """Callers name themselves: a ROS 2 server is not told who calls."""
+    """Callers name themselves: a ROS 2 server does not learn who calls."""
 
     def __init__(self) -> None:
         super().__init__("rorg")

@@ -1,7 +1,7 @@
-"""What rorg's ROS nodes do, with no ROS in it: ROS 1 and ROS 2 put their services in front of the same bridge.
+"""What rorg's ROS nodes do, without ROS: ROS 1 and ROS 2 put their services in front of the same bridge.
 
-The bridge asks rorg in the name of the service that runs the calling node, and within what that one may. All that it
-holds stands in rorg's requests file with a lease, so that nothing is lost while the bridge, or rorg, is restarted: it
+The bridge calls rorg in the name of the service that runs the calling node, with that service's permissions. Everything
+that it holds is in rorg's requests file with a lease, so that nothing is lost while the bridge or rorg restarts. It
 renews the leases of callers that are there, and releases what callers held that are gone.
 """
 
@@ -24,26 +24,26 @@ except ImportError:
     from rorg.client import Client, Error, NotFound, NotReady
 
 KEEP = 60.0
-"""Seconds of a lease: for so long the bridge may be away before what its callers hold ends."""
+"""Seconds of a lease: the bridge may be away this long before the requests of its callers end."""
 BY_HAND = 60.0
-"""Seconds that a request of a passing caller lives on, unless it says how many."""
+"""Seconds that a request of a passing caller lasts after the call, unless it gives a number."""
 SHORTEST = 2.0
-"""Seconds of the shortest lease that sweeps surely renew."""
+"""Seconds of the shortest lease that sweeps renew in time."""
 RENEW = 5.0
 """Seconds between two renewals of a long lease."""
 FORGET = 30.0
-"""Seconds after which a request that rorg does not know is forgotten here too."""
+"""Seconds after which the bridge forgets a request that rorg does not know."""
 
 
 class Terms(NamedTuple):
-    """Of a request that the bridge holds."""
+    """The terms of a request that the bridge holds."""
 
     holder: str
     lease: float
-    """Seconds that it outlives its holder; 0: it is released at once, and its lease in rorg is KEEP."""
+    """Seconds that it outlives its holder; with 0 it is released immediately, and its lease in rorg is KEEP."""
     requester: str
     at: float
-    """When it was asked for, by our clock."""
+    """When it was made, by our clock."""
 
 
 class Done(NamedTuple):
@@ -53,8 +53,8 @@ class Done(NamedTuple):
 
 
 class Bridge:
-    """`others` is the requester for callers of whom no service is found; by default the bridge's own service. `kind`
-    tells bridges of different graphs apart."""
+    """`others` is the requester for callers without a known service; by default the bridge's own service. `kind` tells
+    bridges of different graphs apart."""
 
     def __init__(self, client: Client, graph: Graph, others: str = "", kind: str = "ros1") -> None:
         self.client, self.graph, self.kind = client, graph, kind
@@ -62,7 +62,7 @@ class Bridge:
         self._terms: dict[str, Terms] = {}
         """By the id of the request in rorg."""
         self._lock = threading.Lock()
-        """Held while a request is dropped: what is asked for again meanwhile comes after it."""
+        """Held while a request is dropped, so that a new request by the same caller comes after that."""
 
     # -- for callers -------------------------------------------------------------------------------------------
 
@@ -110,18 +110,18 @@ class Bridge:
         except Error:
             with self._lock:
                 if before and self._terms.get(key) is held:
-                    self._terms[key] = before  # which counts as it did
+                    self._terms[key] = before  # the earlier one, which is still in force
             raise
         with self._lock:
             made = held._replace(requester=done["requester"])
             if self._terms.get(key) is held:
                 self._terms[key] = made
         if before and before.requester != made.requester and self.graph.alive(caller):
-            self.client.call("DELETE", address(key, before.requester))  # its caller is another service's now
+            self.client.call("DELETE", address(key, before.requester))  # its caller now belongs to another service
         return made, names
 
     def _wait(self, names: list[str], seconds: float) -> None:
-        """Until they are ready. That rorg ends, or begins, in the middle says nothing of them: it is asked again."""
+        """Waits until they are ready. A restart of rorg meanwhile means nothing for them: it asks again."""
         end = time.monotonic() + seconds
         while True:
             left = max(end - time.monotonic(), 0.0)
@@ -135,12 +135,12 @@ class Bridge:
             time.sleep(0.2)
 
     def release(self, caller: str, id: str, via: Connection = UNSEEN) -> Done:
-        """Gives up what the caller's own requester holds under its name."""
+        """Releases what the caller's requester holds under this name."""
         key = request_id(self.kind, holder_of(caller), id)
         known = self._terms.get(key)
         try:
             requester = self._identity.requester(caller, via)
-            self.client.call("POST", address(key, requester, "/renew"))  # says whether there is one
+            self.client.call("POST", address(key, requester, "/renew"))  # reports whether there is one
             self.client.call("DELETE", address(key, requester))
         except NotFound:
             return Done(True, "nothing to release")
@@ -171,7 +171,7 @@ class Bridge:
         """(success, message, text, digest)."""
         try:
             query = self._as(caller, via, {})
-            # Its digest first: should it be changed in between, a change on the base of the older one is refused.
+            # The digest comes first: if the manifest changes in between, a change based on the older one is refused.
             found = self._digest(kind or "Service", name, query)
             return True, "", self.client.call("GET", manifest(kind, name) + query), found
         except Error as error:
@@ -213,7 +213,7 @@ class Bridge:
         return f"?{urlencode(query)}" if query else ""
 
     def resolve(self, name: str) -> str:
-        """A ROS node stands for the service that runs it; every other name for itself."""
+        """The service that runs a ROS node of this name; any other name stays."""
         if not name.startswith("/"):
             return name
         for service in self.client.services():
@@ -224,8 +224,8 @@ class Bridge:
     # -- leases ------------------------------------------------------------------------------------------------
 
     def sweep(self) -> list[str]:
-        """Renews what callers hold that are there, releases what those held that are gone, and returns these. Raises
-        Error where rorg does not answer."""
+        """Renews the requests of callers that are there, releases those of callers that are gone, and returns the
+        latter. Raises Error if rorg does not answer."""
         before = dict(self._terms)
         mine = {r["id"]: r for r in self.client.requests() if r["id"].startswith(f"{self.kind}:") and not r["standing"]}
         self._forget(before, mine)
@@ -240,8 +240,8 @@ class Bridge:
         return sorted(gone)
 
     def _recall(self, mine: dict[str, Any]) -> dict[str, Terms]:
-        """The terms of all; of those from before this bridge began, by the nodes that are there. A caller that went
-        while nobody looked is not among them: its request ends with its lease."""
+        """The terms of all requests; those from before this bridge began, by the nodes that are there. A caller that
+        went meanwhile is not among them: its request ends with its lease."""
         unknown = [r for key, r in mine.items() if key not in self._terms]
         nodes = {tag(holder_of(node)): node for node in self.graph.nodes()} if unknown else {}
         for request in unknown:
@@ -271,7 +271,7 @@ class Bridge:
                 self.client.call("POST", address(request["id"], request["requester"], "/renew"))
 
     def _drop(self, key: str, held: Terms) -> bool:
-        """Unless its caller came back meanwhile and asked again."""
+        """Drops a request, unless its caller came back and asked again."""
         with self._lock:
             if self._terms.get(key) is not held:
                 return False

@@ -1,5 +1,5 @@
-"""Whose a call is. A name that a caller gives itself proves nothing: what the kernel says of the process that calls
-goes before it, wherever that process can be seen."""
+"""Finds out who calls. The name that a caller gives itself proves nothing: what the kernel says about the calling
+process counts more, if that process can be seen."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ except ImportError:
     from rorg.client import Client, Forbidden, NotFound
 
 SEEN = 10.0
-"""Seconds for which the process of a node, or the service that runs it, is remembered."""
+"""Seconds for which the process of a node, and the service that runs it, are remembered."""
 
 
 class Connection(NamedTuple):
-    """What a call came by."""
+    """The connection of a call."""
 
     near: bool | None = None
-    """Whether from this machine; None where nobody can tell."""
+    """Whether it comes from this machine; None if that is unknown."""
     port: int = 0
-    """TCP port of the caller's end, where it is near; 0 where there is none."""
+    """TCP port of the caller's end, if it is near; otherwise 0."""
     to: int = 0
     """TCP port of our end."""
 
@@ -38,31 +38,31 @@ class Graph:
         raise NotImplementedError
 
     def near(self, node: str) -> bool | None:
-        """Whether it is registered as one of this machine; None where it is not registered, or nothing is known."""
+        """Whether a node is registered as one of this machine; None if it is not registered, or that is unknown."""
         raise NotImplementedError
 
     def port(self, node: str) -> int:
-        """The TCP port of this machine at which it listens; 0 where it is elsewhere, or nothing is known."""
+        """The TCP port of this machine at which a node listens; 0 if it is elsewhere, or that is unknown."""
         raise NotImplementedError
 
     def nodes(self) -> Iterable[str]:
-        """The names of all."""
+        """The names of all nodes."""
         raise NotImplementedError
 
 
 class Identity:
-    """`others` is the requester for callers of no service; by default the bridge's own."""
+    """`others` is the requester for callers without a service; by default the bridge's own."""
 
     def __init__(self, client: Client, graph: Graph, others: str) -> None:
         self.client, self.graph, self.others = client, graph, others
         self._seen: dict[tuple[str, int], tuple[float, str]] = {}
-        """(node, its port) -> when it was looked for, and the service found."""
+        """(node, its port) -> when it was looked up, and its service."""
         self._nodes: dict[int, tuple[float, dict[str, Any]]] = {}
-        """Port -> when it was looked at, and the process that listened."""
+        """Port -> when it was looked up, and the process that listened."""
 
     def requester(self, caller: str, via: Connection) -> str:
-        """In whose name a call is. That of the service whose process calls; where that cannot be seen, of the one that
-        runs the node of this name. Raises Forbidden where another process than the node's own gives itself its name."""
+        """The requester of a call: the service whose process calls; if that cannot be seen, the service that runs the
+        node of the given name. Raises Forbidden if another process than the node's own uses its name."""
         near = self.graph.near(caller)
         if near is not None and via.near is not None and near != via.near:
             raise _impostor(caller, "it runs on another machine than this call comes from")
@@ -76,14 +76,14 @@ class Identity:
         return str(process["service"] or self.others)
 
     def _process(self, address: str) -> dict[str, Any]:
-        """A process as rorg sees it; nothing where it cannot."""
+        """A process as rorg sees it; empty if it cannot."""
         try:
             return dict(self.client.call("GET", address))
         except NotFound:
             return {}
 
     def _listener(self, port: int, anew: bool = False) -> dict[str, Any]:
-        """The process at a port: a look at all sockets of the machine is dear."""
+        """The process that listens at a port, remembered: it takes a look at all sockets of the machine."""
         now = time.monotonic()
         at, found = self._nodes.get(port, (0.0, {}))
         if port and (anew or not found or now - at > SEEN):
@@ -92,7 +92,7 @@ class Identity:
         return found
 
     def _runner(self, caller: str, port: int) -> str:
-        """The service that runs a node: by the process at its port, else by what manifests declare."""
+        """The service that runs a node: by the process at its port, or by what manifests declare."""
         who, now = (caller, port), time.monotonic()
         at, found = self._seen.get(who, (0.0, ""))
         if not found or now - at > SEEN:
@@ -109,8 +109,8 @@ class Identity:
 
 
 def _same(node: dict[str, Any], process: dict[str, Any]) -> bool:
-    """Whether a process may call as a node: it is the node's own, or of the same service. A node that is gone has
-    none."""
+    """Whether a process may call as a node: it is the node's own, or of the same service. False for a node that is
+    gone."""
     return not node or node["pid"] == process["pid"] or (node["service"] or None) == process["service"]
 
 

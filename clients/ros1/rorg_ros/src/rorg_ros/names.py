@@ -9,28 +9,29 @@ from urllib.parse import quote
 PASSING = re.compile(r"_[0-9]+_[0-9]{10,}$|_[0-9]{16,}$")
 """The end of the name that rospy or roscpp gives to an anonymous node."""
 HAND = re.compile(r"^/(rosservice_[0-9_]+|_ros2cli_[0-9_]+)$")
-"""Tools that are gone once they have called: all of them are one caller, who may release what he requested."""
+"""Tools that are gone after one call: all of them are one caller, who can release what he requested."""
 
 
 def passing(node: str) -> bool:
-    """Whether a node is one of no fixed name, which may be gone once it has called."""
+    """Whether a node has no fixed name, so that it may be gone after one call."""
     return PASSING.search(node) is not None
 
 
 def holder_of(caller: str) -> str:
-    """Who holds what a node requests: itself; people who call by hand, without any name too, are one."""
+    """Who holds what a node requests: the node itself; all people who call by hand, even without a name, are one
+    holder."""
     return "/rosservice" if not caller or HAND.match(caller) else caller
 
 
 def tag(holder: str) -> str:
-    """A node's name as a part of an id, and no other's."""
+    """A node's name as a part of an id, different for every name."""
     text = holder.strip("/").replace("/", ".")
     plain = re.fullmatch(r"[A-Za-z0-9_.]{1,40}", text) and "." not in holder
     return text if plain else f"{re.sub('[^A-Za-z0-9_.]', '.', text)[:27]}-{digest(holder)}"
 
 
 def request_id(kind: str, holder: str, id: str) -> str:
-    """An id that rorg takes, from any caller's name and id, and no other's."""
+    """An id that rorg accepts, from any caller's name and id, different for every pair."""
     id, room = id or "request", 64 - len(f"{kind}:{tag(holder)}:")
     plain = re.fullmatch(r"[A-Za-z0-9_.:-]+", id) and len(id) <= room and not re.search("-[0-9a-f]{8}$", id)
     if not plain:
