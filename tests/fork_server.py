@@ -22,8 +22,8 @@ from collections.abc import Callable
 import docker  # noqa: F401
 
 import rorg.api.server
-import rorg.cli.alone
-import rorg.cli.app
+import rorg.cli.help
+import rorg.cli.offline
 import rorg.daemon.wiring
 import rorg.engines.docker.engine
 import rorg.engines.process.engine
@@ -90,7 +90,7 @@ def ended(run: Callable[[], None]) -> None:
 
 
 if __name__ == "__main__":
-    rorg.cli.app.group()
+    rorg.cli.help.help_of_rorg()  # imports all commands
     del sys.path[0]  # tests
     gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -19,7 +19,7 @@ GROUPS = {"driving": {"services": ["navigation", "base"]}}
 HUGE = "9" * 400
 
 UNREAD = """
-relase arm; stpo arm; stat; st; dow; rm arm; delete service arm; kill arm; unhold arm; resume; list; version; help
+relase arm; stpo arm; stat; st; dow; rm arm; delete service arm; kill arm; unhold arm; resume; list
 Get
 ''; ' '; é; navigation; get-services; ../get; 'get services'; -; --; --nonsense; -x; --state-dir /x get; --yes
 --versio
@@ -96,6 +96,7 @@ edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state
     4: "exec arm -- ls; shell base; cp arm:/x .; cp a-file base:/x",
     5: "down; apply; restart arm; init manifests; init manifests/../manifests",
     0: "--version; --help; -h; get --help; ps -h; ls services; status -o name; get services arm; up --help\n"
+    "version; help; help get; help ps\n"
     "--help x; release nosuch; release ''; release é; stop nosuch",
 }
 """Where no rorg runs, in a directory with manifests/, by exit code."""

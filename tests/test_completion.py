@@ -17,7 +17,7 @@ from robots import write_tree
 from test_thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
 
 from rorg.cli.commands import COMMANDS, command_of
-from rorg.cli.completing import after, answer, declared
+from rorg.cli.completions import after, answer, declared
 from rorg.cli.options import NAMES_OF_KIND, Argument, Option
 from rorg.cli.signature import parameters
 

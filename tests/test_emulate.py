@@ -142,7 +142,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, n
         (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
         (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is no format of pictures; try .png or .svg"),
         (["--engine", "swarm"], "swarm"),
-        (["-o", "yml"], "unknown output format 'yml'"),
+        (["-o", "yml"], "--output cannot be 'yml'"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_done(tmp_path, files, args, told):

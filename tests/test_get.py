@@ -20,8 +20,8 @@ from conftest import wait_for
 from robots import RealRobot
 from rorg_process import RorgProcess
 
-from rorg.cli.services import age
-from rorg.cli.watching import Watch
+from rorg.cli.get import age
+from rorg.cli.watch import Watch
 
 SERVICES = {
     "fine": {"always_on": True, "priority": 9},

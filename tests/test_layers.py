@@ -45,7 +45,7 @@ ALONE = {"__init__.py", "__main__.py", "errors.py", "client.py", "regular_file.p
 IMPURE = {"os", "time", "random", "subprocess", "socket", "threading", "pathlib", "datetime", "uuid"}
 """Of the standard library: what asks the world. model may have datetime, to write times, not to ask for them."""
 DIRECT: dict[str, set[str]] = {
-    "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
+    "cli": {"psutil", "rich", "rorg_client", "yaml"},
     "importing": set(),
     "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
     "sim": {"matplotlib"},
@@ -74,11 +74,11 @@ LOADED: dict[str, set[str]] = {
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""
-HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"typer", "rorg_client"}
+HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"rorg_client"}
 """What no command may load before it needs it."""
 COMPUTING = {
-    *("rorg.cli.alone", "rorg.cli.carrying_out", "rorg.cli.developing", "rorg.cli.local", "rorg.cli.top_screen"),
-    *("rorg.cli.going_back", "rorg.cli.earlier_requests"),
+    *("rorg.cli.offline", "rorg.cli.local_apply", "rorg.cli.dev_containers", "rorg.cli.local", "rorg.cli.top_screen"),
+    *("rorg.cli.revert", "rorg.cli.past_requests"),
 }
 """What commands load once they must compute something themselves, use the engine, or draw a screen."""
 HERE = {

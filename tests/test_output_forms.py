@@ -110,5 +110,5 @@ TWO = ("logs", "export")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_with_forms_offers_all_and_is_in_the_reference(name):
     found = [p for p in parameters(command_of(name)) if "-o" in getattr(p.declared, "names", ())]
-    assert all(set(FORMS) <= set(p.declared.completes) for p in found) or name in TWO, "lines and files have two forms"
+    assert all(set(FORMS) <= set(p.declared.choices) for p in found) or name in TWO, "lines and files have two forms"
     assert not found or f"`{name}`" in (ROOT / "docs/reference/output.md").read_text()

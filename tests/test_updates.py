@@ -9,14 +9,13 @@ import random
 import time
 from dataclasses import replace
 
+import commands
 import pytest
 from conftest import BASE_IMAGE, wait_for
 from robots import WORK, RealRobot, VirtualRobot, write_tree
 from test_recovery import Daemon
 
-from rorg.cli.main import app
 from rorg.daemon.snapshot import restore, snapshot
-from rorg.errors import NotReady
 from rorg.model.units import stamp
 
 
@@ -124,25 +123,19 @@ def test_processes_have_the_same_way_back(tmp_path):
 
 
 def test_apply_says_that_a_change_failed(docker_robot):
-    from typer.testing import CliRunner
-
     robot = docker_robot
     write_tree(robot.tree, {"arm": {"always_on": True}})
     apply = ["apply", str(robot.tree), "--yes", "--wait", "--state-dir", str(robot.state.path), "--engine", "docker"]
-    assert CliRunner().invoke(app, apply).exit_code == 0
+    commands.rorg(*apply)
     before = identity(robot, "arm")[0]
     write_tree(robot.tree, {"arm": {"always_on": True, "container": {"user": "nosuch"}}})
-    done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
-    assert isinstance(done.exception, NotReady)
-    assert "its change failed" in done.output
+    assert "its change failed" in commands.rorg(*apply, "--timeout", "60", code=4).stderr
     assert identity(robot, "arm")[0] == before
     assert running(robot, "arm")
     robot.start()
     robot.wait(lambda: failed(robot, "arm"))
     write_tree(robot.tree, {"arm": {"always_on": True, "command": ["sh", "-c", "sleep .3; exit 5"]}})
-    done = CliRunner().invoke(app, [*apply, "--timeout", "60"])
-    assert isinstance(done.exception, NotReady)
-    assert "exit code 5" in str(done.exception)
+    assert "exit code 5" in commands.rorg(*apply, "--timeout", "60", code=4).stderr
     assert identity(robot, "arm")[0] == before
     assert running(robot, "arm")
 
@@ -317,13 +310,8 @@ def test_a_mended_manifest_is_tried_at_once(docker_robot):
 
 
 def diff(robot) -> str:
-    from typer.testing import CliRunner
-
-    return (
-        CliRunner()
-        .invoke(app, ["diff", str(robot.tree), "--state-dir", str(robot.state.path), "--engine", robot.kind])
-        .output
-    )
+    words = ["diff", str(robot.tree), "--state-dir", str(robot.state.path), "--engine", robot.kind]
+    return commands.run(words).stdout
 
 
 def test_attempts_may_go_on_for_days():

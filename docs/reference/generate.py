@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import typer.main
 from findings_page import findings
 from pydantic import BaseModel
 
@@ -17,8 +16,9 @@ import rorg.errors
 from rorg.api import limits
 from rorg.api.openapi import document as openapi
 from rorg.api.permissions import OPERATIONS
-from rorg.cli.commands import ALIASES, command_of
-from rorg.cli.main import app
+from rorg.cli.commands import ALIASES, COMMANDS, command_of
+from rorg.cli.help import about, usage
+from rorg.cli.options import Argument, Option
 from rorg.cli.signature import parameters
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
 from rorg.manifest.models import ENVELOPES, SPECS
@@ -124,25 +124,16 @@ def kinds(models: list[type[BaseModel]], envelopes: list[type[BaseModel]]) -> st
 
 
 def cli() -> str:
-    group = typer.main.get_command(app)
     text = NOTE + "# Commands\n"
-    for name, command in group.commands.items():  # type: ignore[attr-defined]
-        if name in ALIASES:
-            continue
-        arguments = [p for p in command.params if p.param_type_name == "argument"]
-        options = [p for p in command.params if p.param_type_name == "option"]
-        usage = " ".join(f"[{a.name.upper()}]" if not a.required else a.name.upper() for a in arguments)
-        usage += "".join(f" -- {p.name.upper()}..." for p in parameters(command_of(name)) if p.rest)
-        about = inspect.cleandoc(command.help or "")
-        text += f"\n## rorg {name}\n\n{about}\n\n```\n" + f"rorg {name} [OPTIONS] {usage}".rstrip() + "\n```\n\n"
-        text += f"{command.epilog.replace('Example: ', 'Example: `')}`\n\n" if command.epilog else ""
-        for parameter in [*arguments, *options]:
-            names = (
-                ", ".join(f"`{o}`" for o in (*parameter.opts, *parameter.secondary_opts))
-                if (parameter in options)
-                else f"`{parameter.name.upper()}`"
-            )
-            text += f"- {names}: {getattr(parameter, 'help', '') or ''}\n"
+    for name in COMMANDS:
+        declared = parameters(command_of(name))
+        arguments = [p for p in declared if isinstance(p.declared, Argument)]
+        told, example = about(command_of(name))
+        line = " ".join([f"rorg {name} [OPTIONS]", *map(usage, arguments)])
+        text += f"\n## rorg {name}\n\n{told}\n\n```\n{line}\n```\n\nExample: `{example}`\n\n"
+        text += "".join(f"- `{p.name.upper()}`: {p.declared.help}\n" for p in arguments)
+        options = [p.declared for p in declared if isinstance(p.declared, Option)]
+        text += "".join(f"- {', '.join(f'`{n}`' for n in option.names)}: {option.help}\n" for option in options)
     rows = "".join(f"| `rorg {alias}` | `rorg {name}` |\n" for alias, name in ALIASES.items())
     return text + "\n## Aliases\n\n| alias | command |\n|---|---|\n" + rows
 

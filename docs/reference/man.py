@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import inspect
 import re
-from typing import Any
 
-import typer.main
 from generate import exit_meanings
 
 from rorg import __version__
-from rorg.cli.main import app
+from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.help import ABOUT, about, usage
+from rorg.cli.options import Argument, Option
+from rorg.cli.signature import Parameter, parameters
 
 FILES = {
     "/opt/robot/manifests": "The manifests of this robot, where rorg is a service of the machine.",
@@ -38,41 +39,32 @@ def entry(term: str, meaning: str) -> list[str]:
     return [".TP", f".B {plain(term)}", plain(meaning) or "\\&"]
 
 
-def words(parameter: Any) -> str:
+def words(parameter: Parameter) -> str:
     """A parameter as it is typed."""
-    if parameter.param_type_name == "argument":
-        return str(parameter.name).upper()
-    return ", ".join((*parameter.opts, *parameter.secondary_opts))
+    return ", ".join(parameter.declared.names) if isinstance(parameter.declared, Option) else parameter.name.upper()
 
 
-def usage(name: str, arguments: list[Any]) -> str:
-    """The line of a command."""
-    typed = [words(a) + ("..." if a.nargs < 0 else "") for a in arguments]
-    shown = [word if a.required else f"[{word}]" for a, word in zip(arguments, typed, strict=True)]
-    return " ".join([f"rorg {name}", "[OPTIONS]", *shown])
-
-
-def command(name: str, declared: Any) -> list[str]:
+def command(name: str) -> list[str]:
     """One command: its line, what it does, its arguments and options."""
-    arguments = [p for p in declared.params if p.param_type_name == "argument"]
-    options = [p for p in declared.params if p.param_type_name == "option"]
-    lines = [f".SS {plain(usage(name, arguments))}", *paragraphs(declared.help or "")]
-    for parameter in (*arguments, *options):
-        lines += entry(words(parameter), getattr(parameter, "help", "") or "")
+    declared = [p for p in parameters(command_of(name)) if not p.rest]
+    arguments = [p for p in declared if isinstance(p.declared, Argument)]
+    typed = " ".join([f"rorg {name} [OPTIONS]", *map(usage, arguments)])
+    lines = [f".SS {plain(typed)}", *paragraphs(about(command_of(name))[0])]
+    for parameter in (*arguments, *(p for p in declared if p not in arguments)):
+        lines += entry(words(parameter), parameter.declared.help)
     return lines
 
 
 def page() -> str:
     """All of rorg(1)."""
-    group: Any = typer.main.get_command(app)
-    commands = [(name, declared) for name, declared in group.commands.items() if not declared.hidden]
-    summary, _, more = str(group.help).partition(":")
-    variables = {p.envvar: p.help for _, c in commands for p in c.params if isinstance(p.envvar, str)}
+    summary, _, more = ABOUT.partition(":")
+    options = [p.declared for name in COMMANDS for p in parameters(command_of(name)) if isinstance(p.declared, Option)]
+    variables = {option.envvar: option.help for option in options if option.envvar}
     lines = [f'.TH RORG 1 "" "rorg {plain(__version__)}" "User Commands"']
     lines += section("NAME", f"rorg \\- {plain(summary[0].lower() + summary[1:])}")
     lines += section("SYNOPSIS", ".B rorg", plain("COMMAND [OPTIONS] [ARGUMENTS]"))
     lines += section("DESCRIPTION", plain(f"{summary}:{more}"))
-    lines += section("COMMANDS", *(line for name, declared in commands for line in command(name, declared)))
+    lines += section("COMMANDS", *(line for name in COMMANDS for line in command(name)))
     lines += section("EXIT STATUS", *(line for code, text in exit_meanings() for line in entry(str(code), text)))
     lines += section("ENVIRONMENT", *(line for name in sorted(variables) for line in entry(name, variables[name])))
     lines += section("FILES", *(line for path, meaning in FILES.items() for line in entry(path, meaning)))

@@ -1,9 +1,7 @@
-"""The API, version 1: routes over the operations. FastAPI says what they take and give; nothing is decided here."""
+"""The API, version 1: the FastAPI application with all routes. Routes decide nothing; the operations do."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -13,20 +11,19 @@ from starlette.exceptions import HTTPException
 
 from rorg import __version__
 from rorg.api.description import add_description
-from rorg.api.diffing import add_diffing
+from rorg.api.diff import add_diffing
 from rorg.api.events import add_events
 from rorg.api.history import add_history
 from rorg.api.inputs import unreadable
+from rorg.api.interventions import add_operating
 from rorg.api.limits import MOST_BODY
 from rorg.api.logs import add_logs
 from rorg.api.manifests import add_manifests
 from rorg.api.models import Problem
-from rorg.api.operating import add_operating
 from rorg.api.operations import Operations
 from rorg.api.problems import answer, problem
-from rorg.api.reading import add_reading
-from rorg.api.requesting import add_requesting
-from rorg.api.waiting import add_waiting
+from rorg.api.read_routes import add_reading
+from rorg.api.request_routes import add_requesting
 from rorg.errors import RorgError
 
 RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -45,8 +42,8 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 
-def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> FastAPI:
-    """The application. `changed()` is an event that is set at the next pass of the loop, or line of the journal."""
+def make_app(operations: Operations) -> FastAPI:
+    """Makes the application."""
     app = FastAPI(
         title="rorg",
         version=__version__,
@@ -57,15 +54,14 @@ def make_app(operations: Operations, changed: Callable[[], asyncio.Event]) -> Fa
     )
     app.state.operations = operations
     _errors(app)
-    add_reading(app, operations, changed)
-    add_requesting(app, operations, changed)
+    add_reading(app, operations)
+    add_requesting(app, operations)
     add_operating(app, operations)
-    add_waiting(app, operations, changed)
-    add_events(app, operations, changed)
+    add_events(app, operations)
     add_description(app, operations)
-    add_logs(app, operations, changed)
-    add_manifests(app, operations, changed)
-    add_diffing(app, operations, changed)
+    add_logs(app, operations)
+    add_manifests(app, operations)
+    add_diffing(app, operations)
     add_history(app, operations)
     return app
 
@@ -100,7 +96,7 @@ def _errors(app: FastAPI) -> None:
 
 
 class _Bounded:
-    """Refuses a body that is too large, or does not say how large it is, before any of it is read."""
+    """Refuses a body that is too large, or that does not declare its length, before reading any of it."""
 
     def __init__(self, app: Any) -> None:
         self.app = app

@@ -1,19 +1,25 @@
-"""What all routes share: who calls, and the row of the table of permissions that a route is in."""
+"""What all routes share: who calls, whether the table of permissions allows it, and the answer to a change."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated, Any
 
-from fastapi import Depends, Query, Request
+from fastapi import Depends, Path, Query, Request
+from fastapi.responses import JSONResponse, Response
 
+from rorg.api.changes import Change
+from rorg.api.generations import GENERATION
+from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, acting, allow, allow_call
 
+Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
 Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.")]
 
 
 def caller_of(request: Request) -> Caller:
-    """Who is at the other end of the connection, as the server found out; where it acts for another, that one. Raises
-    Forbidden where the manifests of now do not let it."""
+    """The caller behind the connection, as the server found out; or the one for whom it acts. Raises Forbidden if the
+    manifests do not allow it now."""
     found: Caller = getattr(request.state, "caller", Caller())
     if found.kind != "service":
         return found
@@ -27,17 +33,31 @@ Who = Annotated[Caller, Depends(caller_of)]
 
 
 def still(request: Request, operation: str) -> Caller:
-    """The caller of an answer that takes its time, looked at again: raises Forbidden for what was withdrawn since."""
+    """Checks the caller of a long answer again. Raises Forbidden if its permission was withdrawn meanwhile."""
     caller = caller_of(request)
     allow(caller, operation)
     return caller
 
 
 def needs(operation: str) -> Any:
-    """Marks a route with the operation that it is in the table of permissions."""
+    """The dependency of a route that checks this operation in the table of permissions."""
 
     def check(caller: Who) -> None:
         allow(caller, operation)
 
     check.operation = operation  # type: ignore[attr-defined]
     return Depends(check)
+
+
+def accepted(generation: int, body: dict[str, Any] | None = None) -> Response:
+    """The answer to a change: its generation, with a body if there is one."""
+    headers = {GENERATION: str(generation)}
+    if body is None:
+        return Response(status_code=204, headers=headers)
+    return JSONResponse({**body, "generation": generation}, headers=headers)
+
+
+async def applied(operations: Operations, caller: Caller, change: Change, named: bool = False) -> Response:
+    """Applies a change, and answers when it is on the disk; `named`: with the services that it is about."""
+    generation = await asyncio.wrap_future(operations.change(caller, change))
+    return accepted(generation, {"services": list(change.services)} if named else None)

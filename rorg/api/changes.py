@@ -1,5 +1,5 @@
-"""Every operation that changes what is asked of a robot, once: what it does to the requests file, and what is told of
-it. Nothing here does I/O or asks for the time; a running loop and a command without one both bind these."""
+"""Every operation that changes what is asked of a robot: what it does to the requests file, and the event that reports
+it. Pure functions without I/O or clock, because both a running loop and a command without one use them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rorg.api.current import Current
+from rorg.api.inputs import HoldsBody, RetryBody, seconds_of
 from rorg.core.affected import Affected, by_hold, by_release, by_restart
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
@@ -19,7 +20,7 @@ from rorg.store.requests_limits import no_room
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An operation that may be done: `edit` is applied to what the requests file says by then, and may still refuse."""
+    """A permitted operation. `edit` is applied to the requests file as it is by then, and may still refuse."""
 
     edit: Callable[[RequestsDocument], RequestsDocument]
     kind: str
@@ -27,15 +28,15 @@ class Change:
     message: str
     """Of its event, for people."""
     services: tuple[str, ...] = ()
-    """What it is about."""
+    """The services that it is about."""
     about: Mapping[str, Any] = field(default_factory=dict)
     """More fields of its event."""
 
 
 def put_request(current: Current, request: Request) -> Change:
-    """A request, bound to the run of its requester, in place of the one with the same requester and id. It is accepted
-    whole or refused whole. Raises Busy and Refused where its requester is not known to run, and Invalid for what means
-    nothing; the edit raises Refused for what cannot be together with the rest, or is too much."""
+    """Makes a request, bound to the current run of its requester, in place of the one with the same requester and id.
+    It is accepted whole or refused whole. Raises Busy or Refused if its requester is not known to run, and Invalid for
+    mistakes; the edit raises Refused for what conflicts with other requests, or is too much."""
     catalog = current.catalog
     request = replace(request, incarnation=current.incarnation(request.requester))
     _refuse(request, mistakes(catalog, request))
@@ -55,7 +56,7 @@ def put_request(current: Current, request: Request) -> Change:
 
 
 def _refuse(request: Request, found: Sequence[Problem]) -> None:
-    """Raises what says why, where there is a problem."""
+    """Raises an error that names the problems, if there are any."""
     if found:
         kind = Invalid if found[0].mistaken else Refused
         names = ", ".join(request.services[:MOST_TOLD])
@@ -63,8 +64,8 @@ def _refuse(request: Request, found: Sequence[Problem]) -> None:
 
 
 def release(key: tuple[str, str], current: Current | None = None) -> Change:
-    """Gives the request of a (requester, id) up; what is released already is fine. With `current`, raises Unconfirmed
-    where it names a driver that is stopped then, or takes something from a service that asked for it itself."""
+    """Ends the request of a (requester, id); releasing twice is fine. With `current`, raises Unconfirmed if that stops
+    a driver that the request names, or takes something from a service that asked for it itself."""
     requester, id = key
     if current is not None:
         _ask(f"release '{id}'", by_release(current.decision.situation, current.decision.memory, key))
@@ -75,9 +76,9 @@ def release(key: tuple[str, str], current: Current | None = None) -> Change:
 
 
 def restart(current: Current, name: str, force: bool, now: float) -> Change:
-    """A wish to restart a service, or each of a group, made at `now`, in seconds since the epoch. Raises Missing;
-    Invalid for what has no container; Refused for what nobody active requests; Unconfirmed, without `force`, where it
-    moves hardware or others go along."""
+    """Asks for a restart of a service, or of each of a group, at `now`, in seconds since the epoch. Raises Missing;
+    Invalid for what has no container; Refused if it is not wanted; Unconfirmed, without `force`, if it stops a driver
+    or other services."""
     names = tuple(s.name for s in current.containers_of(name))
     if not names:
         raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
@@ -94,26 +95,26 @@ def restart(current: Current, name: str, force: bool, now: float) -> Change:
 
 
 def _ask(what: str, affected: Affected) -> None:
-    """Raises Unconfirmed where a person should know who is affected."""
+    """Raises Unconfirmed if a person should know who is affected."""
     if affected.names:
-        raise Unconfirmed(what, str(affected), "again with force", affected.names)
+        raise Unconfirmed(what, str(affected), "confirming it with force", affected.names)
 
 
-def retry(current: Current, asked: Sequence[str], now: float, force: bool = False) -> Change:
-    """A wish, made at `now` in seconds since the epoch, that changes of services and groups be tried again that failed;
-    with a service, those of its set that keep it from its own. Raises Missing; Refused where no change of one of these
-    failed; Unconfirmed, without `force`, where it replaces what moves hardware, or others go along."""
+def retry(current: Current, body: RetryBody, now: float) -> Change:
+    """Asks at `now`, in seconds since the epoch, to retry failed changes of services and groups; with a service, those
+    of its set that keep it from its own change. Raises Missing; Refused for a name without a failed change;
+    Unconfirmed, without `force`, if it replaces a driver or restarts other services."""
     desired, memory = current.decision.situation.desired, current.decision.memory
     found: list[str] = []
-    for name in asked:
+    for name in body.services:
         own = [s for s in current.containers_of(name) if memory.of(s.name).update.failed]
         if not own:
             raise Refused(f"retry {name}", "no change of it failed", "`rorg get` for those of which one did")
         sets = (desired.sets.get(s.update.atomic, ()) if memory.of(s.name).update.drawn else () for s in own)
         found += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
     names = tuple(dict.fromkeys(found))
-    if not force:
-        _ask(f"retry {', '.join(asked)}", by_restart(current.decision.situation, memory, names))
+    if not body.force:
+        _ask(f"retry {', '.join(body.services)}", by_restart(current.decision.situation, memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now))})
@@ -121,41 +122,40 @@ def retry(current: Current, asked: Sequence[str], now: float, force: bool = Fals
     return _about(Change(edit, "retry", f"another try of {', '.join(names)}", names))
 
 
-def hold(
-    current: Current, asked: Sequence[str], seconds: float | None, reason: str, now: float, force: bool = False
-) -> Change:
-    """Holds services and groups, all of them or none, for so many seconds from `now` (since the epoch) on; without
-    `seconds` their holds end. Raises Missing; Invalid for what has no container; Unconfirmed, without `force`, where it
-    stops what moves hardware, or others with it."""
+def hold(current: Current, body: HoldsBody, now: float) -> Change:
+    """Holds services and groups, all of them or none, from `now` (seconds since the epoch); without a duration, ends
+    their holds. Raises Missing; Invalid for what has no container; Unconfirmed, without `force`, if it stops a driver
+    or other services."""
     found: list[str] = []
-    for name in asked:
+    seconds = seconds_of(body.duration, "duration")
+    for name in body.services:
         own = [s.name for s in current.containers_of(name)]
         if not own:
             cause = "a meta-service has no container to stop"
             raise Invalid(f"hold {name}", cause, "the services that it requests")
         found += own
     names = tuple(dict.fromkeys(found))
-    if seconds is not None and not force:
-        _ask(f"hold {', '.join(asked)}", by_hold(current.decision.situation, current.decision.memory, names))
+    if seconds is not None and not body.force:
+        _ask(f"hold {', '.join(body.services)}", by_hold(current.decision.situation, current.decision.memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}
-        more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, reason))
+        more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, body.reason))
         return replace(document, holds={**kept, **more})
 
-    told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {reason}"
+    told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {body.reason}"
     return _about(Change(edit, "hold", f"{', '.join(names)} {told}", names))
 
 
 def suspend(seconds: float | None, reason: str, now: float) -> Change:
-    """Nothing is changed for so many seconds from `now` (since the epoch) on; without `seconds` that ends."""
+    """Changes nothing for some seconds from `now` (seconds since the epoch); without `seconds`, ends that."""
     asked = None if seconds is None else Hold(now + seconds, reason)
     told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
     return Change(lambda document: replace(document, suspended=asked), "suspend", told)
 
 
 def confirm(current: Current, names: tuple[str, ...]) -> Change:
-    """Lets go of what is withheld: exactly these, and for as long as they are not declared again. Raises Refused for
+    """Confirms the removal of what is withheld: exactly these names, until they are declared again. Raises Refused for
     what is not withheld."""
     withheld = current.decision.situation.withheld
     others = [n for n in names if n not in withheld]
@@ -169,8 +169,8 @@ def confirm(current: Current, names: tuple[str, ...]) -> Change:
 
 
 def down(keep_requests: bool, volumes: bool, suspended: str) -> Change:
-    """Takes the robot down: everything is ceased and removed, then rorg ends. What was asked of it is forgotten, unless
-    its requests are kept for the next one. `volumes`: with its volumes. Raises Refused while rorg is suspended."""
+    """Takes the robot down: ceases and removes everything, then rorg ends. Requests are forgotten unless they are kept
+    for the next run. `volumes`: removes its volumes too. Raises Refused while rorg is suspended."""
     if suspended:
         raise Refused("take the robot down", f"rorg is {suspended}", "`rorg suspend --end` first")
 
@@ -182,10 +182,10 @@ def down(keep_requests: bool, volumes: bool, suspended: str) -> Change:
 
 
 def up() -> Change:
-    """Brings a robot up that was taken down."""
+    """Brings a robot up after it was taken down."""
     return Change(RequestsDocument.up, "up", "the robot comes up again")
 
 
 def _about(change: Change) -> Change:
-    """Its event names the services that it is about."""
+    """The change, with its services named in its event."""
     return replace(change, about={"services": list(change.services)})

@@ -1,4 +1,4 @@
-"""One connection of the server: who is at its other end, how much it may say, and for how long it may be silent."""
+"""One connection of the server: who calls, how much the caller may send, and how long it may be silent."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from rorg.api.permissions import Caller
 from rorg.api.problems import problem
 
 Who = Callable[[socket.socket | None, Any], Caller]
-"""Who is at the other end of a connection (its socket, its transport)."""
+"""Finds the caller at the other end of a connection, from its socket and its transport."""
 CPU = time.thread_time
-"""CPU seconds of the server's thread."""
+"""Gives the CPU seconds of the server's thread."""
 PIECE = 8 << 10
-"""Bytes that are read before it is looked at what they were."""
+"""Bytes that are parsed at a time, before limits are checked."""
 
 
 class _Refusal(Exception):
-    """What a caller says is not taken."""
+    """The reason why a call is not taken."""
 
     def __init__(self, status: int, code: str, cause: str) -> None:
         self.status, self.code, self.cause = status, code, cause
 
 
 class Connection(HttpToolsProtocol):
-    """Puts the caller and its account into every request of its connection, and charges what is read. `due` is when it
-    is hung up on unless something happens before: whoever looks at all connections from time to time does so."""
+    """Puts the caller and its account into every request of its connection, and charges the account for what it reads.
+    `due` is when the server closes the connection unless something happens before; the server checks all of them
+    regularly."""
 
     who: Who
     accounts: Accounts
     left: Callable[[], int]
-    """Connections for which there is room."""
+    """Gives the number of connections for which there is room."""
 
     def connection_made(self, transport: Any) -> None:
         caller = self.who(transport.get_extra_info("socket"), transport)
@@ -76,7 +77,7 @@ class Connection(HttpToolsProtocol):
         before = self._heads
         super().data_received(piece)
         if self._heading and self._heads == before:
-            # Half a header is not told by the parser, which keeps it.
+            # The parser keeps half a header without reporting it.
             self._half += len(piece)
             if self._half > limits.MOST_HEAD:
                 self._refusal = _long()
@@ -127,7 +128,7 @@ class Connection(HttpToolsProtocol):
         raise refusal
 
     def send_400_response(self, msg: str) -> None:  # noqa: ARG002 - ours says more
-        """Tells why, where no other answer is under way, and hangs up."""
+        """Answers with the reason, unless another answer is under way, and closes the connection."""
         self._heading = False
         if self.cycle is not None and not self.cycle.response_complete:
             self.transport.abort()
@@ -145,7 +146,7 @@ class Connection(HttpToolsProtocol):
         self._look()
         owed = self.account.owed()
         if owed and not self.pipeline and not self.transport.is_closing():
-            # Who asks on and on is not even heard.
+            # A caller over its share is not even heard.
             self.flow.pause_reading()
             self.loop.call_later(owed, self._hear)
 
@@ -154,7 +155,7 @@ class Connection(HttpToolsProtocol):
             self.flow.resume_reading()
 
     def pause_writing(self) -> None:
-        """The caller does not read as fast as it is answered. Of a service only so much is kept for later."""
+        """The caller reads more slowly than it is answered. For a service, only so much is kept."""
         super().pause_writing()
         self._stuck = self.transport.get_write_buffer_size()
         self.account.unread += self._stuck
@@ -169,7 +170,7 @@ class Connection(HttpToolsProtocol):
         self._look()
 
     def _look(self) -> None:
-        """Says when it is to be hung up on, now that something has happened, and whether it asks nothing."""
+        """Sets when the connection is due, after something has happened, and whether it is idle."""
         self.account.idle.pop(self, None)
         if self._stuck:
             return

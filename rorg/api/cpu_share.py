@@ -1,4 +1,4 @@
-"""What callers cost, in front of everything: who has used its share up is told when to come again."""
+"""What calls cost, in front of the application: a caller that has used up its share gets 429 with the time to wait."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ THREADS = (
     "/v1/requested",
     "/v1/measured",
 )
-"""Calls that work in threads of their own: one at a time of a service, each charged by its time."""
+"""Calls that work in threads of their own: a service gets one at a time, charged by its time."""
 
 
 class Metered:
-    """In front of the application. Every step that a call of a service takes in the server's thread is charged to its
-    account; while that owes, work under way waits, and what comes is refused."""
+    """The ASGI application that charges each step of a service's call in the server's thread to its account. While the
+    account owes, work under way waits and new calls are refused."""
 
     def __init__(self, app: Any, operations: Operations) -> None:
         self.app, self.operations = app, operations
@@ -52,7 +52,7 @@ class Metered:
     def _admit(self, account: Account) -> None:
         if owed := account.owed():
             told = f"{account.name} uses more than its share of rorg and has to wait"
-            self.operations.loop.recorder.when_new(f"share of {account.name}", True, "too-many-requests", told)
+            self.operations.recorder.when_new(f"share of {account.name}", True, "too-many-requests", told)
             raise TooMany(
                 "answer",
                 f"{account.name} has used up its share of rorg, {limits.SHARE:.0%} of a CPU",
@@ -81,22 +81,21 @@ def in_threads(path: str) -> bool:
 
 
 def _price(scope: Any) -> float:
-    """CPU seconds that a call costs elsewhere, if it is done: renewals are kept in mind, and all else that changes
-    something is written."""
+    """CPU seconds that a call costs elsewhere: renewals stay in memory, every other change is written to the disk."""
     if scope["method"] == "GET":
         return limits.WAIT if scope["path"] == "/v1/wait" else 0.0
     return 0.0 if scope["path"].endswith("/renew") else limits.CHANGE
 
 
 def _length(scope: Any) -> int:
-    """Bytes of the body that a call says it has; what says none, or too many, is refused later."""
+    """Bytes of the body that a call declares; a missing or too large number is refused later."""
     text = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
     return min(int(text), limits.MOST_BODY) if text.isdigit() and len(text) < 10 else 0
 
 
 @types.coroutine
 def paced(work: Coroutine[Any, Any, None], account: Account) -> Generator[Any, Any, None]:
-    """Runs it, each step at the cost of an account; while that owes, the next one waits."""
+    """Runs a coroutine and charges each of its steps to an account; while that owes, the next step waits."""
     step, value = work.send, None
     while True:
         began = CPU()
@@ -110,5 +109,5 @@ def paced(work: Coroutine[Any, Any, None], account: Account) -> Generator[Any, A
             value, step = (yield awaited), work.send
             while owed := account.owed():
                 yield from asyncio.sleep(owed)
-        except BaseException as error:  # such as that it is cancelled, which the work is to hear
+        except BaseException as error:  # such as CancelledError, which the coroutine must see
             value, step = error, work.throw

@@ -1,4 +1,4 @@
-"""What operations need to know of how things are: from the running loop's last decision, or from a one-off pass."""
+"""The state of the robot that operations need: from the running loop's last decision, or from a one-off pass."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from rorg.model.diagnostics import nearest
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """How things are, as of one pass."""
+    """The state of the robot as of one pass."""
 
     decision: Decision
     statuses: Mapping[str, Status]
-    """Of all declared services, and of what is withheld."""
+    """Of all declared services, and of those that are withheld."""
     clock: float
-    """Now, in seconds of the clock of the pass, which leases run by."""
+    """The time of the pass, in seconds of its clock, by which leases run."""
 
     @property
     def catalog(self) -> Catalog:
-        """What is declared, and what is withheld with it."""
+        """What is declared, including what is withheld."""
         return self.decision.situation.desired.catalog
 
     def members(self, name: str) -> tuple[str, ...]:
@@ -35,17 +35,17 @@ class Current:
         return found
 
     def containers_of(self, name: str) -> list[Service]:
-        """Those of them that have containers. Raises Missing."""
+        """Those that have containers, among the services that a name stands for. Raises Missing."""
         return [s for n in self.members(name) if not (s := self.catalog.services[n]).meta]
 
     def runs(self, name: str) -> bool:
-        """Whether its container is seen to be alive; a meta-service always is."""
+        """Whether its container is alive, as seen last; a meta-service always is."""
         status = self.statuses.get(name)
         return status is not None and (status.state == "meta" or bool(status.incarnation))
 
     def incarnation(self, requester: str) -> str | None:
-        """The run of the requester that a request belongs to; None for those that have no container. Raises Busy while
-        it is not known what runs, and Refused where the requester does not."""
+        """The run of the requester to which a request belongs; None if the requester has no container. Raises Busy
+        while it is unknown what runs, and Refused if the requester does not run."""
         service = self.catalog.services.get(requester)
         if service is None or service.meta:
             return None
@@ -56,7 +56,7 @@ class Current:
             raise Refused(
                 f"request as {requester}",
                 f"{requester} does not run, and a request belongs to a run of its requester",
-                "requesting it first",
+                "`rorg request {requester}` first",
             )
         return self.statuses[requester].incarnation
 

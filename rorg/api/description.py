@@ -1,4 +1,4 @@
-"""Everything about a service: what is declared and by what, how it is, what happened to it, what it printed last."""
+"""Everything about a service: its declaration and where that comes from, its state, its last events and log lines."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from rorg.errors import RorgError
 from rorg.history.journal import Filter, Journal
 
 MOST = 10
-"""Events, and lines of a log."""
+"""Events, and log lines."""
 LONGEST = 1000
-"""Bytes of such a line."""
+"""Bytes of a log line; longer ones are cut."""
 
 
 def describe(current: Current, name: str, journal: Journal, engine: Callable[[], Engine]) -> list[dict[str, Any]]:
-    """A service, or each of a group. Asks the engine for the last lines of logs. Raises Missing."""
+    """Describes a service, or each of a group. Asks the engine for the last lines of logs. Raises Missing."""
     names = (name,) if name in current.statuses else current.members(name)
     return [
         {
@@ -42,7 +42,7 @@ def _events(journal: Journal, service: str) -> list[dict[str, Any]]:
 
 
 def declared(current: Current, name: str) -> dict[str, Any]:
-    """A service as its manifest says, with how it is; of its environment the names alone."""
+    """A service as its manifest declares it, with its status; of its environment only the names."""
     services, status = current.catalog.services, current.statuses[name]
     found = services[name]
     spec = {k: v for k, v in (found.spec or {}).items() if k != "environment"}
@@ -82,12 +82,11 @@ def _log(observed: Observed, service: str, engine: Callable[[], Engine]) -> list
 
 
 def add_description(app: FastAPI, operations: Operations) -> None:
-    """The route."""
+    """Adds the route."""
 
     @app.get("/v1/services/{name}/description", dependencies=[needs("logs")], response_model=list[Description])
     def description(name: str) -> Response:
-        """Everything about a service, or each of a group: what is declared and by what, how it is, its last events and
-        the last lines of its log. Of environments the names alone."""
-        loop = operations.loop
-        found = describe(operations.current, name, loop.recorder.journal, lambda: loop.engine)
+        """Everything about a service, or each of a group: its declaration and where that comes from, its state, its
+        last events and the last lines of its log. Of environments only the names."""
+        found = describe(operations.current, name, operations.journal, lambda: operations.engine)
         return Response(json.dumps(found), media_type="application/json")

@@ -1,11 +1,9 @@
-"""The route behind `rorg diff` and `rorg apply`: what is to be done, by a look at tree and engine of its own."""
+"""The route behind `rorg diff` and `rorg apply`: what rorg would do, after a fresh look at the tree and the engine."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,100 +11,76 @@ from fastapi import FastAPI
 from fastapi.responses import Response
 
 from rorg.api.callers import needs
+from rorg.api.generations import reached, until
 from rorg.api.models import Differences
-from rorg.api.not_before import reached
 from rorg.api.operations import Operations
-from rorg.api.plan_forms import shown
+from rorg.api.views import plan_forms
 from rorg.core.decide import Decision
 from rorg.core.plan import Plan, Waiting
 from rorg.daemon.commit_tree import CommitTree, load_at
-from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
 from rorg.history.names import for_git
 from rorg.history.revisions import Revisions
 
 PATIENCE = 2.0
-"""Seconds to wait at the most for a tree that is being written."""
+"""Longest time, in seconds, to wait for a tree that is being written."""
 
 
-def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The route by which commands see what would change."""
+def add_diffing(app: FastAPI, operations: Operations) -> None:
+    """Adds the route."""
     reading = asyncio.Lock()
-    """One state of the history at a time: all its files are read for it."""
+    """Held while a state from the history is read: all its files are in memory, so one at a time."""
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff(unified: bool = False, rev: str = "") -> Response:
-        """What is to be done, and why. The tree and the engine are looked at anew first, so that what was written, or
-        drifted, until now counts. `unified`: with a unified diff of each container that is changed. `rev`: what would
-        be done if the manifests of this revision, commit, tag or branch were in force; nothing is done of it."""
-        await _look(operations, changed)
+        """What rorg would do, and why. It first looks at the tree and the engine again, so that earlier changes and
+        drift count. `unified`: with a unified diff of each container that changes. `rev`: the plan if the manifests of
+        this revision, commit, tag or branch were in force; nothing of it is done."""
+        await _look(operations)
         if rev:
             async with reading:
-                past = await asyncio.to_thread(_past, operations, rev)
-            found = supposed(operations, past, unified)
+                name = for_git(rev, Revisions(operations.recorder.history))
+                past = await asyncio.to_thread(load_at, operations.tree, name)
+            found = differences(operations, unified, past)
         else:
             found = differences(operations, unified)
         return Response(json.dumps(found), media_type="application/json")
 
 
-def _past(operations: Operations, rev: str) -> CommitTree:
-    loop = operations.loop
-    return load_at(loop.tree, for_git(rev, Revisions(loop.recorder.history)))
-
-
-async def _look(operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """Returns when the last decision has seen how tree and engine are now. Raises Unreachable, or Busy while the tree
-    is being written."""
-    loop = operations.loop
+async def _look(operations: Operations) -> None:
+    """Returns when the last decision has seen the tree and the engine as they are now. Raises Unreachable, and Busy
+    while the tree is being written."""
     operations.check_engine("say what is to be done")
     try:
-        await asyncio.to_thread(loop.observer.sync, False)
+        await asyncio.to_thread(operations.observe)
     except RorgError as error:
         raise Unreachable("say what is to be done", error.why, error.remedy) from error
-    loop.wakes.files_changed()
-    await reached(operations, operations.changed(), changed)
-    clock = asyncio.get_running_loop().time
-    end = clock() + PATIENCE
-    while loop.wakes.files and clock() < end:
-        event = changed()
-        if loop.wakes.files:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(event.wait(), end - clock())
-    if loop.tree.busy:
+    await reached(operations, operations.files_changed())
+    await until(operations, lambda: not operations.reading_files, PATIENCE)
+    if operations.tree.busy:
         raise Busy("say what is to be done", "the manifests are being written", "again in a moment")
 
 
-def differences(operations: Operations, unified: bool) -> dict[str, Any]:
-    """The last decision's plan, with what is wrong with the tree."""
-    decision = operations.decision
-    about = about_tree(operations.loop.tree, operations.loop.leases.file)
+def differences(operations: Operations, unified: bool, past: CommitTree | None = None) -> dict[str, Any]:
+    """The plan of the last decision, with the mistakes in the tree; or the plan if a past state of the manifests were
+    in force."""
+    about = operations.about_tree()
+    tree = about["tree"]
+    decision = operations.suppose(past.desired) if past else operations.decision
     return {
-        "root": about["tree"]["root"],
-        "robot": about["tree"]["robot"],
-        "commit": "",
-        "errors": about["tree"]["errors"],
-        "warnings": about["tree"]["warnings"],
+        "root": tree["root"],
+        "robot": tree["robot"],
+        "commit": past.commit if past else "",
+        "errors": [] if past else tree["errors"],
+        "warnings": [] if past else tree["warnings"],
         "requests_errors": about["requests_errors"],
-        **shown(decision, with_calls_under_way(decision), unified),
-    }
-
-
-def supposed(operations: Operations, past: CommitTree, unified: bool) -> dict[str, Any]:
-    """The same of what a state of the manifests from the history would come to."""
-    decision, about = operations.suppose(past.desired), about_tree(operations.loop.tree, operations.loop.leases.file)
-    return {
-        "root": about["tree"]["root"],
-        "robot": about["tree"]["robot"],
-        "commit": past.commit,
-        "errors": [],
-        "warnings": [],
-        "requests_errors": about["requests_errors"],
-        **shown(decision, decision.plan, unified),
+        **plan_forms(decision, decision.plan if past else with_calls_under_way(decision), unified),
     }
 
 
 def with_calls_under_way(decision: Decision) -> Plan:
-    """The plan, in which each service with a call under way waits for its end: it is planned for again only then."""
+    """The plan, with a waiting for each service that has a call under way: rorg plans for it again when the call
+    ends."""
     waitings = [
         Waiting(name, f"{flight.action.verb} is under way ({flight.action.reason})")
         for name, flight in decision.memory.in_flight.items()

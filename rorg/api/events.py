@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -18,24 +18,26 @@ from starlette.types import Receive, Scope, Send
 from rorg.api.callers import Who, needs, still
 from rorg.api.inputs import moment
 from rorg.api.operations import Operations
-from rorg.api.own_events import own_events
 from rorg.api.permissions import allow_request
+from rorg.api.request_routes import gone
 from rorg.api.status_models import EventView
-from rorg.api.waiting import gone
 from rorg.errors import Busy, Forbidden
 from rorg.history.journal import Filter, Journal
+from rorg.model.catalog import Catalog
+from rorg.model.catalog import Request as Asked
+from rorg.model.graph import closure
 
 SLICE = 100
-"""Lines that are written at once: no more are kept for who reads slowly."""
+"""Lines that are written at a time: no more are kept for a slow reader."""
 
-When = Annotated[str | None, Query(max_length=64, description="10m (ago), or a time as of RFC 3339.")]
+When = Annotated[str | None, Query(max_length=64, description="10m (ago), or a time in RFC 3339.")]
 Reading = Callable[[asyncio.Future[None]], AsyncGenerator[bytes, None]]
-"""What is written until a future says that nobody listens any more."""
+"""Writes pieces until the future says that the caller has hung up."""
 
 
 class Lines(StreamingResponse):
-    """Lines of JSON, as long as there are any and somebody listens. They are written by the task of the call itself,
-    so that what they cost is charged to the caller."""
+    """Lines of JSON, until there are no more or the caller hangs up. The task of the call writes them, so that their
+    cost is charged to the caller."""
 
     media_type = "application/x-ndjson"
 
@@ -56,7 +58,7 @@ class Lines(StreamingResponse):
 
 
 def answering_lines(model: type[BaseModel]) -> dict[str, Any]:
-    """How a route is declared that answers Lines, each one like the model."""
+    """The arguments of a route that answers with Lines, each one like the model."""
     return {
         "response_class": Lines,
         "responses": {200: {"model": model, "description": "Lines of JSON, each one like this."}},
@@ -64,8 +66,8 @@ def answering_lines(model: type[BaseModel]) -> dict[str, Any]:
     }
 
 
-def add_events(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The route."""
+def add_events(app: FastAPI, operations: Operations) -> None:
+    """Adds the route."""
 
     @app.get("/v1/events", dependencies=[needs("events")], **answering_lines(EventView))
     async def events(
@@ -82,11 +84,11 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
         until: When = None,
         text: Annotated[str, Query(max_length=500, description="Only with this in the message, in any case.")] = "",
     ) -> Response:
-        """The journal as lines of JSON, each with a number `seq`: ask again with the last one as cursor to go on from
-        there. Without a cursor, the last `tail` lines (with `since` and no `tail`, all from then on), and what
-        comes when following. `mine`: only lines about requests of the caller (or of `requester`) and what they name,
-        such as `lost`; a service sees no others."""
-        journal, now = operations.loop.recorder.journal, time.time()
+        """The journal as lines of JSON, each with a number `seq`: give the last one as cursor to continue from there.
+        Without a cursor, the last `tail` lines (with `since` and no `tail`, all from then on), and new ones when
+        following. `mine`: only lines about requests of the caller (or of `requester`) and what they name, such as
+        `lost`; a service sees no others."""
+        journal, now = operations.journal, time.time()
         begin, end = moment(since, "since", now), moment(until, "until", now)
         meant = Filter(frozenset(kind or ()), frozenset(service or ()), begin, end, text)
         place = _begin(journal, meant, tail) if cursor is None else cursor
@@ -99,13 +101,14 @@ def add_events(app: FastAPI, operations: Operations, changed: Callable[[], async
             return still(request, "events")
 
         def lines(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
-            return _lines(operations, replace(meant, after=place), follow, whose, changed, allowed, hangup)
+            return _lines(operations, replace(meant, after=place), follow, whose, allowed, hangup)
 
         return Lines(lines, headers={"rorg-cursor": str(place)})
 
 
 def _begin(journal: Journal, meant: Filter, tail: int) -> int:
-    """The number after which the last `tail` of the entries that are meant stand; all, of those since a time."""
+    """The number just before the last `tail` of the chosen entries; before all of those since a time, without
+    `tail`."""
     if meant.since and not tail:
         return 0
     if meant == Filter():
@@ -120,19 +123,18 @@ async def _lines(
     meant: Filter,
     follow: bool,
     whose: str,
-    changed: Callable[[], asyncio.Event],
     allowed: Callable[[], object],
     hangup: asyncio.Future[None],
 ) -> AsyncGenerator[bytes, None]:
-    """`whose`: the requester whose lines alone are told; empty for all lines. `allowed` raises Forbidden once the
-    caller may not hear more, and Busy where that is not known."""
-    journal, written = operations.loop.recorder.journal, asyncio.Event()
+    """Writes lines. `whose`: the requester whose lines alone are shown; empty for all. `allowed` raises Forbidden once
+    the caller may not read more, and Busy if that is unknown."""
+    journal, written = operations.journal, asyncio.Event()
     end = journal.follow(from_any_thread(written)) if follow else lambda: None
     try:
         while not hangup.done():
-            # Both are looked at before the journal is read: what is written from here on wakes the wait below.
+            # Both are taken before the journal is read: what is written from here on ends the wait below.
             written.clear()
-            turn = changed()
+            turn = operations.next_pass()
             with contextlib.suppress(Busy):
                 allowed()
             last = journal.last
@@ -143,19 +145,19 @@ async def _lines(
                 told = _own(operations, found, whose) if whose else found
                 if told:
                     yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
-                await asyncio.sleep(0)  # others have their turn, and it is heard that nobody listens any more
+                await asyncio.sleep(0)  # lets other calls run, and notices a caller who hung up
             elif not follow or operations.ending:
                 return
             else:
                 await either(written, turn, hangup)
     except Forbidden:
-        return  # asked again, it is told why
+        return  # the next call gets the reason
     finally:
         end()
 
 
 def from_any_thread(event: asyncio.Event) -> Callable[[], None]:
-    """Sets an event of this loop."""
+    """A function that sets an event of this event loop from any thread."""
     loop = asyncio.get_running_loop()
 
     def tell() -> None:
@@ -166,7 +168,7 @@ def from_any_thread(event: asyncio.Event) -> Callable[[], None]:
 
 
 async def either(one: asyncio.Event, other: asyncio.Event, hangup: asyncio.Future[None]) -> None:
-    """Returns when one of them is set, or nobody listens any more."""
+    """Returns when one of the events is set, or the caller hangs up."""
     waits: list[asyncio.Future[Any]] = [asyncio.ensure_future(event.wait()) for event in (one, other)]
     try:
         await asyncio.wait([*waits, hangup], return_when=asyncio.FIRST_COMPLETED)
@@ -181,3 +183,19 @@ def _own(operations: Operations, entries: list[dict[str, Any]], whose: str) -> l
     except Busy:
         return []
     return own_events(entries, whose, operations.catalog, (*operations.catalog.requests, *decision.settled.requests))
+
+
+def own_events(
+    entries: Iterable[Mapping[str, Any]], requester: str, catalog: Catalog, requests: Iterable[Asked]
+) -> list[dict[str, Any]]:
+    """The entries about the requester, about what its `requests` name, or about what that needs. Of the requests that a
+    line names, only the requester's own are kept, by their ids."""
+    named = {s for r in requests if r.requester == requester for s in r.services}
+    services = {requester, *named, *closure(catalog.services, [m for s in named for m in catalog.members(s)])}
+    found = []
+    for entry in entries:
+        mine = [text.partition("/")[2] for text in entry.get("requests", ()) if text.startswith(f"{requester}/")]
+        about = {entry.get("service"), *entry.get("services", ()), *entry.get("shed", ())}
+        if mine or about & services:
+            found.append({**entry, "requests": mine} if "requests" in entry else dict(entry))
+    return found

@@ -1,4 +1,8 @@
-"""Reads that know of a change: held back until the loop has acted on it; and the answers of an rorg that ends."""
+"""Clients read their own writes: answers wait until the loop has acted on the change that the caller knows of.
+
+Every change is answered with a generation. A caller names the newest one that it knows in the header `rorg-not-before`,
+or in the query as `not_before`. While rorg stops, every call gets "busy", so that clients try again.
+"""
 
 from __future__ import annotations
 
@@ -16,62 +20,58 @@ HEADER = b"rorg-not-before"
 GENERATION = "rorg-generation"
 """The header in which a change answers with its generation."""
 PATIENCE = 10.0
-"""Seconds that a call is held back at the most."""
+"""Longest time, in seconds, that a call waits for the loop."""
 
 
 class NotBefore:
-    """In front of the application. A caller names the generation of its last change in a header, or in the query; no
-    answer that does not know of that change is given. While rorg is being stopped every call is told to come again."""
+    """The ASGI application that holds calls back, in front of another one."""
 
-    def __init__(self, app: Any, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-        self.app, self.operations, self.changed = app, operations, changed
+    def __init__(self, app: Any, operations: Operations) -> None:
+        self.app, self.operations = app, operations
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         try:
-            generation = self._asked(scope)
+            generation = _named(scope)
+            if scope.get("method") == "GET" and scope.get("path") == "/v1/requests":
+                # The list of requests is never older than the question: callers look there before they release.
+                generation = max(generation, self.operations.latest)
             if not self.operations.open_to(generation):
-                await reached(self.operations, generation, self.changed)
+                await reached(self.operations, generation)
         except RorgError as error:
             await answer(error)(scope, receive, send)
         else:
             await self.app(scope, receive, send)
 
-    def _asked(self, scope: Any) -> int:
-        """The list of requests is never older than the question: who releases looks there first."""
-        lists = scope.get("method") == "GET" and scope.get("path") == "/v1/requests"
-        return max(_named(scope), self.operations.loop.generations.latest if lists else 0)
 
-
-async def reached(operations: Operations, generation: int, changed: Callable[[], asyncio.Event]) -> None:
-    """Returns when the loop has acted on a generation. Raises Busy when that takes too long."""
-    end = asyncio.get_running_loop().time() + PATIENCE
-    while not operations.open_to(generation):
-        event = changed()
-        left = end - asyncio.get_running_loop().time()
-        if operations.open_to(generation):
-            return
-        if left <= 0:
-            raise Busy(
-                "answer",
-                f"change {generation} has not been acted on in {PATIENCE:g} s; the manifests are "
-                "being written, or the loop is held up",
-                "again in a moment",
-            )
+async def until(operations: Operations, done: Callable[[], bool], seconds: float) -> bool:
+    """Waits until `done()`, which is asked after each pass of the loop; False if the time runs out first."""
+    clock = asyncio.get_running_loop().time
+    end = clock() + seconds
+    while True:
+        event = operations.next_pass()  # taken first: a pass that ends during the check sets it
+        if done():
+            return True
+        if clock() >= end:
+            return False
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(event.wait(), left)
+            await asyncio.wait_for(event.wait(), end - clock())
+
+
+async def reached(operations: Operations, generation: int) -> None:
+    """Waits until the loop has acted on a generation. Raises Busy if that takes longer than PATIENCE."""
+    if not await until(operations, lambda: operations.open_to(generation), PATIENCE):
+        why = "the manifests are being written, or the loop is held up"
+        raise Busy("answer", f"change {generation} has not been acted on in {PATIENCE:g} s; {why}", "again in a moment")
 
 
 def _named(scope: Any) -> int:
-    """The generation that a call names; 0 without one."""
+    """The generation that a call names; 0 if it names none. Raises Invalid."""
     text = next((value for name, value in scope.get("headers", ()) if name == HEADER), b"").decode("latin-1")
     if not text and b"not_before" in scope.get("query_string", b""):
         text = parse_qs(scope["query_string"].decode("latin-1")).get("not_before", [""])[-1]
     if not text:
         return 0
     if not text.isascii() or not text.isdigit() or len(text) > 18:
-        raise Invalid(
-            "read the request",
-            f"not before '{text[:40]}': a generation is a whole number",
-            "the number that a change was answered with",
-        )
+        why = f"not before '{text[:40]}': a generation is a whole number"
+        raise Invalid("read the request", why, "the number that a change was answered with")
     return int(text)

@@ -1,4 +1,4 @@
-"""The history through the API: revisions of the manifests, what services went through, all of it in one stream."""
+"""The history through the API: revisions of the manifests, timelines of services, and the export of everything."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rorg.api.history_models import (
 from rorg.api.inputs import moment
 from rorg.api.limits import MOST_EXPORTS, MOST_REVISIONS
 from rorg.api.operations import Operations
-from rorg.api.reading import text
+from rorg.api.read_routes import text
 from rorg.errors import TooMany
 from rorg.history import queries
 from rorg.history.export import ENCODERS
@@ -36,7 +36,7 @@ from rorg.host.git import commit_of
 from rorg.model.units import stamp
 
 SLICE = 200
-"""Records that are written at once."""
+"""Records that are written at a time."""
 DAY = 86400.0
 
 
@@ -47,57 +47,58 @@ class Protobuf(Lines):
 
 
 def add_history(app: FastAPI, operations: Operations) -> None:
-    """The routes."""
+    """Adds the routes."""
     _add_export(app, operations)
     _add_recorded(app, operations)
     history = [needs("history")]
 
     def named(rev: str) -> Revision:
-        return queries.resolve(rev, _revisions(operations), lambda name: commit_of(operations.loop.tree.root, name))
+        return queries.resolve(rev, _revisions(operations), lambda name: commit_of(operations.tree.root, name))
 
     @app.get("/v1/history", dependencies=history, response_model=list[RevisionView])
     def listed(
         most: Annotated[int, Query(ge=1, le=MOST_REVISIONS)] = 20,
         before: Annotated[int, Query(ge=0, description="Only older ones than this number.")] = 0,
     ) -> Response:
-        """The newest states of the manifests that were applied or refused, the newest first."""
+        """The revisions of the manifests that were applied or refused, the newest first."""
         return text(queries.listed(_revisions(operations), most, before))
 
     @app.get("/v1/history/{a:path}/diff/{b:path}", dependencies=history, response_model=Comparison)
     def compared(a: str, b: str) -> Response:
-        """Which services one revision has otherwise than another, with the fields. Revisions are named by their number,
-        or as git names commits."""
+        """The services that differ between two revisions, with their fields. Revisions are named by number, or as git
+        names commits."""
         return text(queries.compared(named(a), named(b)))
 
     @app.get("/v1/history/{rev:path}", dependencies=history, response_model=RevisionDetail)
     def shown(rev: str) -> Response:
-        """All of a revision. It is named by its number, or as git names commits: a hash, a tag, a branch, HEAD~2."""
+        """Everything about a revision, named by its number, or as git names commits: a hash, a tag, a branch,
+        HEAD~2."""
         return text(queries.full(named(rev)))
 
     @app.get("/v1/timeline/{service}", dependencies=history, response_model=Timeline)
     def timeline(service: str, since: When = None, until: When = None) -> Response:
-        """What states a service was in, from when to when, why, and who asked for it: of the last day, or `since`. Of
-        one that is declared no more, too; without spans where nothing is on record."""
+        """The states of a service over time, with reasons and requesters: of the last day, or `since`. Also for a
+        service that is no longer declared; without spans if nothing is on record."""
         now = time.time()
         begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
-        return text(queries.timeline(operations.loop.recorder.journal, service, begin, end))
+        return text(queries.timeline(operations.journal, service, begin, end))
 
 
 def _add_recorded(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/requested", dependencies=[needs("history")], response_model=Requested)
     def requested(since: When = None, until: When = None) -> Response:
-        """What was requested in the last day, or `since`: what was in force then, and each request and release later.
-        What manifests request is not among them."""
+        """The requests of the last day, or `since`: those in force at the begin, and each request and release after
+        that. Standing requests of manifests are left out."""
         now = time.time()
         begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
-        return text(recorded(operations.loop.recorder.journal, begin, end))
+        return text(recorded(operations.journal, begin, end))
 
     @app.get("/v1/measured", dependencies=[needs("history")], response_model=list[MeasuredView])
     def measured(since: When = None) -> Response:
-        """What services used while they ran, in the last day or `since` (its hour counts whole)."""
+        """What services used while they ran, in the last day or `since` (counted from the full hour)."""
         now = time.time()
         begin = moment(since, "since", now) or stamp(now - DAY)
-        return text(UsageTable(operations.loop.recorder.history).since(begin))
+        return text(UsageTable(operations.recorder.history).since(begin))
 
 
 def _add_export(app: FastAPI, operations: Operations) -> None:
@@ -105,11 +106,11 @@ def _add_export(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/history/export", dependencies=[needs("history")], **answering_lines(RecordView))
     async def export(format: Literal["jsonl", "protobuf"] = "jsonl") -> Response:
-        """All that is on record, revisions first: as lines of JSON, or as the messages of `schemas/journal.proto`, each
+        """Everything on record, revisions first: as lines of JSON, or as the messages of `schemas/journal.proto`, each
         after its length (application/x-protobuf)."""
         if len(under_way) >= MOST_EXPORTS:
             raise TooMany("export the history", f"{MOST_EXPORTS} exports are being written already", "again later", 5)
-        found, encode = queries.records(operations.loop.recorder.journal, _revisions(operations)), ENCODERS[format]
+        found, encode = queries.records(operations.journal, _revisions(operations)), ENCODERS[format]
 
         async def pieces(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
             token = object()
@@ -127,7 +128,7 @@ def _add_export(app: FastAPI, operations: Operations) -> None:
 
 
 def _revisions(operations: Operations) -> Revisions:
-    return Revisions(operations.loop.recorder.history)
+    return Revisions(operations.recorder.history)
 
 
 def _piece(found: Iterator[dict[str, Any]], encode: Any) -> bytes:

@@ -1,4 +1,4 @@
-"""What the API gives of the history, as pydantic models."""
+"""What the API answers about the history, as pydantic models."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ class RevisionView(BaseModel):
     number: int = Field(description="1, 2, ...")
     at: str = Field(description="ISO 8601, UTC: when it was taken into use.")
     fingerprint: str = Field(description="Of the manifests' content.")
-    commit: str = Field(description="Of git; empty outside of a repository.")
+    commit: str = Field(description="The git commit; empty outside of a repository.")
     author: str = Field(description="Of the commit.")
     subject: str = Field(description="Of the commit.")
     dirty: bool = Field(description="Files differed from the commit.")
-    robot: str = Field(description="Whose overlay was laid over the manifests.")
+    robot: str = Field(description="The robot whose overlay counted.")
     standing: str = Field(description="applying, baking, good, failed, superseded or refused.")
     reason: str = Field(description="Why it has that standing.")
-    settled_at: str = Field(description="ISO 8601, UTC: since when.")
-    errors: list[str] = Field(description="Of a refused one.")
+    settled_at: str = Field(description="ISO 8601, UTC: when it got that standing.")
+    errors: list[str] = Field(description="If it was refused.")
 
 
 class MadeView(BaseModel):
     """What a container of a service is made from."""
 
     digest: str = Field(description="Of the rendered options.")
-    declared: str = Field(description="The rendered options, as JSON; what may be secret is masked.")
+    declared: str = Field(description="The rendered options, as JSON; possible secrets are masked.")
     image: str = Field(description="Its reference.")
-    image_id: str = Field(description="The engine's id of it; empty where it was never known.")
-    edition: str = Field(description="Of the manifest, and of what it mounts.")
+    image_id: str = Field(description="Its id in the engine; empty if unknown.")
+    edition: str = Field(description="Digest of the manifest and of the files that it mounts.")
 
 
 class RevisionDetail(RevisionView):
-    """All of it."""
+    """Everything about a revision."""
 
-    plan: str = Field(description="What was to be done on its word, as text.")
+    plan: str = Field(description="What rorg had to do for it, as text.")
     services: dict[str, MadeView]
 
 
 class FieldChange(BaseModel):
-    """A declared option that is another; null where there is none. What may be secret is masked."""
+    """A declared option that changed; null if it was or is not set. Possible secrets are masked."""
 
     field: str
     old: Any
@@ -53,7 +53,7 @@ class FieldChange(BaseModel):
 
 
 class ServiceChange(BaseModel):
-    """A service that one revision has otherwise than another."""
+    """A service that differs between two revisions."""
 
     service: str
     change: str = Field(description="added, removed or changed.")
@@ -73,14 +73,14 @@ class SpanView(BaseModel):
 
     state: str = Field(description="The engine's word; none without a container, ready for one that runs and is ready.")
     begin: str = Field(description="ISO 8601, UTC.")
-    end: str | None = Field(description="Null where it goes on.")
+    end: str | None = Field(description="Null if it goes on.")
     seconds: float
     why: str
-    who: str = Field(description="Who had asked for it, as far as that is on record.")
+    who: str = Field(description="Who had asked for it, if that is on record.")
 
 
 class Timeline(BaseModel):
-    """What a service went through."""
+    """The states of a service over time."""
 
     service: str
     begin: str = Field(description="ISO 8601, UTC.")
@@ -93,14 +93,14 @@ class MeasuredView(BaseModel):
 
     service: str
     runs: int
-    seconds: float = Field(description="For which it ran and was measured.")
-    cpu: float = Field(description="Cores, in the mean.")
-    memory: int = Field(description="Bytes, in the mean.")
-    peak_memory: int = Field(description="The most bytes that were seen; once a minute, and before it ceased.")
+    seconds: float = Field(description="How long it ran and was measured.")
+    cpu: float = Field(description="Mean, in cores.")
+    memory: int = Field(description="Mean, in bytes.")
+    peak_memory: int = Field(description="Highest sample, in bytes; once a minute, and before it ceased.")
 
 
 class Asking(BaseModel):
-    """A request that is made, or made anew; or released, where it names no services."""
+    """A request; or a release, if it names no services."""
 
     at: str = Field(description="ISO 8601, UTC.")
     requester: str
@@ -111,14 +111,14 @@ class Asking(BaseModel):
 class Requested(BaseModel):
     """What a robot was asked for."""
 
-    begin: str = Field(description="ISO 8601, UTC: no earlier than what is on record.")
+    begin: str = Field(description="ISO 8601, UTC: not before the first record.")
     end: str
-    unknown: int = Field(description="Requests on record without what they name; an earlier rorg wrote them.")
+    unknown: int = Field(description="Requests on record without their services: an earlier rorg wrote them.")
     requests: list[Asking] = Field(description="In order of time.")
 
 
 class RecordView(BaseModel):
-    """A line of the export: a revision or an event. `schemas/journal.proto` says the same."""
+    """A line of the export: a revision or an event. `schemas/journal.proto` defines the same."""
 
     revision: RevisionDetail | None = None
     event: EventView | None = None

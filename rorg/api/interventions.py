@@ -1,27 +1,27 @@
-"""Routes by which people intervene: restart, hold, suspend, confirm removals."""
+"""Routes by which people intervene: restart, retry, hold, suspend, confirm removals, fetch, take the robot down."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import Annotated
 
 from fastapi import FastAPI, Query
 from fastapi.responses import Response
 
-from rorg.api.bodies import accepted
-from rorg.api.body_models import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody, SuspendBody
-from rorg.api.callers import Requester, Who, needs
-from rorg.api.inputs import seconds_of
+from rorg.api import changes
+from rorg.api.callers import Requester, Who, accepted, applied, needs
+from rorg.api.inputs import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody, SuspendBody, seconds_of
 from rorg.api.models import Held
 from rorg.api.operations import Operations
+from rorg.api.permissions import allow_restart
 from rorg.api.status_models import GitView
 
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
-    """The routes."""
+    """Adds the routes."""
     _add_holds(app, operations)
     _add_down(app, operations)
-    _add_suspension(app, operations)
 
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
     async def restart(  # caller_of reads the requester; here it is for the schema
@@ -30,76 +30,72 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
         force: bool = False,
         requester: Requester = None,  # noqa: ARG001
     ) -> Response:
-        """Stop and start a service, or each of a group. Where it moves hardware, or others go along, only with `force`:
-        the refusal names them in `confirm`."""
-        names, change = operations.restart(caller, name, force)
-        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+        """Stop and start a service, or each of a group. If that stops a driver or other services, it needs `force`: the
+        refusal names them in `confirm`."""
+        allow_restart(caller, name, operations.catalog)
+        return await applied(operations, caller, changes.restart(operations.current, name, force, time.time()), True)
 
     @app.post("/v1/retries", dependencies=[needs("retry")], response_model=Held)
     async def retry(body: RetryBody, caller: Who) -> Response:
-        """Try changes of services again that failed, all of them or none, though nothing of them was changed. Where
-        that replaces what moves hardware, or others go along, only with `force`: the refusal names them in
-        `confirm`."""
-        names, change = operations.retry(caller, body.services, body.force)
-        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+        """Retry failed changes of services without editing anything: all of them or none. If that replaces a driver or
+        restarts other services, it needs `force`: the refusal names them in `confirm`."""
+        return await applied(operations, caller, changes.retry(operations.current, body, time.time()), True)
 
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
-        """Confirm that what no manifest declares any more is removed, though a request, a need or a group named it."""
-        return accepted(await asyncio.wrap_future(operations.confirm(caller, tuple(body.services))))
+        """Confirm the removal of what no manifest declares any more, although a request, a need or a group named it."""
+        return await applied(operations, caller, changes.confirm(operations.current, tuple(body.services)))
 
     @app.post("/v1/fetch", dependencies=[needs("fetch")], response_model=GitView)
     async def fetch(
-        seconds: Annotated[float, Query(ge=0, le=60, description="Wait so long for it.")] = 8.0,
+        seconds: Annotated[float, Query(ge=0, le=60, description="Longest time to wait for it.")] = 8.0,
     ) -> Response:
-        """Look at the repository that is followed, now. Answers with how that went; refused where none is followed."""
+        """Fetch the repository that rorg follows now, and answer with the result. Refused if rorg follows none."""
         return accepted(*await asyncio.to_thread(operations.fetch, seconds))
 
 
 def _add_down(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:
-        """Cease and remove everything, in order, whoever requests it; then rorg ends. The robot stays down until
-        somebody runs it again."""
-        return accepted(await asyncio.wrap_future(operations.down(caller, body.keep_requests, body.volumes)))
+        """Cease and remove everything, in order, regardless of requests; then rorg ends. The robot stays down until a
+        person runs rorg again."""
+        suspended = operations.decision.situation.suspended
+        return await applied(operations, caller, changes.down(body.keep_requests, body.volumes, suspended))
 
     @app.delete("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def up(caller: Who) -> Response:
-        """Bring the robot up that was taken down."""
-        return accepted(await asyncio.wrap_future(operations.up(caller)))
+        """Bring the robot up after it was taken down."""
+        return await applied(operations, caller, changes.up())
 
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:
+    async def held(caller: Who, body: HoldsBody, named: bool = True) -> Response:
+        return await applied(operations, caller, changes.hold(operations.current, body, time.time()), named)
+
     @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
     async def hold(name: str, body: HoldBody, caller: Who) -> Response:
-        """Keep a service, or a group's, from being active for a time, whoever requests it. Where that stops what moves
-        hardware, or others with it, only with `force`: the refusal names them in `confirm`."""
-        seconds = seconds_of(body.duration, "duration")
-        names, change = operations.hold(caller, [name], seconds, body.reason, body.force)
-        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+        """Keep a service, or those of a group, from being active for a time, regardless of requests. If that stops a
+        driver or other services, it needs `force`: the refusal names them in `confirm`."""
+        return await held(caller, HoldsBody.model_construct(services=[name], **body.model_dump()))
 
     @app.put("/v1/holds", dependencies=[needs("hold")], response_model=Held)
     async def hold_all(body: HoldsBody, caller: Who) -> Response:
-        """Keep services and groups from being active for a time, all of them or none; without a duration that ends.
+        """Keep services and groups from being active for a time, all of them or none; without a duration, end that.
         `force` as for one of them."""
-        seconds = seconds_of(body.duration, "duration")
-        names, change = operations.hold(caller, body.services, seconds, body.reason, body.force)
-        return accepted(await asyncio.wrap_future(change), {"services": list(names)})
+        return await held(caller, body)
 
     @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
     async def unhold(name: str, caller: Who) -> Response:
-        """End the hold of a service, or of a group's."""
-        return accepted(await asyncio.wrap_future(operations.hold(caller, [name], None, "")[1]))
+        """End the hold of a service, or of those of a group."""
+        return await held(caller, HoldsBody.model_construct(services=[name]), named=False)
 
-
-def _add_suspension(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def suspend(body: SuspendBody, caller: Who) -> Response:
         """Change nothing for a time."""
         seconds = seconds_of(body.duration, "duration")
-        return accepted(await asyncio.wrap_future(operations.suspend(caller, seconds, body.reason)))
+        return await applied(operations, caller, changes.suspend(seconds, body.reason, time.time()))
 
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
         """End a suspension."""
-        return accepted(await asyncio.wrap_future(operations.suspend(caller, None, "")))
+        return await applied(operations, caller, changes.suspend(None, "", time.time()))

@@ -1,5 +1,5 @@
-"""The limits of the server, in one table; and what it counts of each caller. The reference of the API is written from
-this file. Nothing here does I/O or asks for the time."""
+"""The limits of the server, in one table, and what it counts of each caller. Pure, without I/O or clock. The reference
+of the API is generated from this file."""
 
 from __future__ import annotations
 
@@ -12,65 +12,65 @@ from rorg.api.permissions import Caller
 from rorg.errors import TooMany
 
 MOST_HEAD = 32 << 10
-"""Bytes of a request's first line and headers (300 names to wait for fit); else 431."""
+"""Bytes of a request's first line and headers (300 names to wait for fit); more gets 431."""
 MOST_HEADERS = 64
-"""Headers of a request; else 431."""
+"""Headers of a request; more gets 431."""
 MOST_BODY = 1 << 20
-"""Bytes of a body, which must say how many they are; else 413."""
+"""Bytes of a body, which must declare its length; more gets 413."""
 MOST_DROPPED = 16 << 20
-"""Bytes of a refused body that are read, so that its sender sees why, before it is hung up on."""
+"""Bytes of a refused body that are still read, so that its sender sees the reason before the connection is closed."""
 MOST_PIPELINED = 4
-"""Requests of a connection that wait behind the one being answered; with one more it is hung up on."""
+"""Requests of a connection that wait for the one being answered; one more, and the connection is closed."""
 IDLE = 60.0
-"""Seconds after which a connection that asks nothing is closed."""
+"""Seconds after which an idle connection is closed."""
 COMPLETE = 30.0
-"""Seconds from a request's first byte to its last; else its connection is closed."""
+"""Seconds from a request's first byte to its last; after that its connection is closed."""
 DEAF = 30.0
-"""Seconds for which an answer may wait to be read before its connection is closed; events are asked for again."""
+"""Seconds that an answer may wait to be read before its connection is closed; readers of events connect again."""
 HANDSHAKE = 10.0
 """Seconds of a TLS handshake."""
 MOST_HANDSHAKES = 64
-"""TLS handshakes at once; the one that has taken longest makes room for the next."""
+"""TLS handshakes at the same time; one more ends the one that has taken longest."""
 MOST_CONNECTIONS = 4000
-"""Connections in all, of every socket; less where this process may have fewer files open."""
+"""Connections in total, over all sockets; fewer if this process may have fewer files open."""
 RESERVED = 512
-"""Descriptors that no connection takes, for the loop: containers, probes, files. Half of them where there are fewer
-than 1024."""
+"""Descriptors that no connection takes, for the loop: containers, probes, files. Half of them if there are fewer than
+1024."""
 MOST_OF_ONE = 200
-"""Connections of one service. Of the room that is left nobody gets more than half, people included. A caller who has as
-many as that gets a new one if another of its own asks nothing: the one that has done so for longest is closed."""
+"""Connections of one service. No caller gets more than half of the room that is left, people included. A caller with
+that many gets a new one by losing the one of its own that has been idle for longest, if any is idle."""
 MOST_HELD = 4 << 20
-"""Bytes of one service's bodies that are being read, and as many of answers that it does not read."""
+"""Bytes of one service's bodies that are being read, and also of answers that it does not read."""
 MOST_LOGS = 64
-"""Logs of services that are read at once, each by a thread; of all callers."""
+"""Logs of services that are read at the same time, each by a thread; of all callers."""
 MOST_EXPORTS = 4
-"""Exports of the history that are written at once, each by a thread; of all callers."""
+"""Exports of the history that are written at the same time, each by a thread; of all callers."""
 MOST_REVISIONS = 1000
 """Revisions in one answer."""
 SHARE = 0.2
-"""CPU seconds a second that a service's calls may cost; with none left, 429 and Retry-After. People have no such limit:
-who may stop rorg need not flood it."""
+"""CPU seconds per second that a service's calls may cost; after that, 429 and Retry-After. People have no such limit:
+whoever can stop rorg has no need to flood it."""
 BURST = 4.0
-"""CPU seconds that a service may save up: 600 changes at once, then 30 a second; 10,000 looks at a service, then 500 a
-second. A behaviour that requests and releases hundreds of times in a row never waits."""
+"""CPU seconds that a service may save up: 600 changes in a burst, then 30 a second; 10,000 looks at a service, then 500
+a second. A behaviour that requests and releases hundreds of times in a row never waits."""
 MOST_OWED = 0.4
-"""CPU seconds that it may owe: it never waits longer than 2.25 s."""
+"""CPU seconds that a service may owe: it never waits longer than 2.25 s."""
 CALL = 0.0003
-"""CPU seconds that any call costs beside its work: in the kernel, and because the loop waits meanwhile."""
+"""CPU seconds that any call costs besides its work: in the kernel, and because the loop waits meanwhile."""
 CHANGE = 0.004
-"""CPU seconds that a change costs beside those of its call: it is written to the disk, and the loop looks at all."""
+"""CPU seconds that a change costs besides those of its call: it is written to the disk, and the loop makes a pass."""
 WAIT = 0.005
-"""CPU seconds that a wait costs: the loop looks at once, and probes are asked anew."""
+"""CPU seconds that a wait costs: the loop makes a pass, and probes run again."""
 GREETING = 0.0005
-"""CPU seconds that a connection costs before it says anything."""
+"""CPU seconds that a connection costs before its first request."""
 SPARE = 0.05
-"""CPU seconds that it must have saved up again, once it has used all, before it is heard."""
+"""CPU seconds that a service must have saved up again before it is heard, once it has used all."""
 
 UNLIMITED = math.inf
 
 
 def room(descriptors: int) -> int:
-    """Connections in all, where the process may have so many descriptors."""
+    """Connections in total, if the process may have this many descriptors."""
     return min(MOST_CONNECTIONS, descriptors - min(RESERVED, descriptors // 2))
 
 
@@ -82,10 +82,9 @@ class Account:
         self.connections = self.bodies = self.unread = 0
         self.threads = asyncio.Lock()
         self.idle: dict[object, Callable[[], None]] = {}
-        """Connections that ask nothing, each with what hangs up on it; the one that has asked nothing for longest comes
-        first."""
+        """Idle connections, each with a function that closes it; the one that has been idle for longest comes first."""
         self.closed = False
-        """It is a service's whose socket is gone."""
+        """It belongs to a service whose socket is gone."""
         self._left, self._at, self._resting = BURST, clock(), False
 
     @property
@@ -93,14 +92,14 @@ class Account:
         return self.share != UNLIMITED
 
     def charge(self, seconds: float) -> None:
-        """The caller has cost so much CPU."""
+        """Charges the caller for CPU seconds."""
         if self.limited:
             now = self.clock()
             self._left = max(-MOST_OWED, min(BURST, self._left + (now - self._at) * self.share) - seconds)
             self._at = now
 
     def owed(self) -> float:
-        """Seconds until it may ask again; 0 when it may now."""
+        """Seconds until the caller may call again; 0 if it may now."""
         self.charge(0.0)
         self._resting = self._left < (SPARE if self._resting else 0.0)
         return (SPARE - self._left) / self.share if self._resting else 0.0
@@ -112,12 +111,11 @@ class Account:
         return not self.connections and self._left == BURST
 
     def fits(self, left: int) -> bool:
-        """Whether it may have one more connection, where there is room for `left` more in all."""
+        """Whether it may have one more connection, if there is room for `left` more in total."""
         return self.connections < (min(MOST_OF_ONE, left) if self.limited else left)
 
     def make_room(self) -> bool:
-        """Hangs up on the connection that has asked nothing for longest, for the sake of a new one; whether there is
-        any."""
+        """Closes the connection that has been idle for longest, to make room for a new one; whether there was any."""
         oldest = next(iter(self.idle), None)
         if oldest is not None:
             self.idle.pop(oldest)()
@@ -125,7 +123,7 @@ class Account:
 
     @contextmanager
     def reading(self, length: int) -> Iterator[None]:
-        """While a body of this length is read and answered. Raises TooMany."""
+        """Counts a body of this length while it is read and answered. Raises TooMany."""
         if self.limited and self.bodies + length > MOST_HELD:
             raise TooMany(
                 "read the request", f"{self.name} is already sending {self.bodies} bytes", "again in a moment"
@@ -138,8 +136,8 @@ class Account:
 
 
 class Accounts:
-    """Of every caller that has been there since the start, so that nobody begins anew by hanging up; but of services
-    that are gone only until they would have saved up as much as a new one has."""
+    """The accounts of all callers since the start: a caller that reconnects keeps its account. That of a service that
+    is gone is kept until it would have saved up as much as a new one has."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self.clock = clock

@@ -1,5 +1,5 @@
-"""A listening socket of the server: connections are taken while there is room for them and their caller owes nothing.
-What comes beyond is hung up on, or waits in the kernel."""
+"""A listening socket of the server. It accepts connections while there is room and their caller owes nothing; others
+are closed, or wait in the kernel."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from collections.abc import Callable
 from rorg.api.limits import HANDSHAKE, MOST_HANDSHAKES, Account
 
 AT_ONCE = 16
-"""Connections that are taken before others have their turn."""
+"""Connections that are accepted before other work has its turn."""
 AGAIN = 0.2
-"""Seconds until it is tried again where a connection cannot be taken (out of descriptors, of memory)."""
+"""Seconds until the next attempt, if a connection cannot be accepted (out of descriptors or memory)."""
 FAREWELL = 5.0
 """Seconds for the end of a TLS connection."""
 
@@ -22,8 +22,8 @@ Protocol = Callable[[], asyncio.Protocol]
 
 
 class Listener:
-    """Takes connections from `place`, a socket that listens, until close(). `left` gives for how many there is room;
-    `account` is of the only caller that this socket has, if it has only one."""
+    """Accepts connections of `place`, a listening socket, until close(). `left` gives the room that is left; `account`
+    is that of the socket's only caller, if it has only one."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Listener:
     ) -> None:
         self.place, self.protocol, self.left, self.account, self.context = place, protocol, left, account, context
         self.greeted: dict[socket.socket, asyncio.Task[None]] = {}
-        """Connections that are no callers yet: by TLS nobody is known before its handshake ends. Oldest first."""
+        """Connections that have no caller yet: with TLS, nobody is known before the handshake ends. Oldest first."""
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None
         place.setblocking(False)

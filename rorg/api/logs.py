@@ -1,4 +1,4 @@
-"""What services print, through the API."""
+"""The logs of services through the API."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Cursors = Annotated[
 
 
 class Readers:
-    """How many logs are being read."""
+    """Counts the logs that are being read."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -42,7 +42,7 @@ class Readers:
 
     @contextlib.contextmanager
     def taken(self, more: int) -> Iterator[None]:
-        """While so many more are."""
+        """Counts some more while the block runs."""
         self.count += more
         try:
             yield
@@ -53,7 +53,7 @@ class Readers:
 def asked_for(
     services: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str] = ()
 ) -> Asked:
-    """What is to be read. Raises Invalid."""
+    """What to read. Raises Invalid."""
     try:
         epoch = parse_since(since, time.time()) if since else None
     except ValueError as error:
@@ -63,7 +63,7 @@ def asked_for(
 
 
 def has_log(named: Sequence[str], asked: Asked, find: Find) -> None:
-    """Raises Invalid where there is nothing to read of what was `named`, and nothing to wait for."""
+    """Raises Invalid if what was `named` has nothing to read, and nothing to wait for."""
     what = f"read the logs of {', '.join(named)}"
     if not asked.services:
         raise Invalid(what, "it has no container, and so no log", "another service")
@@ -78,8 +78,8 @@ def entry_json(entry: Entry) -> dict[str, Any]:
     return {"service": entry.service, **{key: value for key, value in found.items() if value}}
 
 
-def add_logs(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The route."""
+def add_logs(app: FastAPI, operations: Operations) -> None:
+    """Adds the route."""
     readers = Readers()
 
     @app.get("/v1/services/{name}/logs", dependencies=[needs("logs")], **answering_lines(LogView))
@@ -88,26 +88,25 @@ def add_logs(app: FastAPI, operations: Operations, changed: Callable[[], asyncio
         name: str,
         also: Names = None,
         follow: bool = False,
-        tail: Annotated[int | None, Query(ge=0, description="Of each service; all without.")] = None,
-        since: Annotated[str | None, Query(max_length=64, description="10m, or a time as of RFC 3339.")] = None,
+        tail: Annotated[int | None, Query(ge=0, description="Lines of each service. Default: all.")] = None,
+        since: Annotated[str | None, Query(max_length=64, description="10m (ago), or a time in RFC 3339.")] = None,
         after: Cursors = None,
     ) -> Response:
-        """What a service, or each of a group, has printed, merged by time; when following, also what comes, from run
-        to run and from container to container, each line once. To go on after a lost connection, give the last cursor
-        of each service. The process engine keeps no times: its lines come one service after the other, and `since` is
-        refused."""
+        """What a service, or each of a group, has printed, merged by time; when following, also new lines, across runs
+        and containers, each line once. To continue after a lost connection, give the last cursor of each service. The
+        process engine keeps no times: its lines come one service after the other, and `since` is refused."""
         named = [name, *(also or ())]
-        services = [n for s in dict.fromkeys(named) for n in operations.members(s)]
+        services = [n for s in dict.fromkeys(named) for n in operations.current.members(s)]
         kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
         asked = asked_for(kept, follow, tail, since, after or ())
-        check(operations.loop.engine, asked)
+        check(operations.engine, asked)
         if not follow:
             operations.check_engine(f"read the logs of {', '.join(named)}")
-        has_log(named, asked, operations.loop.container_of)
+        has_log(named, asked, operations.container_of)
         readers.check(len(kept))
 
         def lines(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
-            return _lines(operations, asked, readers, changed, lambda: still(request, "logs"), hangup)
+            return _lines(operations, asked, readers, lambda: still(request, "logs"), hangup)
 
         return Lines(lines, headers={"rorg-cursor": "0"})
 
@@ -116,18 +115,17 @@ async def _lines(
     operations: Operations,
     asked: Asked,
     readers: Readers,
-    changed: Callable[[], asyncio.Event],
     allowed: Callable[[], object],
     hangup: asyncio.Future[None],
 ) -> AsyncGenerator[bytes, None]:
     written, told = asyncio.Event(), ""
     with readers.taken(len(asked.services)):
-        entries: Entries = gather(operations.loop.engine, operations.loop.container_of, asked, from_any_thread(written))
+        entries: Entries = gather(operations.engine, operations.container_of, asked, from_any_thread(written))
         try:
             while not hangup.done() and not operations.ending:
-                # Both are looked at before what there is: what comes from here on wakes the wait below.
+                # Both are taken before the logs are read: what comes from here on ends the wait below.
                 written.clear()
-                turn = changed()
+                turn = operations.next_pass()
                 with contextlib.suppress(Busy):
                     allowed()
                 found, over = entries.take()
@@ -139,12 +137,12 @@ async def _lines(
                     over = True
                 if found:
                     yield b"".join(json.dumps(entry_json(entry)).encode() + b"\n" for entry in found)
-                    await asyncio.sleep(0)  # others have their turn, and it is heard that nobody listens any more
+                    await asyncio.sleep(0)  # lets other calls run, and notices a caller who hung up
                 elif over:
                     return
                 else:
                     await either(written, turn, hangup)
         except Forbidden:
-            return  # asked again, it is told why
+            return  # the next call gets the reason
         finally:
             entries.end()

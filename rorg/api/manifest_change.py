@@ -1,5 +1,5 @@
-"""One manifest written, or deleted, and committed. It is noted before anything is done, so that whoever kills rorg in
-the middle of it leaves nothing half: the next rorg finishes the change, or undoes it, and says which."""
+"""One manifest written or deleted, and committed. It is noted on the disk before anything else, so that nothing stays
+half done if rorg is killed: the next rorg finishes the change or undoes it, and reports which."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from rorg.store.state_dir import read_json
 
 @dataclass(frozen=True, slots=True)
 class ManifestChange:
-    """What is about to be done. `before` and `after` are digests of the file's content, None where there is no file."""
+    """A change that is about to happen. `before` and `after` are digests of the file's content, None if there is no
+    file."""
 
     file: str
     """Relative to the tree."""
@@ -32,13 +33,14 @@ class ManifestChange:
     """Whether the author is a person."""
 
     def place(self, root: Path) -> Path:
-        """Where its text is: a link to another file of the tree stays one. Without a text the link itself goes."""
+        """The file that holds its text: a link to another file of the tree stays a link. On deletion the link itself
+        goes."""
         path = root / self.file
         return real(path) if path.is_symlink() and self.after is not None else path
 
     def carry_out(self, root: Path, note: Path, text: str | None) -> None:
-        """Writes the file, or deletes it where there is no `text`, and commits it. Raises OSError; what was not
-        written then is as it was."""
+        """Writes the file, or deletes it if there is no `text`, and commits it. Raises OSError; then the file is
+        unchanged."""
         path = self.place(root)
         write_atomic(note, json.dumps(asdict(self)))
         try:
@@ -51,8 +53,8 @@ class ManifestChange:
 
 
 def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
-    """Finishes or undoes the change that a killed rorg left behind: (it, what came of it); None where there is none.
-    May wait for a git that goes on without its rorg."""
+    """Finishes or undoes the change that a killed rorg left behind: (the change, its outcome), or None without one. May
+    wait for a git process that outlived its rorg."""
     change, begun = _noted(note)
     if change is None:
         note.unlink(missing_ok=True)
@@ -66,9 +68,13 @@ def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
     if now == change.after:
         wait_for_locks(root, begun)
         done = committed(root, path) or commit(root, path, change.author, change.message)
-        found = "finished" if done else "it is written, and not committed: git does not do it"
+        found = "finished" if done else "written, but not committed: git refuses"
     else:
-        found = "undone: nothing of it was written" if now == change.before else "left: somebody has changed it since"
+        found = (
+            "undone: nothing had been written"
+            if now == change.before
+            else "left as it is: someone has changed it since"
+        )
     note.unlink()
     return change, found
 
@@ -84,8 +90,7 @@ def _noted(note: Path) -> tuple[ManifestChange | None, float]:
 
 
 def _write(path: Path, text: str) -> None:
-    """What was there keeps its owner and its mode; what is new is of whose folder it goes into, and everybody may read
-    it."""
+    """An existing file keeps its owner and mode; a new one gets the owner of its folder, and everyone may read it."""
     if not path.parent.is_dir():
         make_directory(path.parent, 0o755)
         with contextlib.suppress(PermissionError):
@@ -103,5 +108,5 @@ def _owner(found: os.stat_result) -> tuple[int, int]:
 
 
 def digest(content: bytes) -> str:
-    """Of a manifest's text, by which an edit says what it began from."""
+    """The digest of a manifest's text, which names the version that an edit began from."""
     return hashlib.sha256(content).hexdigest()[:16]

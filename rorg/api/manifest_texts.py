@@ -1,4 +1,4 @@
-"""The texts of a tree's manifests, and whether another one may stand in the place of one of them."""
+"""The texts of a tree's manifests, and the checks of a text that is to replace one of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
     for path in manifest_files(root):
         try:
             content = read_bytes(path, root)
-        except OSError:  # it says so where manifests are loaded; or it has just gone
+        except OSError:  # loading the manifests reports it; or the file has just gone
             continue
         document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
         value = document.value if document else None
@@ -32,7 +32,7 @@ def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
 
 
 def check_name(kind: str, name: str, text: str) -> None:
-    """Raises Invalid for a text that declares something else. What cannot be read says so in the tree."""
+    """Raises Invalid for a text that declares something else. A text that cannot be read is an error of the tree."""
     document, _ = read_yaml(text, name)
     value: Any = document.value if document else None
     metadata = value.get("metadata") if isinstance(value, dict) else None
@@ -43,9 +43,9 @@ def check_name(kind: str, name: str, text: str) -> None:
 def check_tree(
     root: Path, path: Path, text: str | None, engine: str, what: str, robot: str = "", stranger: bool = False
 ) -> tuple[Loaded, Loaded]:
-    """A tree that runs on an engine, for a robot, before and after a text comes in the place of a file (None: no file).
-    Raises Invalid for mistakes that it would bring. A `stranger` is told of those in other files only where they are:
-    their texts may cite what it may not read."""
+    """Loads a tree for an engine and a robot, before and after a text replaces a file (None: deletes it). Raises
+    Invalid for mistakes that this adds. A `stranger` gets only the place of mistakes in other files: their texts may
+    quote what it may not read."""
     before = load(root, engine=engine, robot=robot)
     after = load(root, {path: text}, engine=engine, robot=robot)
     known = {str(d) for d in before.errors}
@@ -57,8 +57,8 @@ def check_tree(
 
 
 def restored(before: str, text: str, masker: Masker, what: str) -> str:
-    """A text that somebody made of the one before, as it was shown to them: a line that was shown with a secret hidden,
-    and came back as it was, is what it stands for. Raises Invalid where that cannot be told."""
+    """The text that a person or service edited while it saw secrets masked, with the secrets in place again: an
+    unchanged line with a mask stands for the original line. Raises Invalid if that is ambiguous."""
     shown = masker.text(before)
     if shown == before or MASK not in text:
         return text

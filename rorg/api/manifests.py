@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,15 +12,16 @@ from fastapi import FastAPI, Query
 from fastapi import Path as Parameter
 from fastapi.responses import JSONResponse, Response
 
-from rorg.api.body_models import PutManifest
 from rorg.api.callers import Who, needs
+from rorg.api.changes import confirm
+from rorg.api.generations import GENERATION, reached
+from rorg.api.inputs import PutManifest
 from rorg.api.manifest_change import ManifestChange, digest, recover
 from rorg.api.manifest_texts import check_name, check_tree, manifests_of, restored
 from rorg.api.models import ManifestView
-from rorg.api.not_before import GENERATION, reached
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
-from rorg.api.vetting import vet, vet_rendered
+from rorg.api.vet import vet, vet_rendered
 from rorg.core.masking import Masker
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
@@ -31,11 +31,11 @@ from rorg.model.units import NAME
 Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$")]
 ManifestName = Annotated[str, Parameter(pattern=f"{NAME}|{image_names.NAME}", max_length=image_names.LONGEST)]
 ONE = "/v1/manifests/{kind}/{name:path}"
-"""Names of Images may have a /."""
+"""Names of Images may contain a /."""
 
 
 def listed(root: Path) -> list[dict[str, Any]]:
-    """All of them, as ManifestView."""
+    """All manifests of a tree, as ManifestView."""
     return [
         {"kind": kind, "name": name, "file": str(path.relative_to(root)), "digest": digest(content)}
         for (kind, name), (path, content) in sorted(manifests_of(root).items())
@@ -51,22 +51,22 @@ class Manifests:
 
     @property
     def root(self) -> Path:
-        return self.operations.loop.tree.root
+        return self.operations.tree.root
 
     @property
     def _engine(self) -> str:
-        """What cannot be done on it is an error of the tree."""
-        return self.operations.loop.tree.engine
+        """The engine that manifests are checked for."""
+        return self.operations.tree.engine
 
     @property
     def _robot(self) -> str:
-        """Whose overlay is laid over what is changed."""
-        return self.operations.loop.tree.robot
+        """The robot whose overlay counts."""
+        return self.operations.tree.robot
 
     @property
     def note(self) -> Path:
-        """Where a change is noted while it is carried out."""
-        return self.operations.loop.state.manifest_change
+        """The file in which a change is noted while it is carried out."""
+        return self.operations.state.manifest_change
 
     def all(self) -> dict[tuple[str, str], tuple[Path, bytes]]:
         """(kind, name) -> file and content, of every manifest that can be read at all."""
@@ -80,19 +80,19 @@ class Manifests:
         return found
 
     def masker(self, caller: Caller, name: str) -> Masker:
-        """Hides the secrets in a manifest. To a service that manages it only those that are the manifest's: by what it
-        writes there itself it would learn those of others."""
-        masker = self.operations.loop.tree.masker
+        """Masks the secrets in a manifest. For a service that manages it, only those of the manifest itself: otherwise
+        it could find the secrets of other services by writing guesses."""
+        masker = self.operations.tree.masker
         return masker.of(name, Masker()) if caller.kind == "service" else masker
 
     def allow(self, caller: Caller, kind: str, name: str) -> None:
-        """Raises Forbidden where a service's manifest does not let it."""
+        """Raises Forbidden if a service's own manifest does not allow it."""
         if caller.kind == "service":
             allow_manage(caller, kind, name, self.operations.catalog)
 
     def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str, int]:
-        """Writes a manifest, if with it the whole tree is valid and nobody changed it meanwhile. Answers with its
-        file, its digest and the change's generation."""
+        """Writes a manifest, if the whole tree is valid with it and nobody changed it meanwhile: (its file, its digest,
+        the generation of the change)."""
         self.allow(caller, kind, name)
         self._own(f"change the {kind} '{name}'")
         with self._lock:
@@ -114,8 +114,8 @@ class Manifests:
             return path, digest(text.encode()), self._change(caller, path, content, text, message)
 
     def _check(self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str) -> None:
-        """Raises Forbidden where a service may not write this text, before anything that it names is read; and Invalid
-        where the tree has mistakes with it."""
+        """Raises Forbidden if a service may not write this text, before reading any file that it names; and Invalid if
+        the tree has mistakes with it."""
         catalog, root, robot, service = self.operations.catalog, self.root, self._robot, caller.kind == "service"
         if service:
             vet(caller, name, path, text, before, catalog, root, robot)
@@ -135,15 +135,15 @@ class Manifests:
             return self._change(caller, path, content, None, message)
 
     def _own(self, what: str) -> None:
-        """Raises Refused where the files are a copy: what is written there would be lost with the next commit."""
-        source = self.operations.loop.tree.source
+        """Raises Refused if the files are a copy of a repository: the next commit would overwrite the change."""
+        source = self.operations.tree.source
         if source is not None:
             shown = source.cache.followed.shown
-            raise Refused(what, f"the manifests are those of {shown}", "a commit there, and `rorg apply`")
+            raise Refused(what, f"the manifests are those of {shown}", "committing there, then `rorg apply`")
 
     def recover(self) -> None:
-        """Ends what a rorg that was killed had begun to change, in a thread: git may take its time, and changes wait
-        for it."""
+        """Finishes what a killed rorg had begun to change, in a thread: git may take some time, and other changes
+        wait."""
         if self.note.exists():
             self._lock.acquire()
             threading.Thread(target=self._recover, name="manifest-recovery", daemon=True).start()
@@ -152,7 +152,7 @@ class Manifests:
         try:
             found = recover(self.root, self.note)
         except OSError as error:
-            self.operations.loop.recorder.event("manifest-recovery", f"a change was interrupted, and remains: {error}")
+            self.operations.recorder.event("manifest-recovery", f"an interrupted change is still unfinished: {error}")
         else:
             if found:
                 change, outcome = found
@@ -187,22 +187,20 @@ class Manifests:
         return self._told(change, f"{message} (by {change.author})")
 
     def _told(self, change: ManifestChange, text: str) -> int:
-        loop = self.operations.loop
-        loop.recorder.event("manifest", text, change.person, author=change.author, file=change.file)
-        loop.wakes.files_changed()
-        return self.operations.changed(manifest=True)
+        self.operations.recorder.event("manifest", text, change.person, author=change.author, file=change.file)
+        return self.operations.files_changed(manifest=True)
 
 
-def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The routes."""
+def add_manifests(app: FastAPI, operations: Operations) -> None:
+    """Adds the routes."""
     manifests, allowed = Manifests(operations), [needs("manifests")]
     app.state.manifests = manifests
     _add_reading(app, manifests, allowed)
 
     @app.put(ONE, dependencies=allowed, response_model=ManifestView)
     def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
-        """Write a manifest: validated with the whole tree, in one step, committed where the tree is a git
-        repository. Refused when `base` is not the digest of what is there now."""
+        """Write a manifest: validated with the whole tree, in one step, committed if the tree is a git repository.
+        Refused if `base` is not the digest of the current version."""
         path, found, generation = manifests.put(caller, kind, name, body)
         return JSONResponse(
             {
@@ -223,12 +221,12 @@ def add_manifests(app: FastAPI, operations: Operations, changed: Callable[[], as
         base: str | None = None,
         message: Annotated[str, Query(max_length=500)] = "",
     ) -> Response:
-        """Delete a manifest. That it was asked for by name is the confirmation that removes what is in use."""
+        """Delete a manifest. Naming it is the confirmation that also removes it while something uses it."""
         generation = await asyncio.to_thread(manifests.delete, caller, kind, name, base, message)
-        with contextlib.suppress(Busy):  # the tree is being written; what is withheld is told, and can be confirmed
-            await reached(operations, generation, changed)
+        with contextlib.suppress(Busy):  # the tree is being written; what is withheld is reported, and can be confirmed
+            await reached(operations, generation)
             if operations.withheld(kind, name):
-                generation = await asyncio.wrap_future(operations.confirm(caller, (name,)))
+                generation = await asyncio.wrap_future(operations.change(caller, confirm(operations.current, (name,))))
         return Response(status_code=204, headers={GENERATION: str(generation)})
 
 

@@ -1,4 +1,5 @@
-"""What the API answers, as pydantic models: they are the OpenAPI document too."""
+"""What the API answers, as pydantic models, which are in the OpenAPI document too. Answers are not validated by them
+when they are sent, for speed; tests/test_api_schema.py checks that they match."""
 
 from __future__ import annotations
 
@@ -18,16 +19,16 @@ class RequestView(BaseModel):
     ttl: float | None = Field(default=None, description="Seconds.")
     incarnation: str | None = None
     standing: bool = False
-    expires_in: float | None = Field(default=None, description="Seconds that are left of the lease.")
-    generation: int | None = Field(default=None, description="Of the change that this answers.")
+    expires_in: float | None = Field(default=None, description="Seconds left of the lease.")
+    generation: int | None = Field(default=None, description="Of the change.")
 
 
 class ConditionView(BaseModel):
-    """One condition of a service, as Kubernetes has them."""
+    """One condition of a service, as in Kubernetes."""
 
     type: str = Field(
-        description="Ready, Requested, Reconciling or Stalled; Updated where a change failed or is tried; Pausable and "
-        "NodesUnique only where they are False: pausing it harms others, or another service has a node of its name."
+        description="Ready, Requested, Reconciling or Stalled; Updated if a change failed or is on trial; Pausable and "
+        "NodesUnique only if they are False: pausing it harms others, or another service has a node of the same name."
     )
     status: str = Field(description="True, False or Unknown.")
     reason: str
@@ -35,20 +36,20 @@ class ConditionView(BaseModel):
 
 
 class ServiceView(BaseModel):
-    """How a service is."""
+    """The state of a service."""
 
     service: str
     state: str = Field(
-        description="The engine's word, as seen last; none without a container, meta for a meta-service. "
+        description="The engine's word, as seen last; none without a container, meta for a meta-service, "
         "unknown before the engine has answered."
     )
     sync: str = Field(description="Synced, OutOfSync or Unknown.")
     health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
     wanted: bool
     why: str
-    message: str = Field(description="What keeps it from being as it is wanted; empty where nothing does.")
+    message: str = Field(description="What keeps it from its desired state; empty if nothing does.")
     container: str
-    incarnation: str = Field(description="The run of its container; empty where none is alive.")
+    incarnation: str = Field(description="The run of its container; empty if none is alive.")
     started_at: str
     exits: int
     pid: int
@@ -57,19 +58,19 @@ class ServiceView(BaseModel):
     held: str
     lowered: bool
     ros_nodes: list[str]
-    withheld: str = Field(description="Why it stays though no manifest declares it.")
+    withheld: str = Field(description="Why it stays although no manifest declares it.")
     driver: bool = Field(description="It moves hardware.")
     labels: dict[str, str] = Field(description="Of its manifest.")
     conditions: list[ConditionView]
 
 
 class IdleView(BaseModel):
-    """What is done with a service that nothing wants."""
+    """What happens to a service that nothing wants."""
 
     action: str = Field(description="pause, stop or remove.")
     linger: float = Field(description="Seconds until then.")
     connected: str = Field(
-        description="pause or stop: what is done instead of a pause while its ROS 1 nodes are connected."
+        description="pause or stop: the action instead of a pause while its ROS 1 nodes are connected."
     )
 
 
@@ -77,7 +78,7 @@ class Description(BaseModel):
     """Everything about a service."""
 
     name: str
-    message: str = Field(description="What keeps it from being as it is wanted; empty where nothing does.")
+    message: str = Field(description="What keeps it from its desired state; empty if nothing does.")
     description: str
     labels: dict[str, str]
     manifest: str = Field(description="FILE:LINE.")
@@ -90,9 +91,9 @@ class Description(BaseModel):
     driver: bool
     needed_by: list[str]
     status: ServiceView
-    container: dict[str, Any] = Field(description="Its options; of the environment the names alone.")
-    sources: dict[str, str] = Field(description="Option, and what of the tree declares it.")
-    events: list[str] = Field(description="The last ones of it.")
+    container: dict[str, Any] = Field(description="Its options; of the environment only the names.")
+    sources: dict[str, str] = Field(description="Option -> the place in the tree that declares it.")
+    events: list[str] = Field(description="Its last events.")
     log: list[str] = Field(description="The last lines that it printed.")
 
 
@@ -105,7 +106,7 @@ class GroupView(BaseModel):
 
 
 class Edge(BaseModel):
-    """That one service needs or requests another."""
+    """One service needs or requests another."""
 
     from_: str = Field(alias="from")
     to: str
@@ -113,7 +114,7 @@ class Edge(BaseModel):
 
 
 class Graph(BaseModel):
-    """Who needs and who requests whom, and who uses what."""
+    """Who needs and who requests whom, and who uses which network or volume."""
 
     services: list[str]
     objects: list[str] = Field(default=[], description="Networks and volumes: network/NAME, volume/NAME.")
@@ -122,28 +123,28 @@ class Graph(BaseModel):
 
 
 class ImageEdge(BaseModel):
-    """That one image stands on another."""
+    """One image is built on another."""
 
     from_: str = Field(alias="from")
     to: str
 
 
 class ImageGraph(BaseModel):
-    """What the images of the tree stand on."""
+    """What the images of the tree are built on."""
 
     images: list[str]
-    external: list[str] = Field(description="What they stand on and the tree does not declare.")
+    external: list[str] = Field(description="Images below them that the tree does not declare.")
     edges: list[ImageEdge]
-    services: dict[str, list[str]] = Field(description="By image, the services that are made from it, where any are.")
+    services: dict[str, list[str]] = Field(description="Image -> the services that are made from it, if any.")
 
 
 class ImageView(BaseModel):
     """An image of the tree."""
 
     name: str
-    context: str | None = Field(description="Absolute directory of the build; null where nothing is built.")
+    context: str | None = Field(description="Absolute directory of the build; null if nothing is built.")
     dockerfile: str
-    bases: list[str] = Field(description="What it stands on: images of the tree, and external ones.")
+    bases: list[str] = Field(description="What it is built on: images of the tree, and external ones.")
     services: list[str] = Field(description="Those that are made from it.")
 
 
@@ -158,12 +159,12 @@ class Ready(BaseModel):
     """Whether one service is ready."""
 
     ready: bool
-    incarnation: str = Field(description="The run that this is said of; empty where nothing runs.")
+    incarnation: str = Field(description="The run that is meant; empty if nothing runs.")
     reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):
-    """How a wait ended."""
+    """The result of a wait."""
 
     ready: bool
     services: dict[str, Ready] = Field(description="Those asked for, and all that they need.")
@@ -185,10 +186,10 @@ class Why(BaseModel):
     service: str
     wanted: bool
     state: str
-    chain: list[Link] = Field(description="From the service to a root; empty when it is not wanted.")
+    chain: list[Link] = Field(description="From the service to a root; empty if it is not wanted.")
     requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
-    needed_by: list[str] = Field(description="Services that declare that they need it.")
-    waits: list[str] = Field(description="Why what would be done with it is not done now.")
+    needed_by: list[str] = Field(description="Services whose manifests need it.")
+    waits: list[str] = Field(description="Why rorg does not act on it now.")
     cautions: list[str] = Field(description="What pausing it does to others, and which ROS nodes another one has.")
 
 
@@ -198,11 +199,11 @@ class ProcessView(BaseModel):
     port: int
     pid: int
     service: str
-    """The service that runs it; empty where none does."""
+    """The service that runs it; empty if none does."""
 
 
 class ServiceUsage(BaseModel):
-    """CPU seconds since its container began, and bytes of memory now."""
+    """CPU seconds since the container began, and current bytes of memory."""
 
     cpu_seconds: float
     memory: int
@@ -211,7 +212,7 @@ class ServiceUsage(BaseModel):
 class MachineUsage(BaseModel):
     """Of the whole machine; memory in bytes, `*_some` percent of time (PSI, avg10)."""
 
-    cpu_seconds: float = Field(description="Of all processes since it booted.")
+    cpu_seconds: float = Field(description="Of all processes since the machine booted.")
     cores: int
     memory: int = Field(description="In use.")
     memory_total: int
@@ -220,7 +221,7 @@ class MachineUsage(BaseModel):
 
 
 class Usage(BaseModel):
-    """What runs uses, and the machine."""
+    """What running services use, and the machine."""
 
     at: float = Field(description="Seconds since the epoch.")
     services: dict[str, ServiceUsage]
@@ -234,36 +235,38 @@ class ManifestView(BaseModel):
     name: str
     file: str = Field(description="Relative to the tree.")
     digest: str
-    generation: int | None = Field(default=None, description="Of the change that this answers.")
+    generation: int | None = Field(default=None, description="Of the change.")
 
 
 class Differences(BaseModel):
-    """What is to be done, and why."""
+    """What rorg would do, and why."""
 
     root: str = Field(description="The tree that rorg follows.")
-    robot: str = Field(description="Whose overlay is laid over it; empty for the base alone.")
-    commit: str = Field(description="Whose manifests these are, where `rev` was asked for; else empty.")
-    fingerprint: str = Field(description="Of the manifests that this was made from.")
-    errors: list[dict[str, Any]] = Field(description="Of the tree; while there are any, the last good one counts.")
-    warnings: list[dict[str, Any]] = Field(default=[], description="Of the tree: what is wrong, though it counts.")
+    robot: str = Field(description="The robot whose overlay counts; empty for the base alone.")
+    commit: str = Field(description="The commit of the manifests, with `rev`; otherwise empty.")
+    fingerprint: str = Field(description="Of these manifests.")
+    errors: list[dict[str, Any]] = Field(
+        description="Mistakes in the tree; while there are any, the last good tree counts."
+    )
+    warnings: list[dict[str, Any]] = Field(
+        default=[], description="Warnings about the tree, which counts nevertheless."
+    )
     requests_errors: list[str]
-    withheld: list[str] = Field(description="Whose removal waits for a person's word.")
-    probed: list[str] = Field(description="Services that have a probe of their readiness.")
-    empty: bool = Field(description="There is nothing to do, and nothing waits.")
+    withheld: list[str] = Field(description="What waits for confirmation of its removal.")
+    probed: list[str] = Field(description="Services with a readiness probe.")
+    empty: bool = Field(description="Whether there is nothing to do, and nothing waits.")
     text: str = Field(description="The plan step by step, for people.")
     services: list[dict[str, Any]] = Field(
-        description="The same service by service: `verbs`, `why`, `changes` (field, old, new, with what may be secret "
+        description="The same service by service: `verbs`, `why`, `changes` (field, old, new; possible secrets "
         "masked), and all of that as a `line`."
     )
-    unified: dict[str, str] = Field(
-        description="Where it was asked for: by service, each container that changes as a unified diff, masked too."
-    )
-    suspended: str = Field(description="Why nothing of it is done now; empty where rorg is not suspended.")
+    unified: dict[str, str] = Field(description="With `unified`: service -> unified diff of its container, masked too.")
+    suspended: str = Field(description="Why nothing of it is done now; empty if rorg is not suspended.")
     plan: dict[str, Any]
 
 
 class Problem(BaseModel):
-    """RFC 9457, with a stable code."""
+    """An error as in RFC 9457, with a stable code."""
 
     type: str
     title: str
@@ -271,7 +274,7 @@ class Problem(BaseModel):
     code: str
     cause: str
     remedy: str
-    services: dict[str, Ready] | None = Field(default=None, description="Of not-ready: how each service is.")
+    services: dict[str, Ready] | None = Field(default=None, description="If not ready: the state of each service.")
     confirm: list[str] | None = Field(
-        default=None, description="Of refused: the services that it would touch, where `force` does it."
+        default=None, description="If refused: the services that it would affect with `force`."
     )

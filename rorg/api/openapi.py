@@ -1,8 +1,7 @@
-"""The OpenAPI document of the API: `python -m rorg.api.openapi FILE`."""
+"""Writes the OpenAPI document of the API: `python -m rorg.api.openapi FILE`."""
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
 from pathlib import Path
@@ -10,10 +9,10 @@ from typing import Any
 
 
 def document() -> dict[str, Any]:
-    """The document, from routes over no running loop at all: it says what could be asked."""
+    """The document, of an application without a running loop."""
     from rorg.api.app import make_app
 
-    return make_app(None, asyncio.Event).openapi()  # type: ignore[arg-type]
+    return make_app(None).openapi()  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

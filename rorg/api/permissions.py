@@ -1,4 +1,4 @@
-"""Who calls, and what they may: one table, everything else is refused."""
+"""Who calls, and what they may: one table; everything else is refused."""
 
 from __future__ import annotations
 
@@ -13,55 +13,39 @@ from dataclasses import dataclass, replace
 from rorg.errors import Forbidden
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
 
-OPERATIONS = {
-    "read": ("developer", "service"),
-    "request": ("developer", "service"),
-    "restart": ("developer", "service"),
-    "retry": ("developer",),
-    "hold": ("developer",),
-    "suspend": ("developer",),
-    "manifests": ("developer", "service"),
-    "removals": ("developer",),
-    "fetch": ("developer",),
-    "down": ("developer",),
-    "plan": ("developer",),
-    "logs": ("developer",),
-    "events": ("developer", "service"),
-    "history": ("developer",),
+BOTH, PEOPLE = ("developer", "service"), ("developer",)
+_TABLE = {
+    "read": (BOTH, "see how services are"),
+    "request": (BOTH, "request services"),
+    "restart": (BOTH, "restart services"),
+    "retry": (PEOPLE, "retry failed changes"),
+    "hold": (PEOPLE, "hold services"),
+    "suspend": (PEOPLE, "suspend rorg"),
+    "manifests": (BOTH, "see or change manifests"),
+    "removals": (PEOPLE, "confirm removals"),
+    "fetch": (PEOPLE, "fetch manifests"),
+    "down": (PEOPLE, "take the robot down"),
+    "plan": (PEOPLE, "see status and plan"),
+    "logs": (PEOPLE, "read logs"),
+    "events": (BOTH, "see events"),
+    "history": (PEOPLE, "see the history"),
 }
-"""Operation -> the kinds of caller that may. A service may only request for itself, or for whom it may act, and only
-what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
+"""Operation -> who may, and the words for "cannot X"."""
+OPERATIONS = {operation: callers for operation, (callers, _) in _TABLE.items()}
+"""Operation -> the kinds of caller that may. A service may only request for itself, or for those it may act for, and
+only what the requester's manifest says (`may_request`, `may_restart`, `may_manage`); it sees only events about its own
 requests and what they name."""
-
-
-WORDS = {
-    "read": "see how services are",
-    "request": "request services",
-    "restart": "restart services",
-    "retry": "try changes again that failed",
-    "hold": "hold services",
-    "suspend": "suspend rorg",
-    "manifests": "see or change manifests",
-    "removals": "confirm removals",
-    "fetch": "fetch manifests",
-    "down": "take the robot down",
-    "plan": "see status and plan",
-    "logs": "read logs",
-    "events": "see events",
-    "history": "see the history",
-}
-"""Operations as in "cannot X"."""
 
 
 SO_PEERGROUPS = 59
 """Of Linux; Python has no name for it."""
 MOST_GROUPS = 256
-"""As many as Python can ask for."""
+"""The most groups that Python can ask for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who is at the other end of a socket."""
+    """Who is at the other end of a connection."""
 
     kind: str = "nobody"
     """developer, service or nobody."""
@@ -75,7 +59,7 @@ class Caller:
 
     @property
     def author(self) -> str:
-        """For events and commits."""
+        """The name for events and commits."""
         if self.via:
             return f"{self.requester} by way of {self.via}"
         if self.kind == "service":
@@ -89,14 +73,14 @@ class Caller:
 
     @property
     def identity(self) -> str:
-        """Who is at the other end, whoever it acts for: by service, certificate or user."""
+        """The caller itself, not the one for whom it acts: a service, a certificate or a user."""
         if self.via or self.kind == "service":
             return self.via or self.service
         return f"certificate {self.certificate}" if self.certificate else f"uid {self.uid}"
 
     @property
     def person(self) -> bool:
-        """Whether a person calls, or what a person began; and no service in the name of one."""
+        """Whether a person calls, directly or through a program, rather than a service acting for one."""
         return self.kind == "developer" and not self.via
 
     @property
@@ -105,8 +89,8 @@ class Caller:
 
 
 def peer(connection: socket.socket | None, group: int | None) -> Caller:
-    """The caller behind a connection to the main socket, by the kernel's word (SO_PEERCRED): root, whoever runs rorg,
-    and members of the group act as developer."""
+    """The caller behind a connection to the main socket, as the kernel reports it (SO_PEERCRED): root, the user who
+    runs rorg, and members of the group act as developer."""
     if connection is None or connection.family != socket.AF_UNIX:
         return Caller()
     size = struct.calcsize("3i")
@@ -116,9 +100,10 @@ def peer(connection: socket.socket | None, group: int | None) -> Caller:
 
 
 def _groups(connection: socket.socket, uid: int, gid: int) -> set[int]:
-    """Those of the process, which need not be what the machine's files say of its user; and these."""
+    """The groups of the process, which may differ from what the machine's files say about its user; and those of the
+    files."""
     found = {gid}
-    with contextlib.suppress(OSError):  # ERANGE of one with more groups than that
+    with contextlib.suppress(OSError):  # ERANGE if it has more groups than that
         numbers = connection.getsockopt(socket.SOL_SOCKET, SO_PEERGROUPS, 4 * MOST_GROUPS)
         found |= set(struct.unpack(f"{len(numbers) // 4}I", numbers))
     with contextlib.suppress(KeyError):
@@ -127,7 +112,7 @@ def _groups(connection: socket.socket, uid: int, gid: int) -> set[int]:
 
 
 def group_id(name: str) -> int | None:
-    """The number of a group, which may be given itself; None where there is none of that name."""
+    """The number of a group, given by name or number; None if there is no group of that name."""
     try:
         return grp.getgrnam(name).gr_gid
     except KeyError:
@@ -141,19 +126,18 @@ def allow(caller: Caller, operation: str) -> None:
         remedy = "as a member of rorg's group" + (
             f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else ""
         )
-        raise Forbidden(WORDS[operation], f"{who} may not", remedy)
+        raise Forbidden(_TABLE[operation][1], f"{who} may not", remedy)
 
 
 def allow_call(caller: Caller, catalog: Catalog) -> None:
-    """Raises Forbidden for a service whose manifest gives it no socket. It may have a connection all the same, from
-    when its manifest did."""
+    """Raises Forbidden for a service whose manifest no longer gives it a socket: it may still have a connection."""
     declared = catalog.services.get(caller.service)
     if caller.kind == "service" and not (declared and declared.calls):
         raise Forbidden("call rorg", f"the manifest of {caller.service} gives it nothing to ask for", "`may_request`")
 
 
 def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
-    """The caller for whom a service acts, with that one's permissions. Raises Forbidden where it may not act for it."""
+    """The caller for whom a service acts, with that one's permissions. Raises Forbidden if it may not act for it."""
     declared = catalog.services.get(caller.service)
     named = declared.may_act_for if declared else ()
     allowed = {m for other in named for m in catalog.members(other)}
@@ -172,7 +156,7 @@ def acting(caller: Caller, name: str, catalog: Catalog) -> Caller:
 def allow_request(
     caller: Caller, requester: str, services: tuple[str, ...], catalog: Catalog, priority: int | None = None
 ) -> None:
-    """Raises Forbidden where a service asks in another's name, for what its manifest does not allow, or with a higher
+    """Raises Forbidden if a service requests in another's name, or what its manifest does not allow, or with a higher
     priority than its own."""
     allow(caller, "request")
     if caller.kind != "service":
@@ -190,14 +174,14 @@ def allow_request(
 
 
 def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:
-    """Raises Forbidden where a service wants to restart what its manifest does not name."""
+    """Raises Forbidden if a service restarts what its manifest does not name."""
     allow(caller, "restart")
     if caller.kind == "service":
         _within(caller, "restart", (name,), catalog)
 
 
 def allow_manage(caller: Caller, kind: str, name: str, catalog: Catalog) -> None:
-    """Raises Forbidden where a service wants to see or change a manifest that its own does not let it."""
+    """Raises Forbidden if a service may not see or change a manifest."""
     allow(caller, "manifests")
     if caller.kind == "service" and not manages(caller, kind, name, catalog):
         declared = catalog.services.get(caller.service)
@@ -220,7 +204,7 @@ def manages(caller: Caller, kind: str, name: str, catalog: Catalog) -> bool:
 
 
 def permitted(service: Service, verb: str, catalog: Catalog) -> set[str]:
-    """Services that one may request, or restart: those that its manifest names, and those that it manages."""
+    """The services that a service may request, or restart: those that its manifest names, and those that it manages."""
     return {
         *(m for name in getattr(service, f"may_{verb}") for m in catalog.members(name)),
         *(n for n in catalog.services if service.manages(n)),

@@ -29,11 +29,11 @@ STATUS: dict[type[RorgError], tuple[int, str]] = {
     Busy: (503, "busy"),
     Unreachable: (503, "unreachable"),
 }
-"""Errors as HTTP status and stable code; what is nearest in the order of classes counts."""
+"""Error -> HTTP status and stable code; the nearest base class counts."""
 
 
 def problem(status: int, code: str, what: str, cause: str, remedy: str = "", **more: Any) -> JSONResponse:
-    """An error, with our code, cause and remedy."""
+    """The answer to an error, with a stable code, its cause and its remedy."""
     return JSONResponse(
         {
             "type": f"urn:rorg:{code}",
@@ -50,7 +50,7 @@ def problem(status: int, code: str, what: str, cause: str, remedy: str = "", **m
 
 
 def answer(error: RorgError) -> JSONResponse:
-    """What is answered for an error of ours. Whoever may ask again soon is told when."""
+    """The answer to one of rorg's errors; with Retry-After if trying again soon makes sense."""
     status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
     more: dict[str, Any] = {"services": error.services} if isinstance(error, NotReady) and error.services else {}
     more |= {"confirm": list(error.services)} if isinstance(error, Unconfirmed) else {}

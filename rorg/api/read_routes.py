@@ -1,11 +1,8 @@
-"""Routes that read: services, groups, images, requests, the plan."""
+"""Routes that read: services, groups, images, requests, status, plan, usage."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import json
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Path, Query
@@ -13,6 +10,7 @@ from fastapi.responses import Response
 
 from rorg.api import views
 from rorg.api.callers import needs
+from rorg.api.generations import until
 from rorg.api.models import (
     Graph,
     GroupView,
@@ -25,25 +23,25 @@ from rorg.api.models import (
     Why,
 )
 from rorg.api.operations import Operations
+from rorg.api.permissions import allow, allow_call
 from rorg.api.status_models import EngineView, PlanView, StatusView
 from rorg.daemon.snapshot import engine_json
+from rorg.errors import RorgError
 
 Seconds = Annotated[
     float,
-    Query(
-        ge=0, le=60, description="Answer when nothing is under way and no service is on its way; so late at the most."
-    ),
+    Query(ge=0, le=60, description="Wait this long at most until nothing is under way and no service is coming up."),
 ]
 Port = Annotated[int, Path(ge=1, le=65535)]
 
 
 def text(value: Any) -> Response:
-    """A value as JSON, unchecked: what is answered is made of the models' fields, and a test holds it to them."""
+    """A value as JSON, without validation for speed: it has the fields of its model, as a test checks."""
     return Response(json.dumps(value), media_type="application/json")
 
 
-def add_reading(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The routes."""
+def add_reading(app: FastAPI, operations: Operations) -> None:
+    """Adds the routes."""
     _add_services(app, operations)
     read = [needs("read")]
 
@@ -64,45 +62,33 @@ def add_reading(app: FastAPI, operations: Operations, changed: Callable[[], asyn
 
     @app.get("/v1/graph/images", dependencies=read, response_model=ImageGraph)
     async def image_graph() -> Response:
-        """What images stand on."""
+        """What images are built on."""
         return text(views.image_graph(operations.catalog))
 
     @app.get("/v1/requests", dependencies=read, response_model=list[RequestView])
     async def requests() -> Response:
         """All requests that count, standing ones included."""
-        return text(operations.requests())
+        return text(views.requests(operations.current))
 
-    _add_status(app, operations, changed)
+    _add_status(app, operations)
 
 
-def _add_status(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
+def _add_status(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
     async def status(settled: Seconds = 0.0) -> Response:
         """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
-        await _settled(operations, settled, changed)
+        await until(operations, lambda: operations.at_rest or operations.ending, settled)
         return text(operations.snapshot())
 
     @app.get("/v1/engine", dependencies=[needs("read")], response_model=EngineView)
     async def engine() -> Response:
-        """Whether the engine answers. While it does not, states of services are those that were seen last."""
+        """Whether the engine answers. While it does not, states of services are those seen last."""
         return text(engine_json(operations.decision.situation.observed))
 
     @app.get("/v1/plan", dependencies=[needs("plan")], response_model=PlanView)
     async def plan() -> Response:
-        """What is to be done, and what waits for what."""
+        """What rorg would do, and what waits for what."""
         return text(operations.decision.plan.as_json())
-
-
-async def _settled(operations: Operations, seconds: float, changed: Callable[[], asyncio.Event]) -> None:
-    """Returns when everything is at rest, or after so many seconds."""
-    clock = asyncio.get_running_loop().time
-    end = clock() + seconds
-    while clock() < end:
-        event = changed()
-        if operations.at_rest or operations.ending:
-            return
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(event.wait(), end - clock())
 
 
 def _add_services(app: FastAPI, operations: Operations) -> None:
@@ -118,25 +104,53 @@ def _add_services(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/services/{name}", dependencies=read, response_model=ServiceView)
     async def service(name: str) -> Response:
-        """How one service is."""
+        """The state of one service."""
         return Response(operations.service_text(name), media_type="application/json")
 
     @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
     async def why(name: str) -> Response:
         """Why a service, or each of a group, is active, or why not."""
-        return text(operations.why(name))
+        return text(views.why(operations.current, name))
 
     @app.get("/v1/listeners/{port}", dependencies=read, response_model=ProcessView)
     def listener(port: Port) -> Response:
-        """Which process, of which service, listens at a TCP port of this machine: tells a bridge whose node it is."""
+        """The process, and its service, that listens at a TCP port of this machine: tells a bridge whose node it is."""
         return text(operations.listener(port))
 
     @app.get("/v1/connections/{port}", dependencies=read, response_model=ProcessView)
     def connection(port: Port, to: Annotated[int, Query(ge=1, le=65535, description="Its other end.")]) -> Response:
-        """Which process, of which service, has a TCP connection from a port of this machine: who calls a bridge."""
+        """The process, and its service, that has a TCP connection from a port of this machine: tells a bridge who
+        calls."""
         return text(operations.connection(port, to))
 
     @app.get("/v1/usage", dependencies=read, response_model=Usage)
     def usage() -> Response:
-        """CPU seconds and memory of each service that runs, and of the machine."""
+        """CPU seconds and memory of each running service, and of the machine."""
         return text(operations.usage())
+
+
+class Quick:
+    """Answers the state of one service without FastAPI, which takes most of the time: programs ask this all the time.
+    Everything but plain success is left to the application."""
+
+    PREFIX = "/v1/services/"
+
+    def __init__(self, app: Any, operations: Operations) -> None:
+        self.app, self.operations = app, operations
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        asked = scope.get("method") == "GET" and scope["path"].startswith(self.PREFIX)
+        name = scope["path"][len(self.PREFIX) :] if asked else "/"
+        if "/" not in name:
+            try:
+                allow(scope["state"]["caller"], "read")
+                allow_call(scope["state"]["caller"], self.operations.catalog)
+                body = self.operations.service_text(name)
+            except RorgError:
+                pass
+            else:
+                headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+                await send({"type": "http.response.start", "status": 200, "headers": headers})
+                await send({"type": "http.response.body", "body": body})
+                return
+        await self.app(scope, receive, send)

@@ -1,4 +1,4 @@
-"""Whether services are ready, for somebody who waits for them."""
+"""Whether services are ready, for a caller that waits for them or asks once."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from rorg.model.graph import closure
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """Somebody asks for services: when (`clock` of the loop), and knowing of which change. Whoever `waits` gets an
-    answer of probes that were asked since; whoever does not, one of the last probes, if they are recent."""
+    """A question about services, asked at `since` (clock of the loop) by a caller that knows of `generation`. If the
+    caller `waits`, only answers of probes that were asked since then count; otherwise also recent ones."""
 
     names: tuple[str, ...]
     since: float
@@ -26,21 +26,21 @@ class Question:
     waits: bool = True
 
     def since_of(self, service: Service) -> float:
-        """From when on the answer of a service's probe counts."""
+        """From when on an answer of a service's probe counts."""
         interval = service.ready.interval if service.ready and not self.waits else 0.0
         return self.since - interval
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """Of one service: whether it is ready, which run of it, else why not, and whether waiting has no sense."""
+    """Whether one service is ready, in which run; else why not, and whether waiting is hopeless."""
 
     ready: bool
     incarnation: str
     reason: str = ""
     hopeless: bool = False
     asking: bool = False
-    """All that is missing is the answer of its probe, which is being asked."""
+    """Only the answer of its probe is missing, which is being asked."""
 
     def as_json(self) -> dict[str, Any]:
         return {"ready": self.ready, "incarnation": self.incarnation, "reason": self.reason}
@@ -48,7 +48,7 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """Of several services and all that they need."""
+    """The readiness of several services and all that they need."""
 
     services: Mapping[str, Ready]
     suspended: str = ""
@@ -63,19 +63,19 @@ class Readiness:
 
     @property
     def asking(self) -> bool:
-        """Whether a probe is being asked on whose answer alone it depends whether its service is ready."""
+        """Whether all that is missing are answers of probes that are being asked."""
         return any(r.asking for r in self.services.values())
 
     @property
     def reason(self) -> str:
-        """What is said of the first one that is not ready."""
+        """Why the first service that is not ready is not."""
         first = next((f"{n}: {r.reason}" for n, r in self.services.items() if not r.ready), "")
         return self.suspended or first if first else ""
 
 
 def readiness(decision: Decision, found: Mapping[str, Status], question: Question) -> Readiness:
-    """The services asked for come first, then what they need. A probe's answer from before the question does not count,
-    unless the caller does not wait and the answer is younger than the probe's interval."""
+    """The readiness of the services asked for, then of what they need. A probe's answer from before the question counts
+    only if the caller does not wait and the answer is younger than the probe's interval."""
     services = decision.situation.desired.catalog.services
     names = [n for n in question.names if n in services]
     closed = (*question.names, *sorted(closure(services, names) - set(question.names)))
@@ -114,7 +114,7 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
 
 
 def _probed(step: Progress, since: float, incarnation: str, waits: bool) -> Ready:
-    """Of a run that is ready as far as the loop knows: what its probe has said since."""
+    """For a run that is ready as far as the loop knows: whether its probe has answered since."""
     told, denied = step.answered is None or told_since(step, since), denied_since(step, since)
     if told and (waits or not denied):
         return Ready(True, incarnation)

@@ -1,46 +1,42 @@
-"""Routes by which services are requested and released."""
+"""Routes that request and release services, and the one that answers when they are ready."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import Callable
+from typing import Annotated
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Query, Request
 from fastapi.responses import JSONResponse, Response
+from starlette.types import Receive
 
-from rorg.api.bodies import Id, accepted
-from rorg.api.body_models import PutRequest
-from rorg.api.callers import Requester, Who, needs
-from rorg.api.inputs import request_of
-from rorg.api.models import RequestView
+from rorg.api.callers import Id, Requester, Who, accepted, applied, needs, still
+from rorg.api.changes import release as releasing
+from rorg.api.generations import until
+from rorg.api.inputs import PutRequest, request_of
+from rorg.api.models import RequestView, WaitResult
 from rorg.api.operations import Operations
-from rorg.api.permissions import Caller
+from rorg.api.permissions import allow_request
+from rorg.api.readiness import Question
+from rorg.errors import NotReady
 
 SEEN = 5.0
-"""Seconds until a service that asks is seen to run."""
+"""Seconds within which the loop has seen that a service runs, if it requests something right after its start."""
+PROMPT = 3.0
+"""Seconds for a caller with a timeout of 0: enough for one attempt of probes whose last answers are too old, and for
+the loop to act on the caller's last change."""
 
 
-async def _seen(operations: Operations, caller: Caller, changed: Callable[[], asyncio.Event]) -> None:
-    """A program may ask so soon after its start that the loop has not seen it run: that is waited for."""
-    end = asyncio.get_running_loop().time() + SEEN
-    while caller.kind == "service" and not operations.runs(caller.service):
-        left = end - asyncio.get_running_loop().time()
-        if left <= 0:
-            return
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(changed().wait(), left)
-
-
-def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], asyncio.Event]) -> None:
-    """The routes of requests."""
+def add_requesting(app: FastAPI, operations: Operations) -> None:
+    """Adds the routes."""
+    _add_wait(app, operations)
     request = [needs("request")]
 
     @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)
     async def put(id: Id, body: PutRequest, caller: Who, requester: Requester = None) -> Response:
-        """Request services, in place of an earlier request of the same id. Durable when answered."""
+        """Request services, in place of an earlier request with the same id. It is on the disk when answered."""
         ask = request_of(id, requester or caller.requester, body)
-        await _seen(operations, caller, changed)
+        # A program may ask so soon after its start that the loop has not seen it run.
+        await until(operations, lambda: caller.kind != "service" or operations.current.runs(caller.service), SEEN)
         return accepted(
             await asyncio.wrap_future(operations.put_request(caller, ask)),
             {
@@ -55,12 +51,67 @@ def add_requesting(app: FastAPI, operations: Operations, changed: Callable[[], a
 
     @app.post("/v1/requests/{id}/renew", dependencies=request, response_model=RequestView)
     async def renew(id: Id, caller: Who, requester: Requester = None) -> Response:
-        """Give the lease of a request its full time again."""
+        """Renew the lease of a request for its full time."""
         return JSONResponse(operations.renew(caller, (requester or caller.requester, id)))
 
     @app.delete("/v1/requests/{id}", dependencies=request, status_code=204, response_class=Response)
     async def release(id: Id, caller: Who, force: bool = True, requester: Requester = None) -> Response:
-        """End a request. Releasing what is already released is no error. With `force=false` it is refused where it
-        stops what moves hardware, or takes something from a service that asked for it: `confirm` names these."""
+        """End a request. Releasing twice is no error. With `force=false`, rorg refuses if that stops a driver, or takes
+        something from a service that asked for it: `confirm` names these."""
         key = requester or caller.requester, id
-        return accepted(await asyncio.wrap_future(operations.release(caller, key, force)))
+        allow_request(caller, key[0], (), operations.catalog)
+        return await applied(operations, caller, releasing(key, None if force else operations.current))
+
+
+def _add_wait(app: FastAPI, operations: Operations) -> None:
+    @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
+    async def wait(
+        request: Request,
+        services: Annotated[list[str], Query(min_length=1, max_length=300)],
+        timeout: Annotated[float, Query(ge=0, le=3600)] = 30.0,
+    ) -> Response:
+        """Answers when these services and all that they need are ready: wanted, running, their probes answered since
+        the question was asked, and nothing under way that ends this run. If they do not become ready, the answer has
+        the reason. With a timeout of 0, the last answer of a probe counts if it is younger than the probe's interval;
+        otherwise the probe is asked once. Every change that was accepted before the question counts."""
+        names = tuple(dict.fromkeys(m for s in services for m in operations.current.members(s)))
+        with operations.question(names, waits=timeout > 0) as question:
+            hangup = asyncio.ensure_future(gone(request.receive))
+            try:
+                return await _ready(operations, question, timeout, request, hangup)
+            finally:
+                hangup.cancel()
+
+
+async def gone(receive: Receive) -> None:
+    """Returns when the caller has closed the connection."""
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _ready(
+    operations: Operations, question: Question, timeout: float, request: Request, hangup: asyncio.Future[None]
+) -> Response:
+    clock = asyncio.get_running_loop().time
+    deadline = clock() + (timeout if question.waits else PROMPT)
+    while not hangup.done():
+        event = operations.next_pass()
+        still(request, "read")
+        known = operations.open_to(question.generation) and (not question.waits or operations.heard_since(question))
+        found = operations.readiness(question)
+        services = {name: ready.as_json() for name, ready in found.services.items()}
+        left = deadline - clock()
+        if known and found.ready:
+            return JSONResponse({"ready": True, "services": services})
+        settled = known and (found.hopeless if question.waits else not found.asking)
+        if settled or left <= 0:
+            raise NotReady(
+                f"wait for {', '.join(question.names)}",
+                found.reason or ("the loop is busy" if operations.heard_since(question) else "the engine is busy"),
+                "`rorg why` for the reasons",
+                services,
+            )
+        news = asyncio.ensure_future(event.wait())
+        await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
+        news.cancel()
+    return Response(status_code=400)  # nobody reads it

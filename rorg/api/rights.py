@@ -18,14 +18,14 @@ FREE = frozenset(
         *("mem_reservation", "working_dir"),
     }
 )
-"""Options that reach nothing outside the container, whatever they say."""
+"""Options that reach nothing outside the container, whatever their value."""
 UNLIMITED = (None, -1, 0)
 Within = Callable[[Any, Any], bool]
-"""Whether the first value of an option gives no more than the second one."""
+"""Whether the first value of an option gives no more rights than the second."""
 
 
 def exceeding(spec: Spec, others: Collection[Spec], grant: Spec, granted: Collection[str]) -> list[str]:
-    """The options in which a container has more rights than each of the others. Of `grant` only the options `granted`
+    """The options in which a container has more rights than each of the others. Of `grant`, only the options `granted`
     count."""
     found = {*spec, *(option for other in others for option in other)} - FREE
     return sorted(
@@ -44,12 +44,12 @@ def _within(option: str, spec: Spec, other: Spec) -> bool:
 
 
 def _unset(mine: Any, _: Any) -> bool:
-    """An option that only gives: what the engine does without it is safe."""
+    """For options that only give rights: without it, what the engine does is safe."""
     return mine in (None, False, "", [], {})
 
 
 def _theirs_unset(_: Any, theirs: Any) -> bool:
-    """An option that only takes away."""
+    """For options that only take rights away."""
     return _unset(theirs, None)
 
 
@@ -83,7 +83,7 @@ def _items(value: Any) -> set[str]:
 
 
 def _user(mine: Any, theirs: Any) -> bool:
-    """Without `user` the image says who runs it, so nothing is known of that."""
+    """Without `user` the image decides, so nothing is known."""
     return _root(theirs) or (theirs in (None, "") and mine not in (None, "") and not _root(mine))
 
 
@@ -92,13 +92,13 @@ def _root(user: Any) -> bool:
 
 
 def _security(mine: Any, theirs: Any) -> bool:
-    """`no-new-privileges` only takes away; every other option of security may do either."""
+    """`no-new-privileges` only takes rights away; every other security option may do either."""
     (locked, more), (must, known) = _split(mine), _split(theirs)
     return locked >= must and more == known
 
 
 def _split(options: Any) -> tuple[bool, set[str]]:
-    """Whether a container gains no privileges; and its other options of security."""
+    """Whether a container cannot gain privileges; and its other security options."""
     said = [str(option).replace("=", ":") for option in options or ()]
     words = [option for option in said if option.partition(":")[0] == "no-new-privileges"]
     return bool(words) and not words[-1].endswith(":false"), {o for o in said if o not in words}
@@ -132,7 +132,7 @@ def _same_network(spec: Spec, other: Spec) -> bool:
 
 
 def network_of(spec: Spec) -> str:
-    """`host`, `bridge`, `none`, `networks` for those that it names, or whose network it shares."""
+    """`host`, `bridge`, `none`, `networks` if it names some, or the service or container whose network it shares."""
     if spec.get("networks"):
         return "networks"
     found = str(spec.get("network_mode") or "bridge")
@@ -156,4 +156,4 @@ _RULES: Mapping[str, Within] = {
     "user": _user,
     "volumes": _volumes,
 }
-"""Option -> its rule where two values differ. Options without one only give."""
+"""Option -> its rule if two values differ. Options without a rule only give rights."""

@@ -1,26 +1,30 @@
-"""Answers without secrets, whoever asks: manifests say which values those are."""
+"""Answers without secrets. Manifests declare which values are secret.
+
+A service whose own words came back masked would know that it has guessed a secret of another service. So in errors for
+a service, all of its words are masked that could be a secret, and other answers show only what it may know.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
+from urllib.parse import unquote_plus
 
-from rorg.api.hiding_from_services import error_for_service, shown_to_service, words_of
-from rorg.core.masking import Masker
+from rorg.core.masking import MASK, Masker
 from rorg.errors import Busy
-from rorg.model.catalog import EMPTY, Catalog
+from rorg.model.catalog import DEVELOPER, EMPTY, SHORTEST_SECRET, Catalog
 
 LINES = b"application/x-ndjson"
 PROBLEM = b"application/problem+json"
 LINE = re.compile(r"[^\n]*\n|[^\n]+")
 LOGS = "/logs"
-"""How the addresses end whose answers are what services print, and not rorg's word."""
+"""The end of the addresses whose answers are the output of services, which is not masked."""
 
 
 class Hiding:
-    """In front of the application: what it answers goes through a Masker."""
+    """Masks the secrets in what the application answers."""
 
     def __init__(self, app: Any, masker: Masker, catalog: Callable[[], Catalog]) -> None:
         self.app, self.masker, self.catalog = app, masker, catalog
@@ -36,7 +40,7 @@ class Hiding:
 
 
 class _Answer:
-    """One answer. What says how long it is is held back until it is known how long it is without secrets."""
+    """One answer. If it declares its length, it is held back until the length without secrets is known."""
 
     def __init__(self, masker: Masker, send: Any) -> None:
         self.masker, self.send = masker, send
@@ -78,7 +82,7 @@ class _Answer:
 
 
 class _AnswerToService(_Answer):
-    """One answer to a service, which is told nothing of secrets by what it said itself."""
+    """One answer to a service, which must not learn of secrets by what it sent itself."""
 
     def __init__(self, masker: Masker, send: Any, scope: Any, catalog: Callable[[], Catalog]) -> None:
         super().__init__(masker, send)
@@ -91,7 +95,7 @@ class _AnswerToService(_Answer):
             return EMPTY
 
     def heard(self, receive: Any) -> Any:
-        """`receive`, with what comes by it kept."""
+        """`receive`, with the body kept."""
 
         async def hear() -> Any:
             message = await receive()
@@ -118,3 +122,96 @@ class _AnswerToService(_Answer):
         else:
             value = shown_to_service(value, self.masker)
         return json.dumps(value) + text[len(text.rstrip()) :]
+
+
+MOST_SAID = 64 << 10
+"""Characters of a call that are searched for in the error that answers it."""
+_WORD = re.compile(r"[A-Za-z0-9_]+")
+_OURS = frozenset(
+    _WORD.findall(
+        "Service Services accepted access actions already always_on annotations anything apiVersion cannot cap_add "
+        "capabilities change command conflicts container developer developers devices driver env_file environment "
+        "events except exclusive generation healthcheck history incarnation interlock itself labels limits manage "
+        "manages manifest manifests may_act_for may_manage may_request may_restart member metadata method mounts needs "
+        "network_mode networks nobody nothing number operation people permission pids_limit plan priority privileged "
+        "profile profiles protected reason release released request requested requester requesting requests resources "
+        "restart retry rorg running security_opt service services should string suspend tmpfs unknown valid value "
+        "variable volumes"
+    )
+)
+"""Words of errors and manifests, which a call may contain and an error may show."""
+
+
+def shown_to_service(value: Any, masker: Masker) -> Any:
+    """JSON for a service. What is about a service has that service's secrets masked; the reasons that services give for
+    requests are shown as they are."""
+    if isinstance(value, list):
+        return [shown_to_service(item, masker) for item in value]
+    if not isinstance(value, Mapping):
+        return masker.value(value)
+    near = masker.of(value.get("service"))
+    own = value.get("requester", DEVELOPER) != DEVELOPER and not value.get("standing")
+    found = {}
+    for key, item in value.items():
+        if key == "services" and isinstance(item, Mapping):
+            found[key] = {name: shown_to_service(below, masker.of(name)) for name, below in item.items()}
+        elif isinstance(item, Mapping | list):
+            found[key] = near.value({key: item})[key] if _plain(item) else shown_to_service(item, near)
+        else:
+            found[key] = item if key == "reason" and own else near.value({key: item})[key]
+    return found
+
+
+def _plain(value: Any) -> bool:
+    return isinstance(value, list) and not any(isinstance(item, Mapping | list) for item in value)
+
+
+def error_for_service(error: Mapping[str, Any], said: str, masker: Masker, catalog: Catalog) -> dict[str, Any]:
+    """An error for a service that has `said` something: its words are masked, because they may be secrets or guesses,
+    except names that people declared."""
+    known = _OURS | _names(catalog)
+    found = shown_to_service({k: v for k, v in error.items() if k not in ("title", "cause", "remedy")}, masker)
+    about = next((n for n, one in (error.get("services") or {}).items() if not one.get("ready")), None)
+    texts = {key: unsaid(str(error.get(key, "")), said, known) for key in ("title", "cause", "remedy")}
+    return {**error, **found, **{key: masker.of(about).text(text) for key, text in texts.items()}}
+
+
+def _names(catalog: Catalog) -> set[str]:
+    """Words in the names that people declared, not services that manage manifests."""
+    managers = [service for service in catalog.services.values() if service.may_manage]
+    declared = [name for name in catalog.services if not any(one.manages(name) for one in managers)]
+    return {word for name in (*declared, *catalog.groups) for word in _WORD.findall(name)}
+
+
+def words_of(query: bytes, path: str, body: bytes) -> str:
+    """Everything that a call contains."""
+    text = body.decode("utf-8", errors="replace")
+    try:
+        texts = list(_texts(json.loads(text))) if text else []
+    except (ValueError, RecursionError):
+        texts = [text]
+    return "\n".join((path, unquote_plus(query.decode("latin-1")), *texts))[:MOST_SAID]
+
+
+def _texts(value: Any) -> list[str]:
+    if isinstance(value, dict):
+        return [text for key, item in value.items() for text in (str(key), *_texts(item))]
+    if isinstance(value, list):
+        return [text for item in value for text in _texts(item)]
+    return [value] if isinstance(value, str) else [str(value)]
+
+
+def unsaid(text: str, said: str, known: Collection[str]) -> str:
+    """The text with every part masked that is also in `said` and long enough for a secret, except the words `known`."""
+    covered = bytearray(len(text))
+    for at in range(len(text) - SHORTEST_SECRET + 1):
+        if text[at : at + SHORTEST_SECRET] in said:
+            covered[at : at + SHORTEST_SECRET] = b"\x01" * SHORTEST_SECRET
+    for word in _WORD.finditer(text):
+        if word[0] in known:
+            covered[word.start() : word.end()] = bytes(len(word[0]))
+    pieces = []
+    for run in re.finditer(rb"\x01+|\x00+", bytes(covered)):
+        piece = text[run.start() : run.end()]
+        pieces.append(MASK if run[0][0] and _WORD.search(piece) else piece)
+    return "".join(pieces)

@@ -1,7 +1,7 @@
-"""The server: HTTP/1.1 on unix sockets, in a thread of its own, so that no caller is ever in the way of the loop.
+"""The server: HTTP/1.1 on unix sockets, in its own thread, so that no caller ever delays the loop.
 
-One socket for people and one for each service that may request something: who calls is known by the socket that is
-called, and, on the main one, by the kernel's word for the process at the other end.
+People have one socket, and each service that may request something has its own. The server knows the caller by its
+socket, and on the main one by what the kernel says of the process at the other end (permissions.peer).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ import uvicorn
 from rorg.api import limits
 from rorg.api.app import make_app
 from rorg.api.connection import Connection, Who
-from rorg.api.hiding import Hiding
+from rorg.api.cpu_share import Metered
+from rorg.api.generations import NotBefore
 from rorg.api.limits import Accounts
 from rorg.api.listener import Listener
-from rorg.api.metering import Metered
-from rorg.api.not_before import NotBefore
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, group_id, peer
-from rorg.api.quick import Quick
+from rorg.api.read_routes import Quick
+from rorg.api.secret_filter import Hiding
 from rorg.api.sockets import BACKLOG, NAME, ServiceSockets, listen, make_directories
 from rorg.api.tls import Tls
 from rorg.daemon.loop import Loop
@@ -38,31 +38,32 @@ from rorg.errors import Invalid
 from rorg.store.state_dir import StateDir
 
 FAREWELL = 2.0
-"""Seconds that the end waits for answers under way."""
+"""Seconds that stop() waits for answers under way."""
 LOOK = 0.5
-"""Seconds between two looks at which connections are overdue."""
+"""Seconds between two checks for overdue connections."""
 MOST_FILES = 65536
 """Descriptors that this process asks for."""
 
 
 class Server:
-    """Serves the API of a robot below a directory, until stop()."""
+    """Serves the API of a robot on sockets in a directory, until stop()."""
 
     def __init__(self, operations: Operations, directory: Path, group: str = "rorg") -> None:
         self.operations, self.directory = operations, directory
         self.group = group_id(group)
         self._asyncio: asyncio.AbstractEventLoop | None = None
         self._event = asyncio.Event()
-        self.services = ServiceSockets(directory, self.group, self._listen, operations.loop.recorder)
+        self.services = ServiceSockets(directory, self.group, self._listen, operations.recorder)
         self.accounts = Accounts(time.monotonic)
         self.listeners: set[Listener] = set()
         self.room = limits.MOST_CONNECTIONS
         self._broken: Exception | None = None
-        """Why it could not begin to serve."""
-        self.app = make_app(operations, lambda: self._event)
-        quick = Hiding(Quick(self.app, operations), operations.loop.tree.masker, lambda: operations.catalog)
+        """Why it could not start."""
+        operations.next_pass = lambda: self._event
+        self.app = make_app(operations)
+        quick = Hiding(Quick(self.app, operations), operations.tree.masker, lambda: operations.catalog)
         self.config = uvicorn.Config(
-            Metered(NotBefore(quick, operations, lambda: self._event), operations),
+            Metered(NotBefore(quick, operations), operations),
             http=Connection,
             loop="uvloop",
             log_config=None,
@@ -81,7 +82,7 @@ class Server:
     # -- life --------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Listens when it returns."""
+        """Starts; it listens when this returns. Raises Invalid."""
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         self.room = limits.room(_descriptors())
         make_directories(self.directory)
@@ -95,26 +96,26 @@ class Server:
             self.operations.committer.stop()
             where = f"{self.tcp[0]}:{self.tcp[1]}" if self.tcp else str(self.directory / NAME)
             raise Invalid(f"serve on {where}", str(self._broken or "no answer within 30 s"), "another address")
-        self.operations.loop.decided = self.decided
+        self.operations.on_decision(self.decided)
         self.app.state.manifests.recover()
 
     def end(self) -> None:
-        """From now on every caller, also those who wait, is told to come again; what was accepted is still done. May
-        be called from a signal handler."""
+        """From now on every caller, also one that waits, gets "busy"; what was accepted is still done. May be called
+        from a signal handler."""
         self.operations.ending = True
         if self._asyncio is not None:
             with contextlib.suppress(RuntimeError):
                 self._asyncio.call_soon_threadsafe(self._turn)
 
     def stop(self) -> None:
-        """Ends when everybody has their answer."""
+        """Stops when all callers have their answers."""
         self.end()
         self.operations.committer.stop()
         deadline = time.monotonic() + FAREWELL
         asked = set(self.uvicorn.server_state.tasks)
         while not asked.isdisjoint(self.uvicorn.server_state.tasks) and time.monotonic() < deadline:
             time.sleep(0.005)
-        self.operations.loop.decided = lambda: None
+        self.operations.on_decision(lambda: None)
         self.uvicorn.should_exit = self.uvicorn.force_exit = True
         if self._thread:
             self._thread.join(5)
@@ -154,7 +155,7 @@ class Server:
     def _listen(
         self, place: socket.socket, who: Who, service: str = "", context: ssl.SSLContext | None = None
     ) -> Callable[[], None]:
-        """Serves who calls at a socket, which is one service's or anybody's, until what this returns is called."""
+        """Serves a socket, of one service or of anyone, until the function that this returns is called."""
 
         def make() -> asyncio.Protocol:
             made = Connection(self.config, self.uvicorn.server_state, {})
@@ -185,7 +186,7 @@ class Server:
         return self.room - greeted - len(self.uvicorn.server_state.connections)
 
     def _look(self) -> None:
-        """Hangs up on those who are overdue, every LOOK seconds."""
+        """Closes overdue connections, every LOOK seconds."""
         loop = asyncio.get_running_loop()
         now = loop.time()
         for connection in list(self.uvicorn.server_state.connections):
@@ -195,33 +196,34 @@ class Server:
         loop.call_later(LOOK, self._look)
 
     def _renew_tls(self) -> None:
-        """Knows clients by the files of TLS as they are now. Who is connected must show a certificate again."""
+        """Takes up changed TLS files. Connected clients must show their certificate again."""
         try:
             if self.tcp is None or not self.tcp[2].renew():
                 return
         except Invalid as error:
-            self.operations.loop.recorder.event("tls", f"{error}; clients are known as before")
+            self.operations.recorder.event("tls", f"{error}; the previous certificates stay in use")
             return
         for listener in self.listeners:
             listener.context = self.tcp[2].context if listener.context else None
         for connection in list(self.uvicorn.server_state.connections):
             if isinstance(connection, Connection) and connection.who is _certified:
                 connection.transport.abort()
-        self.operations.loop.recorder.event("tls", "the certificates, or the list of revoked ones, were read again")
+        self.operations.recorder.event("tls", "the certificates, or the list of revoked ones, were read again")
 
     def _odd(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """What no call was the cause of. That a caller hangs up, or speaks no TLS, is nothing to tell."""
+        """Reports errors outside of any call. Callers that hang up, or do not speak TLS, are not errors."""
         error = context.get("exception")
         if not isinstance(error, OSError):
             told = f"internal error of the server: {error or context.get('message')}"
-            self.operations.loop.recorder.when_new("server", told, "internal-error", told)
+            self.operations.recorder.when_new("server", told, "internal-error", told)
 
     def decided(self) -> None:
-        """After a pass: those who wait look again, and services have the sockets that their manifests ask for."""
+        """After a pass of the loop: wakes those who wait, and gives services the sockets that their manifests ask
+        for."""
         if self._asyncio is None:
             return
-        decision = self.operations.loop.decision
-        # Of the pass, since it has what is withheld too: that stays as it was.
+        decision = self.operations.last_decision
+        # The catalog of the pass contains what is withheld, which keeps its socket.
         services = decision.situation.desired.catalog.services if decision else {}
         declared = frozenset(name for name, service in services.items() if service.calls)
         with contextlib.suppress(RuntimeError):
@@ -234,12 +236,12 @@ class Server:
         self._event = asyncio.Event()
 
     def prepare(self, names: Iterable[str]) -> None:
-        """The directories that are mounted into containers must be there before a container is made."""
+        """Makes the directories that are mounted into containers, before a container is made."""
         self.services.prepare(names)
 
 
 def _descriptors() -> int:
-    """How many files this process may have open, which are more from here on where the kernel allows it."""
+    """Descriptors that this process may have open, after raising the limit as far as the kernel allows."""
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, MOST_FILES) if hard > 0 else MOST_FILES, hard))

@@ -1,4 +1,4 @@
-"""The unix sockets below the run directory: one for people, and one for each service that may call."""
+"""The unix sockets in the run directory: one for people, and one for each service that may call."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ NAME = "rorg.sock"
 BACKLOG = 1024
 """Connections that wait to be accepted."""
 RETRY = 5.0
-"""Seconds until sockets that could not be made are tried again."""
+"""Seconds until the next attempt, if a socket could not be made."""
 
 Serve = Callable[[socket.socket, Who, str], Callable[[], None]]
-"""Serves who calls at a socket, the one service of this name, until what it returns is called."""
+"""Serves a socket, for the service of this name, until the function that it returns is called."""
 
 
 def make_directories(directory: Path) -> None:
-    """Where the sockets are. Services' ones are open to every user, since programs in containers run as any; so nobody
-    else of this machine may get as far as to them. A container has its own directory mounted, whatever stands above
-    it."""
+    """Makes the directories of the sockets. A service's socket is open to every user, because programs in containers
+    run as any user; so other users of this machine must not reach it. A container mounts its own directory, whatever is
+    above it."""
     make_directory(directory, 0o755)
     services = directory / "services"
     make_directory(services, 0o700)
@@ -36,10 +36,9 @@ def make_directories(directory: Path) -> None:
 
 
 def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = None) -> socket.socket:
-    """A listening socket of this mode and group, in place of one that a killed rorg left behind. It is made where
-    nobody else can reach it, in `directory`, and then moved: whatever lies at its place by then is never followed.
-    Bound by way of an open directory, since a path of its own may be longer than the 107 bytes allowed. Raises
-    OSError."""
+    """A listening socket with this mode and group, which replaces one that a killed rorg left behind. It is made in a
+    private directory and then moved, so that a link at its place is never followed; and bound through an open
+    directory, because its own path may be longer than the 107 bytes allowed. Raises OSError."""
     made = directory / ".new"
     make_directory(made, 0o700)
     (made / NAME).unlink(missing_ok=True)
@@ -74,27 +73,27 @@ class ServiceSockets:
     ) -> None:
         self.directory, self.group, self.listening, self.recorder = directory, group, listening, recorder
         self.served: dict[str, Callable[[], None]] = {}
-        """Service -> what ends its socket."""
+        """Service -> function that ends its socket."""
         self._declared: frozenset[str] = frozenset()
         self._again = float("inf")
-        """When to try sockets again that could not be made."""
+        """When to try again to make sockets that failed."""
 
     def due(self, declared: frozenset[str]) -> bool:
-        """Whether there is something to do, now that these services are to have sockets."""
+        """Whether there is something to do, if these services should have sockets."""
         if declared == self._declared and time.monotonic() < self._again:
             return False
         self._declared, self._again = declared, float("inf")
         return True
 
     def prepare(self, names: Iterable[str]) -> None:
-        """The directories that are mounted into containers must be there before a container is made."""
+        """Makes the directories that are mounted into containers, before a container is made."""
         for name in names:
             place = self.directory / "services" / name
             make_directory(place)
-            place.chmod(0o755)  # programs in containers are of any user
+            place.chmod(0o755)  # programs in containers run as any user
 
     def serve(self, names: frozenset[str]) -> None:
-        """Serves exactly these. What cannot be served is told, and tried again after a while."""
+        """Serves exactly these services. A socket that fails is reported, and tried again after a while."""
         for name in set(self.served) - names:
             self.served.pop(name)()
             shutil.rmtree(self.directory / "services" / name, ignore_errors=True)
@@ -102,10 +101,10 @@ class ServiceSockets:
             caller = Caller("service", service=name)
             try:
                 self.prepare([name])
-                # Whatever user a program runs as inside its container, the mount is its permission.
+                # The mount is the permission, whatever user a program runs as in its container.
                 listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
                 self.served[name] = self.listening(listener, lambda *_, caller=caller: caller, name)
             except OSError as error:
                 self._again = time.monotonic() + RETRY
-                told = f"{name} has no socket to request anything: {error}"
+                told = f"{name} has no socket for requests: {error}"
                 self.recorder.when_new(f"socket of {name}", str(error), "no-socket", told)

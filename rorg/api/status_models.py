@@ -1,4 +1,4 @@
-"""What the API gives that is about the robot as a whole: status, plan and events, as pydantic models."""
+"""What the API answers about the robot as a whole: status, plan, logs and events, as pydantic models."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rorg.api.models import RequestView, ServiceView
 
 
 class DiagnosticView(BaseModel):
-    """What is wrong with a manifest, and where; line and column count from 1."""
+    """A mistake in a manifest, and its place; line and column count from 1."""
 
     file: str
     line: int
@@ -16,16 +16,18 @@ class DiagnosticView(BaseModel):
     severity: str = Field(description="error or warning.")
     message: str
     remedy: str
-    code: str = Field("", description="What is found, one of docs/reference/findings.md; empty for a mistake of form.")
+    code: str = Field(
+        "", description="The code of a finding (docs/reference/findings.md); empty for a mistake of form."
+    )
 
 
 class GitView(BaseModel):
-    """The repository that the manifests come from."""
+    """The repository of the manifests."""
 
-    followed: bool = Field(description="Whether it is fetched from there; otherwise they lie in it.")
-    repository: str = Field(description="Without the user and the password of a URL.")
-    branch: str = Field(description="Empty for the one that it is at itself.")
-    commit: str = Field(description="In force; empty where that is not known.")
+    followed: bool = Field(description="Whether rorg fetches it; otherwise the manifests are in a working copy.")
+    repository: str = Field(description="Its path or URL, without user and password.")
+    branch: str = Field(description="Empty for the repository's default branch.")
+    commit: str = Field(description="The commit in force; empty if unknown.")
     fetched_at: str = Field(description="When it was last reached: ISO 8601, UTC; empty before that.")
     error: str = Field(description="Why it cannot be reached, or its last commit is refused; empty when all is well.")
 
@@ -41,16 +43,16 @@ class TreeView(BaseModel):
     """The tree of manifests that is in force."""
 
     root: str = Field(description="Its directory.")
-    fingerprint: str = Field(description="Two equal ones declare the same.")
+    fingerprint: str = Field(description="Equal fingerprints mean equal declarations.")
     revision: str = Field(description="The git commit; empty without one.")
-    robot: str = Field("", description="Whose overlay is laid over it; empty for the base alone.")
+    robot: str = Field("", description="The robot whose overlay counts; empty for the base alone.")
     git: GitView | None = Field(
-        default=None, description="Where one is followed (`rorg run --git`), or git does not trust it."
+        default=None, description="If rorg follows one (`rorg run --git`), or git does not trust it."
     )
     errors: list[DiagnosticView] = Field(
-        description="While there are any, the last good tree is in force and nothing is removed on its word."
+        description="While there are any, the last good tree is in force and nothing is removed."
     )
-    warnings: list[DiagnosticView] = Field(default=[], description="What is wrong with it, though it is in force.")
+    warnings: list[DiagnosticView] = Field(default=[], description="Warnings about it; it is in force.")
     standing: StandingView | None = Field(
         default=None, description="How it has done so far; missing until rorg knows what runs."
     )
@@ -59,14 +61,14 @@ class TreeView(BaseModel):
 class EngineView(BaseModel):
     """Whether the engine answers."""
 
-    complete: bool = Field(description="Whether it is known what runs; otherwise states are those that were seen last.")
+    complete: bool = Field(description="Whether rorg knows what runs; otherwise states are those seen last.")
     error: str = Field(description="Why it is not.")
-    address: str = Field("", description="Of an engine that does not answer.")
+    address: str = Field("", description="If the engine does not answer.")
     silent_since: str = Field("", description="When it stopped answering pings: ISO 8601, UTC; empty while it answers.")
 
 
 class ActionView(BaseModel):
-    """One engine call that is to be made."""
+    """One engine call that rorg would make."""
 
     index: int
     verb: str = Field(description="create, update, rename, signal, start, resume, pause, stop or remove.")
@@ -74,21 +76,21 @@ class ActionView(BaseModel):
     container: str = Field(description="Empty for one that an earlier action creates.")
     reason: str
     fields: list[str] = Field(description="Declared options that changed.")
-    after: list[int] = Field(description="Actions that must have happened before.")
-    part_of: str = Field(description="replace or restart for actions that do that together; else empty.")
+    after: list[int] = Field(description="Actions that must happen before.")
+    part_of: str = Field(description="replace or restart, if the action is a part of that; otherwise empty.")
     urgent: bool = Field(description="A live request waits for it.")
 
 
 class WaitingView(BaseModel):
-    """Something that would be done, but not now."""
+    """Something that rorg would do, but not now."""
 
     service: str
     reason: str
-    code: str = Field(description="failed, withheld, preempted or suspended; empty for what only takes its time.")
+    code: str = Field(description="failed, withheld, preempted or suspended; empty if it only takes time.")
 
 
 class PlanView(BaseModel):
-    """What is to be done, and what waits."""
+    """What rorg would do, and what waits."""
 
     actions: list[ActionView]
     waitings: list[WaitingView]
@@ -96,42 +98,42 @@ class PlanView(BaseModel):
 
 
 class BudgetView(BaseModel):
-    """What services may use in all; null for all that the machine has."""
+    """What services may use in total; null for everything that the machine has."""
 
     cpu: float | None = Field(description="Cores.")
     memory: int | None = Field(description="Bytes.")
 
 
 class PressureView(BaseModel):
-    """What is done against overload."""
+    """Measures against overload."""
 
     reason: str
     measures: list[str] = Field(description="In force, mildest first.")
     helpless: bool = Field(description="Nothing that rorg runs would help.")
-    shed: dict[str, str] = Field(description="Services that had to make room, each with the reason.")
+    shed: dict[str, str] = Field(description="Services that were shed, each with the reason.")
     budget: BudgetView | None = Field(default=None, description="Of the Policy.")
 
 
 class RunView(BaseModel):
-    """What rorg keeps in mind of a service beyond its own runs."""
+    """What rorg remembers of a service across its own restarts."""
 
-    run: str = Field(description="The run that counts on runs of what it needs.")
-    needs: dict[str, str] = Field(description="Service that it needs, and the run of it that it counts on.")
-    stopped: str = Field(description="The last run that rorg ended itself.")
-    stopped_before: list[str] | None = Field(
-        default=None, description="Earlier ones, of other containers that are kept."
-    )
-    edition: str | None = Field(default=None, description="What was declared when its container was taken into use.")
+    run: str = Field(description="The run that relies on the runs in `needs`.")
+    needs: dict[str, str] = Field(description="Needed service -> the run of it that it relies on.")
+    stopped: str = Field(description="The last run that rorg ended.")
+    stopped_before: list[str] | None = Field(default=None, description="Earlier ones, of other kept containers.")
+    edition: str | None = Field(default=None, description="What was declared when its container was put into use.")
     quarantined: dict[str, str] | None = Field(
-        default=None, description="Editions that did not come up, or did not stay well, and why."
+        default=None, description="Editions that did not become ready or stay well, and why."
     )
-    drawn: str | None = Field(default=None, description="Why its change is undone: one of its set failed.")
+    drawn: str | None = Field(default=None, description="Why its change is undone: another one of its set failed.")
     proven: str | None = Field(default=None, description="The container whose trial is over.")
-    baked: str | None = Field(default=None, description="The edition that has stayed well for its bake.")
+    baked: str | None = Field(default=None, description="The last edition that passed its bake.")
     loaded: str | None = Field(default=None, description="The run that has read `content`.")
-    content: dict[str, str] | None = Field(default=None, description="Digests of what it mounts from the tree.")
+    content: dict[str, str] | None = Field(
+        default=None, description="Digests of the files that it mounts from the tree."
+    )
     attempts: dict[str, tuple[float, str]] | None = Field(
-        default=None, description="Verb, and when it is tried again (the machine's monotonic clock, seconds), and why."
+        default=None, description="Verb -> when it is tried again (the machine's monotonic clock, seconds), and why."
     )
 
 
@@ -139,13 +141,13 @@ class ObjectView(BaseModel):
     """A network or volume."""
 
     kind: str = Field(description="network or volume.")
-    name: str = Field(description="What services write.")
-    engine_name: str = Field(description="What the engine calls it.")
+    name: str = Field(description="Its name in manifests.")
+    engine_name: str = Field(description="Its name in the engine.")
     state: str = Field(description="present, none, foreign (it is not rorg's) or unknown.")
-    external: bool = Field(description="Somebody else makes and removes it.")
+    external: bool = Field(description="Not rorg but someone else makes and removes it.")
     declared: bool = Field(description="A manifest declares it.")
     ours: bool = Field(description="rorg has made it.")
-    services: list[str] = Field(description="That use it.")
+    services: list[str] = Field(description="The services that use it.")
     message: str = Field(description="What it waits for.")
 
 
@@ -154,30 +156,30 @@ class StatusView(BaseModel):
 
     pid: int | None = Field(description="Of the running rorg.")
     engine_name: str
-    instance: str = Field(description="The owner whose containers these are.")
+    instance: str = Field(description="The owner of these containers, as in their labels.")
     tree: TreeView
     requests_errors: list[str] = Field(
-        description="Of the requests file; while there are any, its last content counts."
+        description="Mistakes in the requests file; while there are any, its last good content counts."
     )
     engine: EngineView
-    suspended: str = Field(description="Why nothing is changed now; empty when it is.")
+    suspended: str = Field(description="Why rorg changes nothing now; empty if it is not suspended.")
     down: str = Field(
         default="",
-        description="going while the robot is taken down, down from then on until somebody runs it; otherwise empty.",
+        description="going while the robot is taken down, then down until a person runs it; otherwise empty.",
     )
-    withheld: dict[str, str] = Field(description="What stays though no manifest declares it, with the reason.")
+    withheld: dict[str, str] = Field(description="What stays although no manifest declares it, with the reason.")
     requests: list[RequestView]
     restarts: list[str] = Field(description="Services whose restart is asked for.")
     pressure: PressureView
     plan: PlanView
     runs: dict[str, RunView] = Field(description="By service.")
-    objects: list[ObjectView] = Field(default=[], description="Networks and volumes: declared ones, and what is left.")
-    in_flight: dict[str, str] = Field(description="Service, and the engine call that is under way.")
+    objects: list[ObjectView] = Field(default=[], description="Networks and volumes: declared ones, and leftovers.")
+    in_flight: dict[str, str] = Field(description="Service -> the engine call under way.")
     services: dict[str, ServiceView]
 
 
 def is_status(value: object) -> bool:
-    """Whether what was read is what an rorg publishes."""
+    """Whether a value has the form of what rorg publishes."""
     try:
         StatusView.model_validate(value)
     except ValidationError:
@@ -186,24 +188,24 @@ def is_status(value: object) -> bool:
 
 
 class LogView(BaseModel):
-    """A line of a service's log; without `text`, where its log stands; with `error`, why it cannot be read."""
+    """A line of a service's log; without `text`, the position in its log; with `error`, why it cannot be read."""
 
     service: str
-    cursor: str | None = Field(default=None, description="As `after`: go on behind this line.")
+    cursor: str | None = Field(default=None, description="For `after`, to continue after this line.")
     time: str | None = Field(
-        default=None, description="RFC 3339, UTC; of the process engine when it was seen, and none for lines of before."
+        default=None, description="RFC 3339, UTC; with the process engine when rorg saw it, none for earlier lines."
     )
     text: str | None = Field(
         default=None,
-        description="With its line end; a long line comes in pieces without. Bytes that are no UTF-8 are U+DC80 on.",
+        description="With its line end; a long line comes in pieces without. Invalid UTF-8 bytes are U+DC80 and up.",
     )
     error: str | None = None
 
 
 class EventView(BaseModel):
-    """A line of the journal; which fields it has beyond the first four depends on its kind."""
+    """A line of the journal; its fields beyond the first four depend on its kind."""
 
-    seq: int = Field(description="Its number; they grow.")
+    seq: int = Field(description="Its number, increasing.")
     at: str = Field(description="ISO 8601, UTC.")
     kind: str = Field(description="A stable word.")
     message: str
@@ -223,10 +225,10 @@ class EventView(BaseModel):
     seconds: float | None = Field(default=None, description="How long it took.")
     file: str | None = None
     crashes: int | None = None
-    node: str | None = Field(default=None, description="Of a ROS node.")
-    bytes: int | None = Field(default=None, description="Of memory that was given back.")
+    node: str | None = Field(default=None, description="Name of a ROS node.")
+    bytes: int | None = Field(default=None, description="Memory that was given back.")
     measures: list[str] | None = None
     helpless: bool | None = None
     shed: dict[str, str] | None = None
-    state: str | None = Field(default=None, description="That a service has come into; `none` without a container.")
-    states: dict[str, str] | None = Field(default=None, description="That services were found in.")
+    state: str | None = Field(default=None, description="The new state of a service; `none` without a container.")
+    states: dict[str, str] | None = Field(default=None, description="States in which rorg found services.")

@@ -1,4 +1,4 @@
-"""TLS of the server: who rorg is, and which clients it knows, by files that may change while it runs."""
+"""TLS of the server: its certificate and the clients that it accepts, from files that may change while it runs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rorg.errors import Invalid
 
 @dataclass(frozen=True, slots=True)
 class TlsFiles:
-    """Files in PEM: the server's certificate and key, the authorities that sign clients, and the list (CRL) of each of
-    them that says which certificates it has revoked."""
+    """PEM files: the server's certificate and key, the authorities that sign client certificates, and the lists (CRL)
+    of the certificates that they have revoked."""
 
     certificate: Path
     key: Path
@@ -21,7 +21,7 @@ class TlsFiles:
     revoked: Path | None = None
 
     def context(self) -> ssl.SSLContext:
-        """A context that knows clients by these files. Raises Invalid."""
+        """A context that accepts clients by these files. Raises Invalid."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         try:
             context.load_cert_chain(self.certificate, self.key)
@@ -35,7 +35,7 @@ class TlsFiles:
         return context
 
     def stamp(self) -> tuple[tuple[int, ...] | None, ...]:
-        """Changes with each of the files."""
+        """Differs when one of the files has changed."""
         return tuple(map(_stamp, (self.certificate, self.key, self.authority, self.revoked)))
 
 
@@ -48,7 +48,7 @@ def _stamp(path: Path | None) -> tuple[int, ...] | None:
 
 
 class Tls:
-    """The context of the files as they are. Raises Invalid if they cannot be read at the start."""
+    """The context of the current files. Raises Invalid if they cannot be read at the start."""
 
     def __init__(self, files: TlsFiles) -> None:
         self.files, self._stamp = files, files.stamp()
@@ -56,7 +56,7 @@ class Tls:
 
     def renew(self) -> bool:
         """Whether the files have changed since the last call; then the context is a new one. Raises Invalid if they
-        cannot be read: then the context stays as it is."""
+        cannot be read; then the context stays."""
         stamp = self.files.stamp()
         if stamp == self._stamp:
             return False

@@ -1,7 +1,8 @@
-"""What a service may write into the manifests that it manages: nothing that gives more than it has itself.
+"""What a service may write into the manifests that it manages: nothing with more rights than it has itself.
 
-`vet` judges the words of a manifest, before rorg reads anything that they name. `vet_rendered` compares what the
-manifest comes to, with its profiles, to what the service has itself."""
+`vet` checks the words of a manifest before rorg reads any file that they name. `vet_rendered` compares the rendered
+manifest, with its profiles, to the rights of the service itself.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +68,7 @@ OPTIONS = frozenset(
         "working_dir",
     }
 )
-"""Options that reach nothing of the machine. The others come from a profile, which a person writes."""
+"""Options that reach nothing of the machine. Other options must come from a profile, which a person writes."""
 
 WITHIN = frozenset(("exec", "file", "log", "delay", "completed", "engine"))
 """Probes that do not use the network of this machine."""
@@ -78,8 +79,8 @@ MOST_TOLD = 5
 def vet(
     caller: Caller, name: str, path: Path, text: str, before: str, catalog: Catalog, root: Path, robot: str
 ) -> None:
-    """Judges the words of a manifest that a service writes at `path`, in place of the text `before`; reads no file that
-    it names. Raises Forbidden for what is not the service's to write, and Invalid for mistakes."""
+    """Checks the words of a manifest that a service writes at `path`, in place of the text `before`, without reading a
+    file that it names. Raises Forbidden for what the service may not write, and Invalid for mistakes."""
     variables, _ = read_variables(root, robot)
     unknown = sorted(_variables_of(text, variables) - _variables_of(before, variables))
     _refuse(caller, name, [f"the variable {variable}" for variable in unknown])
@@ -87,15 +88,15 @@ def vet(
     if source is None or not isinstance(source.spec, ServiceSpec):
         raise Invalid(f"change the Service '{name}'", "; ".join(map(str, mistakes[:MOST_TOLD])))
     found = list(_beyond(source.spec, catalog.services[caller.service], catalog))
-    found += ["labels"] if source.labels else []  # they say, for one, whose ROS nodes these are
+    found += ["labels"] if source.labels else []  # they say, for example, whose ROS nodes these are
     _refuse(caller, name, found)
 
 
 def vet_rendered(
     caller: Caller, name: str, path: Path, before: Loaded, after: Loaded, catalog: Catalog, root: Path, robot: str
 ) -> None:
-    """Compares what a manifest at `path` comes to in a tree to what the service that writes it has itself, to what the
-    manifest gave before, and to what the profiles give that a person wrote for it. Raises Forbidden."""
+    """Compares the rights that a manifest at `path` gives to those of the service that writes it, to those that it gave
+    before, and to those of the profiles that a person wrote for it. Raises Forbidden."""
     if after.catalog is None or after.sources is None:
         raise Refused(f"change the Service '{name}'", "other manifests of the tree have errors", "asking a person")
     known = before.read.services if before.read else {}
@@ -116,7 +117,7 @@ def _refuse(caller: Caller, name: str, found: Collection[str]) -> None:
 
 
 def _variables_of(text: str, variables: Variables) -> set[str]:
-    """All variables that a manifest names, whether they are declared or not."""
+    """All variables that a manifest names, declared or not."""
     document, _ = read_yaml(text, "")
     filled = fill(document, variables)[0].filled if document else {}
     return {use.name for uses in filled.values() for use in uses}
@@ -141,7 +142,7 @@ def _beyond(spec: ServiceSpec, manager: Service, catalog: Catalog) -> Iterator[s
 
 
 def _names(field: str, names: Iterable[str], allowed: set[str], manager: Service, catalog: Catalog) -> Iterator[str]:
-    """Names that stand for more than what is allowed, or managed."""
+    """Names that stand for services which are neither allowed nor managed."""
     for name in names:
         members = catalog.members(name) or (name,)
         if not all(m in allowed or manager.manages(m) for m in members):
@@ -152,7 +153,7 @@ def _names(field: str, names: Iterable[str], allowed: set[str], manager: Service
 
 
 def _grant(name: str, path: Path, profiles: list[str], root: Path, robot: str) -> Service:
-    """What these profiles give to a service that says nothing itself."""
+    """What these profiles give to a service whose manifest says nothing else."""
     said = {"image": "none", "profile": profiles}
     text = json.dumps({"apiVersion": API_VERSION, "kind": "Service", "metadata": {"name": name}, "spec": said})
     found = load(root, {path: text}, robot=robot).read
@@ -160,7 +161,7 @@ def _grant(name: str, path: Path, profiles: list[str], root: Path, robot: str) -
 
 
 def _granted(grant: Service) -> set[str]:
-    """The options that a person decided on in a profile: those that it sets, and those of the built-in `common` that it
+    """The options that a person decided in a profile: those that it sets, and those of the built-in `common` that it
     leaves out."""
     if grant.spec is None:
         return set()

@@ -1,4 +1,4 @@
-"""How things are, as JSON: what the API answers, and what commands show where no rorg serves."""
+"""The state of the robot as JSON: the answers of the API, and what commands show if no rorg serves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rorg.api.current import Current, missing
+from rorg.core.decide import Decision
 from rorg.core.desired import used_objects
+from rorg.core.overview import Overview
+from rorg.core.plan import Plan
 from rorg.core.status import Status
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
@@ -14,7 +17,7 @@ from rorg.model.graph import made_from, stands_on
 
 
 def requests(current: Current) -> list[dict[str, Any]]:
-    """All requests that count, standing ones first, with the seconds that are left of their leases."""
+    """All requests that count, standing ones first, with the seconds left of their leases."""
     leases = current.decision.memory.leases
     return [
         {**request_json(r), "expires_in": round(leases[r.key].until - current.clock, 3) if r.key in leases else None}
@@ -60,7 +63,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
 
 
 def _probing(status: Status) -> Iterator[str]:
-    """What its probe does not find; of several parts, those that do not hold."""
+    """What its probe does not find; of several parts, those that fail."""
     ready = status.condition("Ready")
     if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
         yield f"not ready: {ready.message}"
@@ -74,8 +77,7 @@ def groups(catalog: Catalog) -> list[dict[str, Any]]:
 
 
 def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
-    """Who needs and who requests whom, and who uses which network or volume, by the manifests and by the requests that
-    live."""
+    """Who needs and who requests whom, and who uses which network or volume, by the manifests and by live requests."""
     edges = {(s.name, n, "needs") for s in catalog.services.values() for n in s.needs}
     for request in (*catalog.requests, *live):
         edges |= {(request.requester, m, "requests") for s in request.services for m in catalog.members(s)}
@@ -90,7 +92,7 @@ def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
 
 
 def image_graph(catalog: Catalog) -> dict[str, Any]:
-    """What the images of the tree stand on, and which services are made from them."""
+    """What the images of the tree are built on, and which services are made from them."""
     below, made = stands_on(catalog.images), made_from(catalog)
     edges = sorted({(name, base) for name, bases in below.items() for base in bases})
     external = {base for _, base in edges} - set(below)
@@ -103,7 +105,7 @@ def image_graph(catalog: Catalog) -> dict[str, Any]:
 
 
 def images(catalog: Catalog) -> list[dict[str, Any]]:
-    """The declared images; `context` is an absolute directory, or null where nothing is built."""
+    """The declared images; `context` is an absolute directory, or null if nothing is built."""
     below, made = stands_on(catalog.images), made_from(catalog)
     return [
         {
@@ -115,3 +117,20 @@ def images(catalog: Catalog) -> list[dict[str, Any]]:
         }
         for i in catalog.images.values()
     ]
+
+
+def plan_forms(decision: Decision, plan: Plan, unified: bool) -> dict[str, Any]:
+    """A plan of a decision, in all its forms."""
+    situation, catalog = decision.situation, decision.situation.desired.catalog
+    overview = Overview(situation, plan)
+    return {
+        "fingerprint": catalog.fingerprint,
+        "withheld": sorted(situation.withheld),
+        "probed": sorted(name for name, service in catalog.services.items() if service.ready),
+        "empty": plan.empty,
+        "text": plan.text(),
+        "services": overview.as_json(),
+        "unified": overview.unified() if unified else {},
+        "suspended": situation.suspended,
+        "plan": plan.as_json(),
+    }

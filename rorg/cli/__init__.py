@@ -1,1 +1,1 @@
-"""The command line: one thin file a command. Heavy modules are imported inside of the commands."""
+"""The command line: one thin file for each command, which imports heavy modules only inside."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import check_form, consent, note, print_rows
+from rorg.cli.output import consent, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -29,7 +29,6 @@ def command(
     from rorg.cli.context import Context
     from rorg.cli.differences import differences
 
-    check_form(output)
     context = Context(state_dir, engine, directory, local=True)
     owner = taken(context, "rorg apply")
     if owner is not None:
@@ -41,7 +40,7 @@ def command(
 
 
 def taken(context: Context, command: str) -> dict[str, Any] | None:
-    """Who owns the robot and carries out what is to be done; None where this command does, from now on."""
+    """The owner of the robot, which carries out the plan; None if this command owns it from now on."""
     owner = {"what": "rorg run"} if context.remote else context.state.owner()
     if owner is None:
         context.state.acquire(command)
@@ -57,8 +56,7 @@ def agree(
     yes: bool,
     nothing: bool = True,
 ) -> None:
-    """Shows what would be done, and asks, but where there is `nothing` else to agree to and nothing to do. Raises
-    Refused."""
+    """Shows the plan, and asks unless there is `nothing` else to agree to and nothing to do. Raises Refused."""
     from rorg.cli.differences import warn_of_other_tree
     from rorg.errors import Refused
 
@@ -77,9 +75,9 @@ def agree(
 
 
 def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: bool, timeout: float) -> None:
-    """Has it done, and returns when it is. Raises NotReady."""
+    """Carries out the plan, and returns when that is done. Raises NotReady."""
     if owner is None:
-        from rorg.cli.carrying_out import carry_out
+        from rorg.cli.local_apply import carry_out
 
         _confirm_here(context, shown)
         carry_out(context, shown.tree, shown.decision, wait, timeout)
@@ -88,7 +86,7 @@ def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differenc
 
 
 def _fetch(context: Context) -> None:
-    """A running rorg that follows a repository looks at it first."""
+    """Makes a running rorg that follows a repository fetch it first."""
     client = context.client()
     git = ((context.live() or {}).get("tree") or {}).get("git") or {}
     if client is None or not git.get("followed"):
@@ -99,7 +97,7 @@ def _fetch(context: Context) -> None:
 
 
 def _confirm_here(context: Context, shown: Differences) -> None:
-    """Writes down, for the loop that begins, that what was shown may be removed, and that the robot is down no more."""
+    """Confirms the removals that were shown, for the loop that begins, and that the robot is no longer down."""
     from dataclasses import replace
 
     def edit(document: RequestsDocument) -> RequestsDocument:
@@ -110,7 +108,7 @@ def _confirm_here(context: Context, shown: Differences) -> None:
 
 
 def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: bool, timeout: float) -> None:
-    """The running rorg follows its own tree; this hands it the confirmation of what was shown, and waits for it."""
+    """Confirms what was shown to the running rorg, which follows its own tree, and waits until it is done."""
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")
     confirmed: list[str] = []
@@ -132,7 +130,7 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
 
 
 def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> None:
-    """Raises Refused where another rorg owns the robot, or it follows another tree."""
+    """Raises Refused if another program owns the robot, or rorg follows another tree."""
     from pathlib import Path
 
     from rorg.errors import Refused
@@ -150,7 +148,7 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
 
 
 def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
-    """Those of which nothing says that they are well but that they have just begun to run; empty without any."""
+    """The services that have just begun to run and have no probe that says whether they are well; empty without any."""
     import time
 
     from rorg.cli.published import SETTLED
@@ -167,7 +165,7 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
 
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:
-    """Why the running rorg is not done; empty when it is. Raises NotReady where waiting helps nothing."""
+    """Why the running rorg is not done; empty if it is. Raises NotReady if waiting is hopeless."""
     from rorg.cli.published import condition, hopeless, unready
     from rorg.errors import NotReady
     from rorg.model.codes import IMAGE

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,16 +19,20 @@ from rorg.cli.options import (
     Output,
     OwnStateDirectory,
 )
+from rorg.cli.output import note
+from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rorg.images.order import Order, Result
+    from rich.console import RenderableType
+
+    from rorg.images.order import Listener, Order, Result
 
 MOST = 4
-"""Images that are built at once where nobody says: more make an engine no faster."""
+"""Parallel builds by default: more do not make an engine faster."""
 TOLD = 10
-"""Lines of the log of a build that failed."""
+"""Lines of the log that are shown of a failed build."""
 
 
 def command(
@@ -45,14 +54,12 @@ def command(
 
     Example: rorg build navigation --pull
     """
-    from rorg.cli.building import shown
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, missing
+    from rorg.cli.output import missing
     from rorg.images.make import make_supplier
     from rorg.images.references import references_for
     from rorg.model.image_names import declared
 
-    check_form(output)
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
     catalog = context.catalog()
     for name in images:
@@ -73,7 +80,7 @@ def command(
 
 
 def _print_orders(orders: Sequence[Order], output: str) -> None:
-    """What would be done, in order."""
+    """Prints what rorg would build and pull, in order."""
     from rorg.cli.output import print_rows
 
     rows = [{"image": o.name, "action": _action(o), "reference": o.reference, "after": list(o.below)} for o in orders]
@@ -87,7 +94,7 @@ def _action(order: Order) -> str:
 
 
 def _print_results(called: Mapping[str, str], results: Sequence[Result], output: str) -> None:
-    """Raises NotReady where not all are there."""
+    """Raises NotReady if an image is missing."""
     from rorg.cli.output import note, print_rows
     from rorg.errors import NotReady
 
@@ -120,7 +127,7 @@ def _print_results(called: Mapping[str, str], results: Sequence[Result], output:
 
 
 def _tell_failure(name: str, result: Result) -> None:
-    """The instruction, the last lines of the log, and where all of it is."""
+    """Prints the failed instruction, the last lines of the log, and the file with all of it."""
     from rorg.cli.output import note
     from rorg.cli.terminal import entry
     from rorg.store.files import read_state
@@ -129,8 +136,90 @@ def _tell_failure(name: str, result: Result) -> None:
     try:
         lines = read_state(Path(result.log)).splitlines()[-TOLD:] if result.log else []
     except OSError:
-        return  # it had no log yet
+        return  # it has no log yet
     for line in lines:
         note(entry("  | ", line))
     if lines:
         note(f"  all of it: {result.log}")
+
+
+@contextlib.contextmanager
+def shown(names: Mapping[str, str]) -> Iterator[Listener]:
+    """Gives the listener that shows the build while the block runs. `names`: reference -> the name to show, if that
+    differs. SIGTERM raises an exception meanwhile, so that no build goes on without rorg."""
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        if sys.stderr.isatty():
+            with Screen(names) as screen:
+                yield screen
+        else:
+            yield Lines(names)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def ending(names: Mapping[str, str], result: Result) -> str:
+    """The line about a finished image."""
+    seconds = f" ({result.seconds:.1f} s)" if result.seconds >= 0.05 else ""
+    why = f": {result.message}" if result.message else ""
+    return f"{result.outcome:<8} {names.get(result.reference, result.reference)}{seconds}{why}"
+
+
+class Lines:
+    """Prints a line for each step, except progress of pulls."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        self._names = names
+
+    def began(self, order: Order) -> None:
+        """Nothing: the first step names the image."""
+
+    def step(self, order: Order, text: str) -> None:
+        if order.image:
+            note(f"         {order.name}: {text}")
+
+    def ended(self, result: Result) -> None:
+        note(ending(self._names, result))
+
+
+class Screen:
+    """Shows running builds in lines that are rewritten in place, below those of finished images."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._names = names
+        self._steps: dict[str, tuple[float, str]] = {}
+        self._live = Live(
+            console=Console(stderr=True), get_renderable=self._render, refresh_per_second=4, transient=True
+        )
+
+    def __enter__(self) -> Screen:
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def began(self, order: Order) -> None:
+        self._steps[order.reference] = (time.monotonic(), "")
+
+    def step(self, order: Order, text: str) -> None:
+        self._steps[order.reference] = (self._steps[order.reference][0], text)
+
+    def ended(self, result: Result) -> None:
+        from rich.text import Text
+
+        self._steps.pop(result.reference, None)
+        style = "" if result.good else "red"
+        self._live.console.print(Text(printable(ending(self._names, result)), style=style), soft_wrap=True)
+
+    def _render(self) -> RenderableType:
+        from rich.text import Text
+
+        now = time.monotonic()
+        rows = [
+            f"  {self._names.get(r, r)}  {now - began:.0f} s  {step}" for r, (began, step) in list(self._steps.items())
+        ]
+        return Text("\n".join(map(printable, rows)), no_wrap=True, overflow="ellipsis")

@@ -1,4 +1,4 @@
-"""The list of commands."""
+"""The names of all commands, and their modules."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ ALIASES = {
     "start": "request",
     "stop": "release",
 }
-"""Words of Docker and systemd for commands of ours. `up` is the counterpart of `down`, as with Compose."""
+"""Words of Docker and systemd for commands of rorg. `up` is the counterpart of `down`, as with Compose."""
 
 
 VARIANTS = ("stop",)
-"""Aliases that check more than the command for which they stand, in files of their own."""
+"""Aliases with a file of their own, because they check more than the command that they stand for."""
 
 
 def command_of(name: str) -> Callable[..., Any]:

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from rorg.cli.options import Argument
 from rorg.cli.output import echo
-from rorg.errors import Invalid
 
 BASH = """
 _rorg() {
@@ -51,15 +50,13 @@ end
 complete --command rorg --no-files --arguments '(__rorg_complete)'
 """
 SCRIPTS = {"bash": BASH, "zsh": ZSH, "fish": FISH}
-"""Each hands the words of the line to rorg, the last one begun, and gets what may stand for it (`completing.py`): a
-word a line, or :files or :directories, which the shell knows better."""
+"""Each passes the words of the line to rorg, the last one unfinished, and gets its completions (completions.py), one
+per line; or :files or :directories, which the shell completes itself."""
 
 
-def command(shell: Annotated[str, Argument("bash, zsh or fish.", completes=("bash", "zsh", "fish"))]) -> None:
+def command(shell: Annotated[str, Argument("bash, zsh or fish.", choices=tuple(SCRIPTS))]) -> None:
     """Print the completion script of a shell.
 
     Example: source <(rorg completion bash)
     """
-    if shell not in SCRIPTS:
-        raise Invalid(f"complete for {shell}", "no script for that shell", "one of " + ", ".join(SCRIPTS))
     echo(SCRIPTS[shell].strip())

@@ -1,5 +1,5 @@
-"""What a shell offers after TAB: commands and options by their declarations, names by the running rorg or by a glance
-at the manifests. The scripts that ask are in `completion.py`."""
+"""What a shell offers after TAB: commands and options from their declarations, names from the running rorg or from a
+quick look at the manifests. The shell scripts are in completion.py."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rorg.cli.context import Context
 
 PATIENCE = 1.0
-"""Seconds that a shell waits for names at the most."""
+"""Longest time, in seconds, that a shell waits for names."""
 BREAKS = ("=", ":")
-"""Signs that are words of their own to bash."""
+"""Characters that are words of their own to bash."""
 MOST = 1 << 16
-"""Characters of a manifest that are glanced at."""
+"""Characters of a manifest that are read."""
 NAME = re.compile(
     r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
 )
@@ -35,21 +35,21 @@ KINDS = {
     "policy": ("policies", "policy"),
     "request": (REQUESTS, "request"),
 }
-"""Kind in small letters, and what a line calls it; the first is the folder of its manifests."""
+"""Kind in lower case -> its names in a command line; the first is the folder of its manifests."""
 
 
 class Given(NamedTuple):
-    """What the line says before the word that is begun."""
+    """The words before the unfinished one."""
 
     arguments: list[str]
     options: dict[str, str]
-    """By the name of the parameter; a flag's text is empty."""
+    """By the name of the parameter; the text of a flag is empty."""
     awaited: Parameter | None
-    """The option whose value is begun."""
+    """The option whose value is unfinished."""
 
 
 def answer(shell: str, words: Sequence[str]) -> str:
-    """What may stand for the last of the words after `rorg`, in lines as the shell's script takes them."""
+    """The completions of the last word after `rorg`, in lines as the shell's script expects them."""
     typed = words[-1] if words else ""
     words = _joined(words) if shell == "bash" else list(words) or [""]
     begun = words[-1]
@@ -66,7 +66,7 @@ def answer(shell: str, words: Sequence[str]) -> str:
 
 
 def _joined(words: Sequence[str]) -> list[str]:
-    """Bash takes --output=json for three words, and base:1.2 too; the last of them is the one that it completes."""
+    """The words as typed: bash splits --output=json into three words, and base:1.2 too."""
     found: list[str] = []
     glue = False
     for word in words:
@@ -87,8 +87,7 @@ def _line(shell: str, word: str, about: str) -> str:
 
 
 def after(taken: Sequence[Parameter], words: Sequence[str]) -> tuple[str, dict[str, str]]:
-    """Of a command that takes these: (what of the word that is begun stands already, what may follow it with a word
-    about each)."""
+    """For a command with these parameters: (the part of the unfinished word to keep, completion -> its help)."""
     options = {n: p for p in taken if isinstance(p.declared, Option) for n in p.declared.names}
     begun, given = words[-1], _given(options, words[:-1])
     name, equals, _ = begun.partition("=")
@@ -125,8 +124,8 @@ def _given(options: dict[str, Parameter], words: Sequence[str]) -> Given:
 
 
 def _values(parameter: Parameter, given: Given) -> dict[str, str]:
-    """What a parameter declares to complete it."""
-    completes = parameter.declared.completes
+    """The completions that a parameter declares."""
+    completes = parameter.declared.choices or parameter.declared.completes
     if not isinstance(completes, str):
         return dict.fromkeys(completes, "")
     if completes in (FILES, DIRECTORIES):
@@ -136,7 +135,7 @@ def _values(parameter: Parameter, given: Given) -> dict[str, str]:
 
 
 def _names(kind: str, given: Given) -> Iterable[str]:
-    """Names of a kind. Whatever goes wrong, nothing is said: a shell asks."""
+    """The names of a kind; none if anything goes wrong, because a shell asks."""
     try:
         from rorg.cli.context import Context
 
@@ -168,7 +167,7 @@ def _glanced(context: Context, kind: str) -> list[str]:
 
 
 def declared(root: Path, kinds: Sequence[str]) -> list[str]:
-    """Names in the manifests, by a glance: reading them whole takes longer than a shell should wait."""
+    """Names in the manifests, by a quick look: a shell should not wait until they are loaded."""
     found = ["developer"] if "service" in kinds else []
     for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{KINDS[k][0]}/*.yaml")))):
         with path.open(encoding="utf-8", errors="replace") as file:

@@ -1,4 +1,4 @@
-"""What commands look at: the state directory, the manifests, the engine, and how everything is right now."""
+"""What commands look at: the state directory, the manifests, the engine, and the current state of the robot."""
 
 from __future__ import annotations
 
@@ -12,17 +12,15 @@ from typing import TYPE_CHECKING, Any
 from rorg_client import Client
 from rorg_client import Error as ClientError
 
-from rorg.cli.handshake import handshake
-from rorg.cli.notices import Notices
-from rorg.cli.output import note
-from rorg.cli.places import NAME, find, may_connect, nobody
+from rorg.cli.output import Notices, note
+from rorg.cli.places import NAME, find, handshake, may_connect, nobody
 from rorg.cli.terminal import hide
 from rorg.errors import Invalid, NotReady, Unreachable
 from rorg.model.engines import DEFAULT_ENGINE, ENGINES
 from rorg.store.state_dir import read_json
 
 if TYPE_CHECKING:
-    # Imported where they are needed: what a running rorg answers takes none of them, and they cost a quarter second.
+    # Imported inside functions: what the running rorg answers needs none of them, and they take a quarter second.
     from rorg.core.decide import Decision
     from rorg.core.masking import Masker
     from rorg.engines.protocol import RealEngine
@@ -31,13 +29,13 @@ if TYPE_CHECKING:
 
 
 ROBOT = "RORG_ROBOT"
-"""The variable that names a robot of a fleet; `--robot` puts it there."""
+"""The variable that names a robot of a fleet; `--robot` sets it."""
 ANSWER = 2.0
-"""Seconds that the running rorg may hold an answer back until there is nothing to wait for."""
+"""Seconds that the running rorg may hold back an answer until there is nothing to wait for."""
 
 
 class Context:
-    """One command's view of the robot. Options that were not given come from the running rorg, or from defaults."""
+    """One command's view of the robot. Options that are not given come from the running rorg, or from defaults."""
 
     def __init__(
         self,
@@ -47,7 +45,8 @@ class Context:
         local: bool = False,
         own: bool = False,
     ) -> None:
-        """`local`: it is about a tree; `own`: about a state directory, whichever rorg is named by the environment."""
+        """`local`: the command is about a tree; `own`: about a state directory, even if the environment names a running
+        rorg."""
         self.place = find(state_dir, own)
         self.remote, self.state = self.place
         self._engine_name = known_engine(engine)
@@ -55,14 +54,14 @@ class Context:
         self._engine: RealEngine | None = None
         self._client: Client | None = None
         self._unanswered: Unreachable | None = None
-        """The running rorg did not answer, and is not asked again."""
+        """Why the running rorg did not answer; then it is not asked again."""
         self.silence = ""
-        """Why the running rorg does not know what runs, as far as it was asked: its engine does not answer."""
+        """Why the running rorg does not know what runs, if it was asked: its engine does not answer."""
         self.notices = Notices()
 
     @property
     def engine_name(self) -> str:
-        """What was asked for, else where the robot's containers are, else what rorg was last run with."""
+        """The engine that was asked for, or the one with the robot's containers, or the one of the last run."""
         if not self._engine_name:
             from rorg.store.engine_record import read_engine
 
@@ -71,12 +70,12 @@ class Context:
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:
-        """What a rorg published last, be it running or not."""
+        """What an rorg published last, whether it still runs or not."""
         return read_json(self.state.status)
 
     def live(self, settled: float = 0.0) -> dict[str, Any] | None:
-        """What the running rorg says, once all is at rest, or after so many seconds. Who may not talk to it can still
-        read what it publishes."""
+        """What the running rorg answers once everything is at rest, or after `settled` seconds. A user who may not call
+        it can still read what it publishes."""
         try:
             client = self.client()
         except Unreachable as error:
@@ -91,8 +90,8 @@ class Context:
         return self.published()
 
     def published(self) -> dict[str, Any] | None:
-        """What the running rorg publishes, a moment later, at no cost to it; None when none runs or it has not
-        published yet."""
+        """What the running rorg publishes, slightly later but at no cost to it; None if none runs or it has published
+        nothing."""
         if self.remote:
             return None
         owner, status = self.state.owner(), self.last()
@@ -103,7 +102,7 @@ class Context:
         return status if is_status(status) else None
 
     def _published_before(self, error: Unreachable) -> dict[str, Any]:
-        """What a running rorg that does not answer has published last. Raises the error where it has not."""
+        """What a running rorg that does not answer published last. Raises the error if it published nothing."""
         found = self.published()
         if found is None:
             raise error
@@ -112,7 +111,7 @@ class Context:
         return found
 
     def _last_text(self, *keys: str) -> str:
-        """A text of what a rorg published last; empty where it says none."""
+        """A text of what an rorg published last; empty if it has none."""
         found: Any = self.last()
         for key in keys:
             found = found.get(key) if isinstance(found, dict) else None
@@ -120,8 +119,8 @@ class Context:
 
     @property
     def root(self) -> Path:
-        """The directory of manifests. Commands about a tree (`local`) look here first, those about the robot at what
-        it was last run with."""
+        """The directory of manifests. Commands about a tree (`local`) look here first, those about the robot at the
+        directory of its last run."""
         if self.directory:
             return self.directory
         last = self._last_text("tree", "root")
@@ -135,7 +134,7 @@ class Context:
 
     @cached_property
     def masker(self) -> Masker:
-        """Knows the secrets of all manifests that were read, and keeps them out of what is shown."""
+        """Masks the secrets of all manifests that were read in everything that is shown."""
         from rorg.core.masking import Masker
 
         found = Masker()
@@ -153,12 +152,12 @@ class Context:
 
     @property
     def asked_robot(self) -> str:
-        """The robot whose overlay was asked for, whether there is one or not."""
+        """The robot whose overlay was asked for, even if there is none of that name."""
         return os.environ.get(ROBOT, "")
 
     @property
     def named_robot(self) -> str:
-        """The same. Raises Invalid where the tree has none of that name."""
+        """The same. Raises Invalid if the tree has no robot of that name."""
         from rorg.manifest.overlay import unknown_robot
 
         named = self.asked_robot
@@ -168,7 +167,7 @@ class Context:
 
     @property
     def robot(self) -> str:
-        """The same, else the one that rorg was last run for, else the one called as this machine; empty for the base
+        """The same, or the robot of the last run, or the one with the name of this machine; empty for the base
         alone."""
         from rorg.manifest.overlay import robot_for, robots_of
 
@@ -210,7 +209,7 @@ class Context:
         return tuple(next((g["services"] for g in self.groups() if g["name"] == name), [name]))
 
     def here(self, what: str) -> None:
-        """Raises Refused when nothing but the running rorg is known of the robot."""
+        """Raises Refused if nothing is known of the robot but its running rorg."""
         if self.remote:
             raise self.place.too_far(what)
 
@@ -223,7 +222,7 @@ class Context:
         return self._engine
 
     def document(self) -> RequestsDocument:
-        """The requests file. Raises Invalid when it is broken."""
+        """The requests file. Raises Invalid if it has mistakes."""
         from rorg.store.requests_file import RequestsFile
 
         file = RequestsFile(self.state.requests)
@@ -233,9 +232,9 @@ class Context:
         return file.document
 
     def client(self) -> Client | None:
-        """A client of the rorg at a socket or an address, or of the one that runs on this state directory; None when
-        none serves. Says so if its engine does not answer. Raises Refused where this user may not talk to it, and
-        Unreachable if it does not answer itself."""
+        """A client of the rorg at a socket or an address, or of the one that runs on this state directory; None if none
+        serves. Notes if its engine does not answer. Raises Refused if this user may not call it, and Unreachable if it
+        does not answer itself."""
         path = self.state.run / NAME
         if not (self.remote or (self.state.owner() and os.path.exists(path))):
             return None
@@ -257,14 +256,14 @@ class Context:
         return self._client
 
     def serving(self, what: str) -> Client:
-        """The same, or Unreachable."""
+        """The same; raises Unreachable if none serves."""
         found = self.client()
         if found is None:
             raise nobody(what, self.state)
         return found
 
     def change(self, edit: Callable[[RequestsDocument], RequestsDocument]) -> None:
-        """Changes what is asked of the robot, durably, and says so when nobody is there to do it."""
+        """Changes the requests file, durably, and notes if no rorg runs to act on it."""
         from rorg.store.requests_file import RequestsFile
 
         self.state.prepare()
@@ -274,13 +273,13 @@ class Context:
             note("no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`")
 
     def decision(self, catalog: Catalog) -> Decision:
-        """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
+        """One pass that changes nothing: observation, resolution, plan. Raises Unreachable."""
         from rorg.cli.local import decision
 
         return decision(self, catalog)
 
     def view(self) -> dict[str, Any]:
-        """The published state of the running rorg; computed the same way when none runs."""
+        """The status that the running rorg publishes; computed in the same way if none runs."""
         found = self.live()
         if not found:
             self.here("compute how it is")
@@ -291,7 +290,8 @@ class Context:
         return found
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
-        """Looks at the running rorg's state until `done` returns an empty text, else why it is not done."""
+        """Looks at the running rorg's status until `done` returns an empty text rather than what is missing. Raises
+        NotReady."""
         begun = time.monotonic()
         why = "it has not reported anything yet"
         while (waited := time.monotonic() - begun) < timeout:
@@ -302,19 +302,19 @@ class Context:
                 why = done(view)
                 if not why:
                     return
-            # An answer costs rorg time that it needs for what is waited for: it is asked ever more rarely.
+            # Answers take time that rorg needs for what is waited for, so the pauses grow.
             time.sleep(min(max(0.01, 0.1 * waited), 0.25))
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
 
 
 def bad_requests(path: Path, told: str) -> Invalid:
-    """Of the requests file; `told` may have a remedy of its own."""
+    """The error for the requests file; `told` may have its own remedy."""
     return Invalid(f"read {path}", told, "" if "; try " in told else "fixing it")
 
 
 def known_engine(given: str | None) -> str:
-    """The name of an engine, by default RORG_ENGINE; empty without that. Raises Invalid where there is none of that
-    name."""
+    """The name of an engine, by default that in RORG_ENGINE; empty without either. Raises Invalid for an unknown
+    one."""
     engine = given or os.environ.get("RORG_ENGINE") or ""
     if engine and engine not in ENGINES:
         raise Invalid(f"use the engine '{engine}'", "no such engine", " or ".join(ENGINES))

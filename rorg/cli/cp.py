@@ -21,7 +21,7 @@ def command(
     Example: rorg cp navigation:/root/map.yaml .
     """
     from rorg.cli.context import Context
-    from rorg.cli.inside import container_of
+    from rorg.cli.exec import container_of
     from rorg.errors import Invalid
 
     what = f"copy {source} to {target}"
@@ -43,6 +43,6 @@ def command(
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """(service, path inside), or ("", path here): what has a / before the first colon is a path, as in ./a:b."""
+    """(service, path inside), or ("", path here): a text with a / before its first colon is a path, as in ./a:b."""
     service, colon, path = text.partition(":")
     return (service, path) if colon and service and "/" not in service else ("", text)

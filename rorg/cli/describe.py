@@ -20,12 +20,11 @@ def command(
     Example: rorg describe navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, dump
+    from rorg.cli.output import dump
     from rorg.cli.terminal import printable
 
-    check_form(output)
     context = Context(state_dir, engine)
-    context.view()  # says what is not in force, as above `rorg get`
+    context.view()  # for its notices, such as refused manifests
     client = context.client()
     if client:
         from rorg_client import calls
@@ -46,11 +45,11 @@ def command(
 
 
 def _here(context: Context, service: str) -> list[dict[str, Any]]:
-    """By this process, where no rorg runs."""
+    """Described by this process, if no rorg runs."""
     import json
 
     from rorg.api.description import describe
-    from rorg.cli.alone import Local
+    from rorg.cli.offline import Local
     from rorg.history.database import reading
     from rorg.history.journal import Journal
 

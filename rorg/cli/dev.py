@@ -52,11 +52,10 @@ def command(
     Example: rorg dev navigation --workspace ~/ws -- make
     """
     from rorg.cli.context import Context
-    from rorg.cli.developing import Developing, Wish, rows
-    from rorg.cli.output import check_form, print_rows
+    from rorg.cli.dev_containers import Developing, Wish, rows
+    from rorg.cli.output import print_rows
     from rorg.errors import Invalid
 
-    check_form(output)
     if stop + devcontainer + bool(fresh or command) > 1:
         raise Invalid("do all of that at once", "--stop and --devcontainer stand for themselves", "one after the other")
     if command and not command[0]:

@@ -1,4 +1,4 @@
-"""Opening, entering and ending containers to develop in."""
+"""Opens, enters and removes dev containers: a service's own image with its mounts and devices, for a person."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ from rorg.model.joining import resolved
 from rorg.store.files import locked, make_directory, write_atomic
 
 NAME = re.compile(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+")
-"""What the engine takes for a container's."""
+"""The names that the engine takes for containers."""
 
 
 def rows(found: Sequence[DevContainer]) -> list[dict[str, Any]]:
-    """For a listing."""
+    """Rows for a listing."""
     return [
         {
             "name": c.name,
@@ -62,10 +62,10 @@ def rows(found: Sequence[DevContainer]) -> list[dict[str, Any]]:
 
 
 class Wish:
-    """Which container somebody wants to develop in."""
+    """The dev container that a command line asks for."""
 
     def __init__(self, context: Context, name: str, called: str, workspace: Path | None, x11: bool, gpu: bool) -> None:
-        """Raises Invalid for what there is not."""
+        """Raises Invalid for a name that does not exist."""
         self.what = f"develop in {name}"
         catalog = context.catalog()
         self.of, self.spec, self.service, self.image = _meant(context, catalog, name, self.what)
@@ -87,14 +87,14 @@ class Wish:
 
 
 def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[str, Spec, Service | None, str]:
-    """(service or image/IMAGE, its container as rendered, the service, what builds the image). Raises Invalid."""
+    """(service or image/IMAGE, its rendered container, the service, the image that builds it). Raises Invalid."""
     content = references_for(context.engine_name, context.state.path).of(catalog)
     rendered = desire(catalog, str(context.state.run), images=content.references).catalog.services
     services = {n: (s, s.spec) for n, s in rendered.items() if s.spec is not None}
     images = {*catalog.images, *(content.named(spec["image"]) for _, spec in services.values())}
     if (short := name.removeprefix("service/")) in services:
         service, declared = services[short]
-        # Joined to what goes by that name when it is made, whether the service itself runs or not.
+        # It joins the containers with these names when it is made, whether or not the service itself runs.
         names = {n: rendered[n].container_name for n in service.joins}
         spec = resolved(_plugged(what, service, declared), service.joins, names)
         return short, spec, service, content.named(str(spec["image"]))
@@ -108,7 +108,7 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
 
 
 def _plugged(what: str, service: Service, spec: Spec) -> Spec:
-    """Its container with the nodes that its devices have now. Raises Invalid for one that is not there."""
+    """Its container, with the current nodes of its devices. Raises Invalid for an unplugged one."""
     found = look(service.devices)
     for device, now in found.items():
         if now.problem:
@@ -117,7 +117,7 @@ def _plugged(what: str, service: Service, spec: Spec) -> Spec:
 
 
 def _workspace(given: Path | None) -> str:
-    """Absolute. Raises Invalid."""
+    """The absolute workspace. Raises Invalid."""
     path = os.path.abspath(given or os.getcwd())
     what = f"work in {path}"
     if not os.path.isdir(path):
@@ -128,7 +128,7 @@ def _workspace(given: Path | None) -> str:
 
 
 def _display(what: str, person: Person) -> dict[str, str]:
-    """DISPLAY, with what there is of its cookies and its sockets (a screen by TCP has none). Raises Invalid."""
+    """DISPLAY, with its cookies and sockets if there are any (a screen over TCP has none). Raises Invalid."""
     if not os.environ.get("DISPLAY"):
         raise Invalid(f"{what} with X11", "DISPLAY is not set: there is no screen", "it without --x11")
     files = {"XAUTHORITY": os.environ.get("XAUTHORITY") or f"{person.home}/.Xauthority", "SOCKETS": SCREEN}
@@ -136,7 +136,7 @@ def _display(what: str, person: Person) -> dict[str, str]:
 
 
 def _named(found: DevContainer, of: str | None, called: str) -> bool:
-    """Whether a line means it: by what it is of, by its name, or since it names nothing."""
+    """Whether a command line means it: by its service or image, by its name, or because it names nothing."""
     if of is None:
         return called in ("", found.name)
     same = of in (found.of, found.of.removeprefix("image/"))
@@ -144,10 +144,10 @@ def _named(found: DevContainer, of: str | None, called: str) -> bool:
 
 
 class Developing:
-    """The containers to develop in of one robot."""
+    """The dev containers of one robot."""
 
     def __init__(self, context: Context) -> None:
-        """Raises Refused where only the socket is known, Invalid where the engine has no containers of this machine."""
+        """Raises Refused if only the socket is known, and Invalid if the engine has no containers on this machine."""
         what = "develop in a container"
         context.here(what)
         engine = context.engine() if capabilities_of(context.engine_name).images else None
@@ -158,7 +158,7 @@ class Developing:
         self.context, self.engine, self.containers = context, engine, DevContainers(engine)
 
     def stop(self, name: str | None, called: str) -> None:
-        """Ends and removes the one that the same line would enter, or, where it names none, all."""
+        """Stops and removes the container that the same command line would enter, or all if it names none."""
         of = name and name.removeprefix("service/")
         found = [c for c in self.containers.list() if _named(c, of, called)]
         for container in found:
@@ -169,13 +169,13 @@ class Developing:
             note(f"there is nothing to stop: no container to develop in{f' of {of}' if of else ''}")
 
     def enter(self, wish: Wish, command: Sequence[str], fresh: bool, yes: bool) -> int:
-        """The exit code of a shell, or of the command, in the container, which is made where it is not there."""
+        """The exit code of a shell or of the command in the container, which is made if it is missing."""
         self._consent(wish, yes)
         self.context.state.prepare()
         homes = self.context.state.homes
         with self.context.state.usable():
             make_directory(homes, 0o755)
-        with self.context.state.usable(), locked(homes / "lock"):  # two that begin at once make one container
+        with self.context.state.usable(), locked(homes / "lock"):  # two commands that start together make one container
             found = next((c for c in self.containers.list() if c.name == wish.name), None)
             if found is not None:
                 self._check(wish, found)
@@ -195,7 +195,7 @@ class Developing:
         return code
 
     def _consent(self, wish: Wish, yes: bool) -> None:
-        """Raises Refused where nobody agrees that a second program may use what a driver uses."""
+        """Raises Refused unless someone agrees that a second program may use the hardware of a running driver."""
         service = wish.service
         if yes or service is None or not (service.driver or service.protected):
             return
@@ -204,7 +204,7 @@ class Developing:
             consent(wish.what, f"{why}. Go on?", f"{why}; it needs confirmation")
 
     def _check(self, wish: Wish, found: DevContainer) -> None:
-        """Raises Refused for one that is somebody else's, or of something else."""
+        """Raises Refused for a container of another user, service or image."""
         for theirs, ours_ in ((found.of, wish.of), (f"user {found.user}", f"user {wish.developer.user}")):
             if theirs != ours_:
                 raise Refused(wish.what, f"{found.name} is that of {theirs}, not of {ours_}", "--name NAME")
@@ -218,7 +218,8 @@ class Developing:
             note(f"{found.name}: {'; '.join(why)}; `{' '.join(line)}` renews it")
 
     def _make(self, wish: Wish, before: DevContainer | None) -> DevContainer:
-        """A new one in the place of the one before. Raises EngineError; then that one is as it was."""
+        """Makes a new container in place of the previous one. Raises EngineError; then the previous one is
+        unchanged."""
         image = self.containers.image(wish.spec["image"])
         if not image:
             remedy = f"`rorg build {wish.image}`"
@@ -229,7 +230,8 @@ class Developing:
         return self.containers.make(wish.name, spec, labels, before)
 
     def _there(self, spec: Spec) -> Spec:
-        """Without the directory of the service's socket while no rorg has made it: the engine would, as root."""
+        """The container without the directory of the service's socket if no rorg has made it: the engine would make it
+        as root."""
         sockets = f"{self.context.state.run}/"
         kept = [
             v
@@ -239,7 +241,7 @@ class Developing:
         return {**spec, "volumes": kept}
 
     def _make_home(self, wish: Wish) -> None:
-        """The first time, with what makes a shell pleasant. Raises Invalid."""
+        """Makes its home the first time, with a pleasant shell. Raises Invalid."""
         home, person = Path(wish.developer.home), wish.person
         with self.context.state.usable():
             if home.is_dir():
@@ -251,7 +253,7 @@ class Developing:
                     os.chown(path, person.uid, person.gid)
 
     def write(self, wish: Wish, yes: bool) -> None:
-        """The container for editors. Raises Refused for a file that somebody else has written."""
+        """Writes the container's file for editors. Raises Refused for a file that rorg did not write."""
         path = Path(wish.developer.workspace) / ".devcontainer" / "devcontainer.json"
         what, person = f"write {path}", wish.person
         try:

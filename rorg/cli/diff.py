@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import FORMS, SERVICES, Argument, Directory, EngineName, Option, StateDirectory
-from rorg.cli.output import check_form, dump, echo
+from rorg.cli.output import dump, echo
 from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def command(
         Option(
             "table: one line per service; wide: every step; name, yaml or json.",
             names=("-o", "--output"),
-            completes=FORMS,
+            choices=FORMS,
         ),
     ] = "table",
 ) -> None:
@@ -53,7 +53,6 @@ def command(
     from rorg.cli.output import note
     from rorg.errors import Exit, Invalid
 
-    check_form(output)
     if directory and not (rev or os.path.isdir(directory) or str(directory).startswith(("/", "../"))):
         directory, rev = None, str(directory)
     if service and output == "wide":
@@ -80,7 +79,7 @@ def command(
 
 
 def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
-    """What changed between two states from the history: A..B, where nothing stands for HEAD as with git."""
+    """Shows what changed between two states from the history, A..B; an empty name is HEAD, as with git."""
     from rorg.cli.differences import past_of, tree_of
     from rorg.cli.output import print_rows
     from rorg.core.manifest_diff import manifest_changes
@@ -116,6 +115,6 @@ def _only(found: Differences, name: str) -> Differences:
 
 
 def _full(found: Differences, unified: bool) -> dict[str, Any]:
-    """The plan as programs read it."""
+    """The plan for programs."""
     services = [{k: v for k, v in s.items() if k != "line"} for s in found.services]
     return {**found.plan, "services": services, **({"unified": found.unified} if unified else {})}

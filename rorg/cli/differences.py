@@ -1,4 +1,4 @@
-"""What is to be done: asked of the running rorg, computed here where none answers or it follows another tree."""
+"""What rorg would do: asked of the running rorg, or computed here if none answers or it follows another tree."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class Differences(NamedTuple):
-    """The plan in its forms, and of what it was made."""
+    """The plan in all its forms, and where it comes from."""
 
     text: str
     """Step by step."""
     services: list[dict[str, Any]]
     """Service by service."""
     unified: dict[str, str]
-    """Of each container that is changed, where it was asked for."""
+    """With `unified`: the diff of each container that changes."""
     plan: dict[str, Any]
     empty: bool
     suspended: str
@@ -36,18 +36,18 @@ class Differences(NamedTuple):
     root: Path
     withheld: list[str]
     probed: list[str]
-    """Services whose readiness a probe tells."""
+    """Services with a readiness probe."""
     fingerprint: str
     told: bool
     """By the running rorg, which follows this tree."""
     decision: Any = None
-    """Where it was computed here."""
+    """If it was computed here."""
     tree: Any = None
-    """The same, as it was read."""
+    """The same: the tree that was read."""
     commit: str = ""
-    """Whose manifests these are, where they are from the history."""
+    """Of the manifests, if they are from the history."""
     warnings: tuple[dict[str, Any], ...] = ()
-    """What is wrong with these manifests, though they can be used."""
+    """Of these manifests, which can be used nevertheless."""
 
     def overview(self) -> str:
         """One line for each service, and one with the counts."""
@@ -56,8 +56,8 @@ class Differences(NamedTuple):
 
 
 def differences(context: Context, unified: bool = False, rev: str = "") -> Differences:
-    """To what the tree declares, or did at `rev` of its repository's history. Raises Invalid where the tree has errors,
-    and Unreachable."""
+    """What rorg would do for what the tree declares, or declared at `rev` of its repository's history. Raises Invalid
+    if the tree has errors, and Unreachable."""
     found = _told(context, unified, rev)
     if found is None:
         return _computed(context, unified, rev)
@@ -89,7 +89,7 @@ def _of(found: dict[str, Any], root: Path, told: bool) -> Differences:
 
 
 def warn_of_other_tree(context: Context, found: Differences) -> None:
-    """Says so where the manifests that are compared are not those that somebody may think of."""
+    """Notes if the compared manifests may not be the ones that the user thinks of."""
     here = Path("manifests")
     if found.told:
         if not (context.remote or context.directory) and here.is_dir() and here.resolve() != found.root:
@@ -102,7 +102,7 @@ def warn_of_other_tree(context: Context, found: Differences) -> None:
 
 
 def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
-    """What the running rorg says; None where it says nothing of this tree."""
+    """The answer of the running rorg; None if it says nothing about this tree."""
     if context.directory and context.place.elsewhere:
         context.here("compare that directory")
     client, asked = context.client(), {"unified": "true" if unified else "", "rev": rev}
@@ -112,17 +112,17 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
     except ClientError:
         if context.remote or context.silence:
             raise
-        return None  # it may be an older one, or one that we may not ask: what is wrong is told by looking ourselves
+        return None  # an older rorg, or one that this user may not ask: computing it here reports what is wrong
     if found and context.directory and Path(found["root"]) != context.directory.resolve():
         context.here("compare that directory")
         return None
-    # An older one may not know of what was asked.
+    # An older rorg may ignore what was asked.
     same = found and bool(found.get("commit")) == bool(rev) and os.environ.get(ROBOT) in (None, "", found.get("robot"))
     return found if found and same and "services" in found else None
 
 
 def line(error: dict[str, Any]) -> str:
-    """One finding in a tree, as the API tells it."""
+    """One mistake in a tree, as the API reports it."""
     tail = f"; try {error['remedy']}" if error["remedy"] else ""
     tail += f" [{error['code']}]" if error.get("code") else ""
     place = f"{error['file']}:{error['line']}:{error['column']}"
@@ -130,7 +130,7 @@ def line(error: dict[str, Any]) -> str:
 
 
 def tree_of(context: Context) -> Tree:
-    """The tree that a command is about, not read yet. Raises Invalid where there is no such directory."""
+    """The tree that a command is about, not read yet. Raises Invalid if there is no such directory."""
     from rorg.daemon.wiring import make_tree
 
     if context.directory and not os.path.isdir(context.directory):
@@ -142,7 +142,7 @@ def tree_of(context: Context) -> Tree:
 
 
 def past_of(context: Context, tree: Tree, rev: str) -> CommitTree:
-    """A state of the tree from the history: by its number there, or as git knows it."""
+    """A state of the tree from the history: by its number there, or as git names it."""
     from rorg.daemon.commit_tree import load_at
     from rorg.errors import Unreachable
     from rorg.history.database import reading
@@ -156,7 +156,7 @@ def past_of(context: Context, tree: Tree, rev: str) -> CommitTree:
 
 
 def _computed(context: Context, unified: bool, rev: str) -> Differences:
-    from rorg.api.plan_forms import shown
+    from rorg.api.views import plan_forms
     from rorg.cli.local import decision_for
     from rorg.manifest.load import unusable
 
@@ -164,11 +164,11 @@ def _computed(context: Context, unified: bool, rev: str) -> Differences:
     if rev:
         past = past_of(context, tree, rev)
         decision = decision_for(context, past.desired)
-        forms = {**shown(decision, decision.plan, unified), "commit": past.commit}
+        forms = {**plan_forms(decision, decision.plan, unified), "commit": past.commit}
         return _of(forms, context.root, told=False)
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)
     decision = decision_for(context, tree.desired)
-    found = _of(shown(decision, decision.plan, unified), context.root, told=False)
+    found = _of(plan_forms(decision, decision.plan, unified), context.root, told=False)
     return found._replace(decision=decision, tree=tree, warnings=tuple(d.as_json() for d in tree.warnings))

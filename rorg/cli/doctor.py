@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rorg.cli.options import EngineName, Output, StateDirectory
 
 PATIENCE = 3.0
-"""Seconds for the running rorg's answer."""
+"""Longest time, in seconds, to wait for the running rorg."""
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -25,11 +25,10 @@ def command(output: Output = "table", engine: EngineName = None, state_dir: Stat
     Example: rorg doctor
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, print_rows
+    from rorg.cli.output import print_rows
     from rorg.core.doctor import ERROR, examine
     from rorg.errors import Exit
 
-    check_form(output)
     context = Context(state_dir, engine)
     found = examine(_facts(context))
     rows = [check.as_json() for check in found]
@@ -88,12 +87,11 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
 
 
 def _server(context: Context) -> dict[str, Any]:
-    """Whether an rorg runs on the state directory, or at the socket that was named, and answers this user."""
+    """Whether an rorg runs on the state directory or at the given socket, and answers this user."""
     from rorg_client import Client
     from rorg_client import Error as ClientError
 
-    from rorg.cli.handshake import handshake
-    from rorg.cli.places import NAME, may_connect
+    from rorg.cli.places import NAME, handshake, may_connect
     from rorg.errors import Refused, Unreachable
 
     near = context.remote and not context.place.elsewhere

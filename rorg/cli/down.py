@@ -43,7 +43,7 @@ def command(
         view = client.status()
         rows = [*_rows(view["services"]), *_object_rows(view.get("objects", ()), volumes)]
         _consent(rows, len(view["requests"]), keep_requests, yes)
-        # An rorg of before knows of no volumes, and is not told of them.
+        # An older rorg refuses the field `volumes`.
         client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | ({"volumes": True} if volumes else {}))
         _until_gone(context, timeout)
     note("the robot is down")
@@ -52,22 +52,22 @@ def command(
 
 
 def _developed_in(context: Context) -> list[str]:
-    """Names of containers to develop in: they are no services, and stay."""
+    """Names of dev containers: they are not services, and stay."""
     from rorg.model.engines import capabilities_of
 
     if context.remote or not context.state.homes.is_dir() or not capabilities_of(context.engine_name).images:
         return []
-    from rorg.cli.developing import Developing
+    from rorg.cli.dev_containers import Developing
     from rorg.errors import RorgError
 
     try:
         return [c.name for c in Developing(context).containers.list()]
-    except RorgError:  # whatever hinders the rest is told by it
+    except RorgError:  # the next steps report what is wrong
         return []
 
 
 def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
-    """Those that have a container."""
+    """The services that have a container."""
     return [
         {"name": name, "state": s["state"], "remark": "driver: moves hardware" if s["driver"] else ""}
         for name, s in sorted(services.items())
@@ -76,7 +76,7 @@ def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def _object_rows(views: Iterable[dict[str, Any]], volumes: bool) -> list[dict[str, str]]:
-    """Networks and volumes that rorg made: these stay unless `volumes` are to go too."""
+    """The networks and volumes that rorg made; volumes stay unless `volumes`."""
     lost = {True: "removed with all that is in it", False: "stays; --volumes removes it"}
     return [
         {
@@ -90,7 +90,7 @@ def _object_rows(views: Iterable[dict[str, Any]], volumes: bool) -> list[dict[st
 
 
 def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes: bool) -> None:
-    """Shows what goes, and asks. Raises Refused."""
+    """Shows what will be removed, and asks. Raises Refused."""
     if rows:
         note(table(rows, ("name", "state", "remark")))
     from rorg.model.units import counted
@@ -106,7 +106,7 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
 
 
 def _until_gone(context: Context, timeout: float) -> None:
-    """Until the running rorg has ended, or a later one says that the robot is down. Raises NotReady."""
+    """Waits until the running rorg has ended, or a later one reports that the robot is down. Raises NotReady."""
     import time
 
     from rorg_client import Error
@@ -128,7 +128,7 @@ def _until_gone(context: Context, timeout: float) -> None:
 
 
 def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, timeout: float) -> None:
-    """Where no rorg runs: the loop runs here until nothing is left."""
+    """Takes the robot down if no rorg runs: the loop runs here until nothing is left."""
     import threading
     import time
 
@@ -162,7 +162,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
 
 
 def _ours(context: Context) -> list[dict[str, Any]]:
-    """Networks and volumes that this robot has on its engine."""
+    """The networks and volumes of this robot on its engine."""
     from rorg.engines.protocol import Objects
 
     engine = context.engine()
@@ -171,7 +171,7 @@ def _ours(context: Context) -> list[dict[str, Any]]:
 
 
 def _left(decision: Decision | None) -> str:
-    """What is still there, with the reason where one is known."""
+    """What is still there, with the reason if known."""
     if decision is None:
         return ""
     waits = {w.service: w.reason for w in decision.plan.waitings}

@@ -1,4 +1,4 @@
-"""Graphs as what programs draw (DOT, Mermaid) and as a picture (SVG)."""
+"""Draws graphs as text for other programs (DOT, Mermaid) and as a picture (SVG)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 FORMS = ("dot", "mermaid", "svg")
 LETTER, HEIGHT, PAD = 6.7, 20, 8
-"""Points: a character of the text, a box, and the space left and right of the text in it."""
+"""Points: a character, a box, and the space left and right of its text."""
 BETWEEN, BELOW, EDGE = 70, 6, 10
-"""Points: between columns, between boxes below each other, and around the picture."""
+"""Points: between columns, between boxes in a column, and around the picture."""
 STYLE = """text { font: 11px ui-monospace, Menlo, Consolas, monospace; fill: #1f2328 }
 rect { fill: #eaeef2; stroke: #59636e }
 .bold rect { fill: #ddf4ff; stroke-width: 2 }
@@ -24,7 +24,7 @@ path.dashed { stroke-dasharray: 4 3 }
 
 
 class Arrow(NamedTuple):
-    """From what stands on something, or needs it, to that."""
+    """From what needs something, or is built on it, to that."""
 
     begin: str
     end: str
@@ -32,18 +32,18 @@ class Arrow(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """What is drawn."""
+    """A graph, and how its parts look."""
 
     levels: Sequence[Sequence[str]]
-    """All names, each after what its arrows lead to: the columns of a picture, from the left."""
+    """All names, each after those that its arrows lead to: the columns of a picture, from the left."""
     arrows: Sequence[Arrow]
     bold: Collection[str] = ()
     dashed: Collection[str] = ()
-    """Boxes that stand out, and boxes that are only named."""
+    """Boxes that are only named."""
 
 
 def draw(drawing: Drawing, form: str) -> str:
-    """The text of one of FORMS."""
+    """The graph in one of FORMS."""
     return {"dot": dot, "mermaid": mermaid, "svg": svg}[form](drawing)
 
 
@@ -56,7 +56,7 @@ def dot(drawing: Drawing) -> str:
 
 
 def mermaid(drawing: Drawing) -> str:
-    """For pages in Markdown. What Mermaid would not take for a name gets a number in front of it."""
+    """For Markdown pages. A name that Mermaid would refuse gets a number in front."""
     names = sorted(n for level in drawing.levels for n in level)
     plain = {n: n if re.fullmatch(r"[\w.-]+", n) else f'i{at}["{n}"]' for at, n in enumerate(names)}
     alone = set(names) - {end for a in drawing.arrows for end in (a.begin, a.end)}
@@ -65,7 +65,7 @@ def mermaid(drawing: Drawing) -> str:
 
 
 class Box(NamedTuple):
-    """Where a name stands, in points."""
+    """The place of a name, in points."""
 
     left: float
     top: float
@@ -77,7 +77,7 @@ class Box(NamedTuple):
 
 
 def svg(drawing: Drawing) -> str:
-    """A picture that needs nothing from elsewhere, for light and dark pages: a column for each level."""
+    """A picture in one file, for light and dark pages: a column for each level."""
     boxes = _boxes(drawing)
     width = EDGE + max((box.left + box.width for box in boxes.values()), default=0)
     height = EDGE + max((box.top + HEIGHT for box in boxes.values()), default=0)
@@ -93,7 +93,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def _boxes(drawing: Drawing) -> dict[str, Box]:
-    """Column by column. In each a name stands near what it leads to: few lines cross then."""
+    """Places names column by column, each near those that it leads to, so that few lines cross."""
     boxes: dict[str, Box] = {}
     left = float(EDGE)
     for names in drawing.levels:
@@ -105,13 +105,13 @@ def _boxes(drawing: Drawing) -> dict[str, Box]:
 
 
 def _height(name: str, arrows: Sequence[Arrow], boxes: Mapping[str, Box]) -> float:
-    """Where what a name leads to stands, on the average."""
+    """The average height of the names that a name leads to."""
     tops = [boxes[a.end].top for a in arrows if a.begin == name and a.end in boxes]
     return sum(tops) / len(tops) if tops else 0.0
 
 
 def _line(begin: Box, end: Box, dashed: bool) -> str:
-    """A curve from the left edge of the one to the right edge of the other."""
+    """A curve from the left edge of one box to the right edge of the other."""
     right = end.left + end.width
     bend = max(abs(begin.left - right) / 2, BETWEEN / 2)
     kind = ' class="dashed"' if dashed else ""

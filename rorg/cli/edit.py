@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import (
     SERVICES,
@@ -13,10 +14,15 @@ from rorg.cli.options import (
     StateDirectory,
 )
 
+if TYPE_CHECKING:
+    from rorg_client import Client
+
+    from rorg.cli.context import Context
+
 MARK = "# rorg: "
-"""How lines begin that are for whoever edits, and not of the manifest."""
+"""Begins the lines that are for the person who edits, and not part of the manifest."""
 KINDS = {"svc": "Service"}
-"""Short names, beside service, services and the like."""
+"""Short names, besides service, services and the like."""
 
 
 def command(
@@ -36,7 +42,6 @@ def command(
     import tempfile
 
     from rorg.cli.context import Context
-    from rorg.cli.editing import manifests
     from rorg.cli.output import echo, missing, note
     from rorg.model.image_names import stem
 
@@ -58,7 +63,7 @@ def command(
 
 
 def _kind(text: str) -> str:
-    """A kind, as manifests have it. Raises Invalid."""
+    """A kind as in manifests. Raises Invalid."""
     from rorg.cli.output import missing
     from rorg.manifest.models import FOLDERS
 
@@ -69,7 +74,7 @@ def _kind(text: str) -> str:
 
 
 def _editor() -> list[str]:
-    """The command. Raises Invalid where nobody is there to use one."""
+    """The editor's command line. Raises Invalid if there is no terminal for one."""
     import os
     import shlex
     import sys
@@ -86,7 +91,8 @@ def _editor() -> list[str]:
 
 
 def _until_right(editor: list[str], path: Path, before: str, write: Any) -> bool:
-    """Edits until it is accepted; whether anything was changed. Raises Invalid for a mistake that was left as it is."""
+    """Edits until the text is accepted; whether anything was changed. Raises Invalid for a mistake that was saved again
+    unchanged."""
     from rorg.errors import Invalid
 
     text, mistake = before, None
@@ -107,7 +113,7 @@ def _until_right(editor: list[str], path: Path, before: str, write: Any) -> bool
 
 
 def _with(mistake: Exception | None, text: str) -> str:
-    """The text with what is wrong with it on top."""
+    """The text, with its mistake on top."""
     import textwrap
 
     if mistake is None:
@@ -129,3 +135,91 @@ def _open(editor: list[str], path: Path, text: str) -> None:
         raise Invalid(f"open the editor {editor[0]}", error.strerror or str(error), "EDITOR=nano") from error
     if code:
         raise Invalid(f"edit {path.stem}", f"the editor {editor[0]} ended with exit code {code}", "another EDITOR")
+
+
+class Served:
+    """The manifests of the running rorg."""
+
+    def __init__(self, client: Client) -> None:
+        from rorg.host.git import COMMIT_PATIENCE
+
+        self.client, self._base = client, ""
+        self._bases: dict[str, str] = {}
+        client.timeout = 2 * COMMIT_PATIENCE  # a git hook may take some time
+
+    def names(self, kind: str) -> Collection[str]:
+        found = [m for m in self.client.manifests() if m["kind"] == kind]
+        self._bases = {m["name"]: m["digest"] for m in found}
+        return self._bases
+
+    def text(self, kind: str, name: str) -> str:
+        self._base = self._bases[name]
+        return self.client.manifest(kind, name)
+
+    def write(self, kind: str, name: str, text: str) -> None:
+        import rorg_client
+
+        from rorg.errors import Invalid
+
+        try:
+            self.client.put_manifest(kind, name, text, self._base, _message(kind, name))
+        except rorg_client.Invalid as error:
+            raise Invalid(error.what.removeprefix("cannot "), error.cause, error.remedy) from error
+
+
+class Alone:
+    """The manifests in a directory, by the same rules."""
+
+    def __init__(self, context: Context) -> None:
+        from rorg.api.manifest_texts import manifests_of
+        from rorg.errors import Invalid, Refused
+
+        self.state, self.root = context.state, context.root.resolve()
+        if self.root.is_relative_to(self.state.git.resolve()):
+            raise Refused(f"edit manifests in {self.root}", "they are those of a repository", "a commit there")
+        if not self.root.is_dir():
+            raise Invalid(f"edit manifests in {self.root}", "no such directory", "--manifests DIR")
+        self.all = manifests_of(self.root)
+
+    def names(self, kind: str) -> Collection[str]:
+        return [n for k, n in self.all if k == kind]
+
+    def text(self, kind: str, name: str) -> str:
+        return self.all[kind, name][1].decode("utf-8", errors="replace")
+
+    def write(self, kind: str, name: str, text: str) -> None:
+        import os
+
+        from rorg.api.manifest_change import ManifestChange, digest
+        from rorg.api.manifest_texts import check_name, check_tree
+        from rorg.api.permissions import Caller
+        from rorg.errors import Refused
+
+        path, before = self.all[kind, name]
+        what = f"change the {kind} '{name}'"
+        check_name(kind, name, text)
+        check_tree(self.root, path, text, "", what)
+        person = Caller("developer", uid=os.getuid()).author
+        change = ManifestChange(
+            str(path.relative_to(self.root)), digest(before), digest(text.encode()), _message(kind, name), person, True
+        )
+        try:
+            if path.read_bytes() != before:
+                raise Refused(what, "it was changed meanwhile", "`rorg edit` again")
+            change.carry_out(self.root, self.state.prepare().manifest_change, text)
+        except OSError as error:
+            raise Refused(what, f"{error.filename}: {error.strerror}", "fixing what is there") from error
+
+
+def _message(kind: str, name: str) -> str:
+    """The message of the commit."""
+    return f"edit {kind.lower()} {name}"
+
+
+def manifests(context: Context) -> Served | Alone:
+    """The manifests of the given directory, or of the running rorg, or of the directory that commands use by
+    default."""
+    client = None if context.directory else context.client()
+    if client is None:
+        context.here("edit its manifests")
+    return Served(client) if client else Alone(context)

@@ -28,7 +28,7 @@ COLUMNS = (
     "replayed",
 )
 SHORTEST = 2.0
-"""Seconds of a run at the least: a sample takes one."""
+"""Shortest run, in seconds: a sample takes one."""
 
 
 def command(
@@ -63,12 +63,11 @@ def command(
     import signal
     import sys
 
-    from rorg.cli.output import check_form, note
+    from rorg.cli.output import note
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    check_form(output)
     experiment = _experiment(trace, directory, compress, scale, engine)
     _check_files(save, plot)
     signal.signal(signal.SIGTERM, interrupt)
@@ -86,7 +85,7 @@ def command(
 def _experiment(
     path: Path, directory: Path | None, compress: float, scale: float | None, engine: str | None
 ) -> Experiment:
-    """What is to be run. Raises Invalid for whatever is wrong with it."""
+    """The experiment to run. Raises Invalid for mistakes."""
     from rorg.cli.context import Context
     from rorg.cli.demo.robot import TRITONBOT
     from rorg.errors import Invalid
@@ -125,7 +124,7 @@ def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
 
 
 def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | None) -> Emulation:
-    """All runs. What is known is saved after each of them."""
+    """Measures all runs, and saves what is known after each of them."""
     from contextlib import closing
 
     from rorg.cli.output import as_json, note
@@ -165,7 +164,7 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
 
 
 def _check_files(save: Path | None, plot: Path | None) -> None:
-    """Raises Invalid for what could not be written in the end. What is saved there stays until there is more."""
+    """Raises Invalid for files that cannot be written. What they contain stays until there is something new."""
     if save:
         _save(save, "", "a")
     if plot:
@@ -195,7 +194,7 @@ def _save(path: Path, text: str, mode: str = "w") -> None:
 
 
 def _told(emulation: Emulation) -> str:
-    """The last run in a line."""
+    """The last run in one line."""
     row = _rows(emulation)[-1]
     return f"{row['run']}: {row['cpu']} cores, {row['memory']}; rorg itself {row['rorg_cpu']} cores"
 

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 LAST = 20
 """Entries that are shown by default."""
 MOST = 1 << 40
-"""All of them."""
+"""More than all of them."""
 MOST_TOLD = 10_000
-"""Entries that the API counts back at the most."""
+"""The largest `tail` of the API."""
 
 
 def command(
@@ -40,10 +40,9 @@ def command(
     Example: rorg events --service navigation --kind crashed,stalled --since 1h
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, end_with_reader
+    from rorg.cli.output import end_with_reader
     from rorg.errors import Invalid
 
-    check_form(output)
     if follow and until:
         raise Invalid("follow events", "--until ends what -f goes on with", "one of them")
     only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
@@ -58,7 +57,7 @@ def command(
 
 
 def _events(context: Context, follow: bool, last: int, only: dict[str, Any]) -> Iterator[Any]:
-    """From the running rorg, else from the file."""
+    """The events of the running rorg, or of its file if none runs."""
     needed = follow or not context.state.readable
     client = context.serving("follow events" if follow else "read events") if needed else context.client()
     if client:

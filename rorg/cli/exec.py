@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+    from rorg.core.observed import Container
 
 Service = Annotated[str, Argument("A running service.", completes=SERVICES)]
 NO_PROGRAM = 127
@@ -31,7 +36,6 @@ def command(
     Example: rorg exec navigation -- rosnode list
     """
     from rorg.cli.context import Context
-    from rorg.cli.inside import run_inside
     from rorg.cli.output import note
     from rorg.errors import Invalid
 
@@ -41,3 +45,41 @@ def command(
     if code == NO_PROGRAM:
         note(f"rorg: {command[0]} in {service} gave 127: no such program; try `rorg shell {service}` to look around")
     sys.exit(code)
+
+
+def container_of(context: Context, service: str, what: str) -> Container:
+    """The container of a service that runs, or ran last. Raises Invalid for an unknown name and for a group, and
+    NotReady if the service has no container."""
+    from rorg.cli.output import missing
+    from rorg.errors import Invalid, NotReady
+
+    found = [c for c in context.engine().list() if c.service and c.service == service]
+    if found:
+        return max(found, key=lambda c: (c.alive, c.started_at))
+    client = context.client()
+    services = {s["service"] for s in client.services()} if client else set(context.catalog().services)
+    if service in services:
+        raise NotReady(what, f"{service} has no container", f"`rorg request {service} --wait` first")
+    groups = {g["name"]: g["services"] for g in context.groups()}
+    if service in groups:
+        raise Invalid(what, f"{service} is a group", "one of " + ", ".join(groups[service]))
+    raise missing("service", service, services)
+
+
+def run_inside(context: Context, service: str, command: Sequence[str], stdin: bool, terminal: bool) -> int:
+    """The exit code of a command in a service's container. `stdin`, `terminal`: pass ours in any case; otherwise both
+    are passed if this is a terminal. Raises NotReady if the service does not run."""
+    from rorg.errors import Invalid, NotReady
+
+    what = f"run {command[0]} in {service}"
+    ours = sys.stdin.isatty() and sys.stdout.isatty()
+    if terminal and not ours:
+        raise Invalid(what, "this is not a terminal", "it without -t")
+    container = container_of(context, service, what)
+    remedy = f"`rorg request {service} --wait` first"
+    if container.state == "paused":
+        raise NotReady(what, f"{service} is paused", remedy)
+    if container.state != "running":
+        ended = f", exit code {container.exit_code}" if container.exit_code is not None else ""
+        raise NotReady(what, f"{service} does not run ({container.state}{ended})", remedy)
+    return context.engine().attach(container.id, command, ours, stdin or ours)

@@ -37,10 +37,9 @@ def command(
     Example: rorg explain service.spec.idle.linger
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, dump, table
+    from rorg.cli.output import dump, table
     from rorg.manifest.field_paths import find
 
-    check_form(output)
     kind, slash, name = what.rpartition("/")
     place = None if slash else find(what)
     if place:
@@ -58,7 +57,7 @@ def command(
 
 
 def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
-    """All that holds for a service. Raises Invalid for what is none, with what is near."""
+    """All effective values of a service. Raises Invalid for an unknown name, with the nearest one."""
     from rorg.cli.output import missing
     from rorg.errors import Invalid
     from rorg.manifest.documents import manifest_files
@@ -70,7 +69,7 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
         catalog = context.catalog()
     except Invalid:
         if kind or context.directory or ("." not in what and manifest_files(context.root)):
-            raise  # it may well be a service; its manifests are broken
+            raise  # it may be a service of manifests with mistakes
         raise _unknown(what, None) from None
     if name in catalog.services:
         return effective(context.root, name, context.robot)
@@ -80,7 +79,7 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
 
 
 def _unknown(what: str, services: Any) -> Invalid:
-    """For what is neither; `services` is None where there are no manifests."""
+    """The error for a name that is neither; `services` is None without manifests."""
     import difflib
 
     from rorg.errors import Invalid
@@ -95,7 +94,7 @@ def _unknown(what: str, services: Any) -> Invalid:
 
 
 def _page(place: Place) -> str:
-    """A field, or a kind, for people."""
+    """The page about a field or a kind, for people."""
     import textwrap
 
     found, width = _as_json(place), 100

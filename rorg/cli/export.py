@@ -15,7 +15,7 @@ FORMS = ("yaml", "json")
 
 
 def command(
-    format: Annotated[str, Argument("compose.", completes=FORMATS)],
+    format: Annotated[str, Argument("compose.", choices=FORMATS)],  # noqa: ARG001 - there is one
     directory: Directory = None,
     output: Annotated[
         Path | None,
@@ -26,9 +26,7 @@ def command(
     ] = None,
     form: Annotated[
         str,
-        Option(
-            "yaml, or json: the file, what it cannot say, and what stands beside it.", names=("-o",), completes=FORMS
-        ),
+        Option("yaml, or json: the file, what it cannot say, and what stands beside it.", names=("-o",), choices=FORMS),
     ] = "yaml",
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
     state_dir: StateDirectory = None,
@@ -39,13 +37,8 @@ def command(
     Example: rorg export compose --output compose.yaml
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form
     from rorg.compose.writer import export
-    from rorg.errors import Invalid
 
-    check_form(form, FORMS)
-    if format not in FORMATS:
-        raise Invalid(f"export '{format}'", "there is no such format", "compose")
     context = Context(state_dir, None, directory, local=True)
     catalog = context.catalog()
     root = context.root.resolve()
@@ -58,7 +51,7 @@ def command(
 
 
 def _write(exported: Exported, output: Path, force: bool) -> None:
-    """The file, and what it names beside it; secrets are for their owner alone."""
+    """Writes the file and the files that it names; those with secrets only for their owner."""
     from rorg.compose.writer_text import write
     from rorg.errors import Invalid, Refused
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.options import FORMS, SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
-from rorg.cli.output import check_form, echo, note, print_rows
+from rorg.cli.output import echo, note, print_rows
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rorg.manifest.fitting import Fit
 
 DAYS = "7d"
-"""How far back it looks unless it is told."""
+"""How far back it looks by default."""
 
 
 def percent(text: str) -> float:
-    """A part of "10%" or "0.1". Raises ValueError."""
+    """The fraction that "10%" or "0.1" stands for. Raises ValueError."""
     value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     if not 0 <= value <= 1:
         raise ValueError(f"{text} is not between 0% and 100%")
@@ -38,7 +38,7 @@ def command(
     ] = 0.1,
     write: Annotated[bool, Option("Write it into the manifests, as `rorg edit` does.")] = False,
     output: Annotated[
-        str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), completes=("diff", *FORMS))
+        str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), choices=("diff", *FORMS))
     ] = "diff",
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
@@ -50,12 +50,11 @@ def command(
     Example: rorg fit navigation --since 24h
     """
     from rorg.cli.context import Context
-    from rorg.cli.editing import manifests
+    from rorg.cli.edit import manifests
     from rorg.cli.output import missing
     from rorg.cli.records import records_of
     from rorg.manifest.fitting import fit
 
-    check_form(output, ("diff", *FORMS))
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     tree = manifests(context)
     known = tree.names("Service")
@@ -70,7 +69,7 @@ def command(
     _show(found, before, output, services or ())
     for one in found if write else ():
         if one.after:
-            tree.text("Service", one.service)  # the write is of this one
+            tree.text("Service", one.service)  # write() writes the manifest that was read last
             tree.write("Service", one.service, one.text)
             note(f"service {one.service} edited")
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterable, Sequence
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import (
@@ -14,6 +17,7 @@ from rorg.cli.options import (
     Output,
     StateDirectory,
 )
+from rorg.cli.output import missing, note
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +44,7 @@ KINDS = {
     "request": "requests",
 }
 Found = tuple[list[dict[str, Any]], list[Any]]
-"""(rows for people, what YAML and JSON show)."""
+"""(rows for people, values for YAML and JSON)."""
 
 
 def command(
@@ -58,7 +62,7 @@ def command(
     group: Annotated[str, Option("Services of this group.", completes=GROUPS)] = "",
     sort_by: Annotated[
         str,
-        Option("name, state, age, restarts or priority.", completes=("name", "state", "age", "restarts", "priority")),
+        Option("name, state, age, restarts or priority.", choices=("name", "state", "age", "restarts", "priority")),
     ] = "name",
     directory: ManifestsDirectory = None,
     state_dir: StateDirectory = None,
@@ -75,12 +79,11 @@ def command(
     from pathlib import Path
 
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form, end_with_reader, print_rows
+    from rorg.cli.output import end_with_reader, print_rows
 
-    check_form(output)
     show: Callable[..., None] = print_rows
     if watch:
-        from rorg.cli.watching import Watch
+        from rorg.cli.watch import Watch
 
         end_with_reader()
         show = Watch().show
@@ -88,13 +91,11 @@ def command(
     named = bool(words) and words[0] in KINDS
     kind = KINDS[words.pop(0)] if named else "services"
     context = Context(state_dir, engine, Path(directory) if directory else None)
-    sort = SORTS.get(sort_by) or _no_sort(sort_by)
+    sort = SORTS[sort_by]
     if kind != "services" and (label or group or sort_by != "name"):
         _only_services(kind)
     while True:
         if kind == "services":
-            from rorg.cli.services import select, service_rows
-
             chosen = select(context, words, label, group, () if named else KINDS.values())
             rows, full = service_rows(sorted(chosen, key=sort))
         else:
@@ -107,14 +108,8 @@ def command(
 
 
 def _with_message(rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> tuple[str, ...]:
-    """A message has a column where anybody has one."""
+    """The columns, with one for messages if there is any."""
     return (*columns, "message") if any(row.get("message") for row in rows) else columns
-
-
-def _no_sort(given: str) -> Any:
-    from rorg.cli.output import missing
-
-    raise missing("order", given, set(SORTS))
 
 
 def _only_services(kind: str) -> None:
@@ -130,7 +125,7 @@ SORTS: dict[str, Any] = {
     "restarts": lambda s: (-s["crashes"], s["service"]),
     "priority": lambda s: (-s["effective_priority"], s["service"]),
 }
-"""Of a service in a view: the oldest run, the most restarts and the highest priority first."""
+"""Sort keys of a service: the oldest run, the most restarts and the highest priority come first."""
 
 
 def _groups(context: Context, names: Sequence[str]) -> Found:
@@ -197,7 +192,7 @@ def _requests(context: Context, names: Sequence[str]) -> Found:
 
 
 def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> list[Any]:
-    """Those of these names, all without any. Raises Invalid for one that is not there."""
+    """The entries with these names, all of them without names. Raises Invalid for an unknown name."""
     from rorg.cli.output import missing
 
     there = {entry[key] for entry in known}
@@ -227,4 +222,69 @@ COLUMNS = {
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),
 }
 BELOW = ("why", "message", "reason", "services", "description", "from", "context", "file", "digest")
-"""Columns that go to lines of their own where a terminal is too narrow."""
+"""Columns that move to lines of their own on a narrow terminal."""
+
+
+UNITS = ((86400, "d"), (3600, "h"), (60, "m"), (1, "s"))
+
+
+def select(
+    context: Context, names: Sequence[str], labels: str, group: str, kinds: Iterable[str]
+) -> list[dict[str, Any]]:
+    """The services of a view with these names and groups, in this group, with these labels. `kinds`: other words that a
+    name may have been meant as. Raises Invalid for an unknown name."""
+    view = context.view()
+    if view.get("pid") is None:
+        note(f"no rorg runs on {context.state.path}: this is what the engine shows, and nothing manages it")
+    known = view["services"]
+    wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
+    inside = _members(context, "group", group, known, ()) if group else known.keys()
+    context.notices.of_standing(view)
+    return [
+        service
+        for name, service in known.items()
+        if name in inside and (name in wanted if names else service["state"] != "meta") and _labelled(service, labels)
+    ]
+
+
+def _members(context: Context, what: str, name: str, known: dict[str, Any], kinds: Iterable[str]) -> set[str]:
+    """The services that a name stands for. Raises Invalid for an unknown name; `what` it was taken for."""
+    found = {name} if name in known else {*context.members(name)} & known.keys()
+    if not found:
+        raise missing(what, name, {*known, *kinds} if what == "service" else {g["name"] for g in context.groups()})
+    return found
+
+
+def _labelled(service: dict[str, Any], selector: str) -> bool:
+    """Whether a service has all labels of "key=value,key"."""
+    labels = service.get("labels") or {}
+    terms = (term.strip().partition("=") for term in selector.split(",") if term.strip())
+    return all(key in labels and (not equals or labels[key] == value) for key, equals, value in terms)
+
+
+def service_rows(services: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """(rows for people, the services)."""
+    now, full = time.time(), list(services)
+    rows = [
+        {
+            "name": s["service"],
+            "state": s["state"],
+            "sync": s["sync"],
+            "health": s["health"],
+            "restarts": s["crashes"],
+            "age": age(now - datetime.fromisoformat(s["started_at"]).timestamp()) if s["incarnation"] else "-",
+            "why": s["why"] or "-",
+            "priority": s["effective_priority"],
+            "container": s["container"][:12],
+            "message": s["message"],
+        }
+        for s in full
+    ]
+    return rows, full
+
+
+def age(seconds: float) -> str:
+    """A duration as kubectl shows it: 5s, 3m, 2h, 4d."""
+    whole = max(0, int(seconds))
+    size, unit = next(((size, unit) for size, unit in UNITS if whole >= size), (1, "s"))
+    return f"{whole // size}{unit}"

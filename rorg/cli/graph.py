@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.drawing import FORMS as DRAWN
 from rorg.cli.options import FORMS, Argument, Directory, Option, StateDirectory
-from rorg.cli.output import check_form, echo, print_rows
+from rorg.cli.output import echo, print_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 KINDS = ("services", "images")
 Graph = dict[str, Any]
-"""What the API answers: names, and `edges` with from and to."""
+"""The answer of the API: names, and `edges` with from and to."""
 
 
 def command(
@@ -26,7 +26,7 @@ def command(
     form: Annotated[
         str,
         Option(
-            "table, wide, name, yaml, json, dot, mermaid or svg.", names=("-o", "--output"), completes=(*FORMS, *DRAWN)
+            "table, wide, name, yaml, json, dot, mermaid or svg.", names=("-o", "--output"), choices=(*FORMS, *DRAWN)
         ),
     ] = "table",
     state_dir: StateDirectory = None,
@@ -37,7 +37,6 @@ def command(
     """
     from rorg.cli.context import Context
 
-    check_form(form, (*FORMS, *DRAWN))
     if what not in KINDS:
         if directory or not Path(what).exists():
             from rorg.cli.output import missing
@@ -49,7 +48,7 @@ def command(
 
 
 def _asked(context: Context, path: str, here: Callable[[Catalog], Graph]) -> Graph:
-    """That of the running rorg, unless it is about another directory."""
+    """The graph from the running rorg, unless it is about another directory."""
     client = None if context.directory else context.client()
     if client is None:
         return here(context.catalog())
@@ -83,10 +82,10 @@ def _text(graph: Graph) -> list[str]:
 
 
 def _drawn_services(graph: Graph, form: str) -> str:
-    """By needs alone they have levels: who requests whom can be a circle."""
+    """Levels come from needs alone, because requests may form a circle."""
     from rorg.cli.drawing import Arrow, Drawing, draw
 
-    objects = graph.get("objects", [])  # none from an rorg of before
+    objects = graph.get("objects", [])  # missing from an older rorg
     levels: Sequence[Sequence[str]] = [[*graph["services"], *objects]]
     if form == "svg":
         from rorg.images.graph import generations, hierarchy
@@ -130,8 +129,7 @@ def _images(context: Context, form: str) -> None:
 
 
 def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[str]:
-    """Each image under one of the level before its own, by its depth in the tree; where it stands on others too, it
-    says so."""
+    """The hierarchy as an indented list: each image below one of the previous level, with its other bases named."""
     level = {name: at for at, names in enumerate(levels) for name in names}
     under: dict[str, list[str]] = {}
     for name, bases in below.items():
@@ -149,7 +147,7 @@ def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[
 
 
 def _drawn_images(found: Graph, graph: Any, levels: Sequence[Sequence[str]], form: str) -> str:
-    """Without the arrows that a longer way says already."""
+    """Without the arrows that follow from longer paths."""
     from rorg.cli.drawing import Arrow, Drawing, draw
     from rorg.images.graph import reduced
 

@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory
-from rorg.cli.output import check_form, dump, echo, print_rows
+from rorg.cli.output import dump, echo, print_rows
 
 if TYPE_CHECKING:
-    from rorg.cli.records import Records
+    from rorg.cli.records import Kept, Served
 
 ACTIONS = ("list", "show", "diff", "export")
 TAKEN = {"list": (0, 0), "show": (1, 1), "diff": (1, 2), "export": (0, 0)}
-"""Words after an action: at least, at most."""
+"""Action -> least and most words after it."""
 FORMATS = ("jsonl", "protobuf")
 MOST = 1000
 
 
 def command(
     action: Annotated[
-        str, Argument("list, show REV, diff REV [REV] (default: the newest), or export.", completes=ACTIONS)
+        str, Argument("list, show REV, diff REV [REV] (default: the newest), or export.", choices=ACTIONS)
     ] = "list",
     revisions: Annotated[
         list[str], Argument("Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
@@ -28,7 +28,7 @@ def command(
     number: Annotated[
         int, Option("For list: how many of the newest.", names=("-n", "--number"), least=1, most=MOST)
     ] = 20,
-    format: Annotated[str, Option("For export: jsonl or protobuf.", completes=FORMATS)] = "jsonl",
+    format: Annotated[str, Option("For export: jsonl or protobuf.", choices=FORMATS)] = "jsonl",
     file: Annotated[
         Path | None, Option("For export: the file to write. Default: standard output.", completes=FILES, metavar="FILE")
     ] = None,
@@ -44,15 +44,10 @@ def command(
     from rorg.cli.records import records_of
     from rorg.errors import Invalid
 
-    check_form(output)
-    if action not in ACTIONS:
-        raise Invalid(f"do '{action}' with the history", "there is no such action", f"one of {', '.join(ACTIONS)}")
     least, most = TAKEN[action]
     if not least <= len(revisions) <= most:
         why = f"'{revisions[most]}' is one word too many" if len(revisions) > most else "no revision is named"
         raise Invalid(f"{action} the history", why, f"`rorg history {action}{' REV' * least}`")
-    if format not in FORMATS:
-        raise Invalid("export that", f"there is no format '{format}'", f"one of {', '.join(FORMATS)}")
     with records_of(Context(state_dir, None)) as records:
         if action == "list":
             _print(records.listed(number), output)
@@ -85,7 +80,7 @@ def _commit(revision: dict[str, Any]) -> str:
 
 
 def _show(found: dict[str, Any], output: str) -> None:
-    """In full."""
+    """Shows a revision in full."""
     from rorg.cli.output import table
     from rorg.cli.terminal import entry
 
@@ -121,7 +116,7 @@ def _show(found: dict[str, Any], output: str) -> None:
         echo("\n" + table(rows, columns))
 
 
-def _compare(records: Records, a: str, b: str, output: str) -> None:
+def _compare(records: Served | Kept, a: str, b: str, output: str) -> None:
     newest = records.listed(1) if not b else []
     found = records.compared(a, b or str(newest[0]["number"] if newest else 0))
     lines = [_change(change) for change in found["services"]]
@@ -137,8 +132,8 @@ def _change(change: dict[str, Any]) -> str:
     return printable(f"{sign} {change['service']}  {'; '.join(f['text'] for f in change['fields'])}".rstrip())
 
 
-def _export(records: Records, format: str, file: Path | None) -> None:
-    """Raises Invalid where the file cannot be written, and for what no terminal can show."""
+def _export(records: Served | Kept, format: str, file: Path | None) -> None:
+    """Raises Invalid if the file cannot be written, and Refused for a format that a terminal cannot show."""
     import sys
 
     from rorg.errors import Invalid, Refused

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory, Yes
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -22,11 +22,10 @@ def command(
     Example: rorg hold arm --for 10m --reason calibration
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import confirmed, operating
+    from rorg.cli.operations import confirmed, operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration, format_seconds
 
-    check_form(output)
     if not end and not duration:
         raise Invalid(f"hold {', '.join(services)}", "a hold needs a duration", "--for 10m")
     if end and duration:

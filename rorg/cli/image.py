@@ -14,7 +14,7 @@ from rorg.cli.options import (
     StateDirectory,
     Yes,
 )
-from rorg.cli.output import check_form, consent, missing, note, print_rows
+from rorg.cli.output import consent, missing, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -28,7 +28,7 @@ ACTIONS = ("list", "prune", "save", "load")
 
 
 def command(
-    action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", completes=ACTIONS)],
+    action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", choices=ACTIONS)],
     names: Annotated[list[str], Argument("A file, and images. Default: all that services use.")] = [],  # noqa: B006
     keep: Annotated[int | None, Option("For prune: number of revisions whose images stay.", least=1)] = None,
     dry_run: Annotated[bool, Option("For prune: only show what rorg would remove.")] = False,
@@ -46,9 +46,6 @@ def command(
     from rorg.cli.context import Context
     from rorg.errors import Invalid
 
-    check_form(output)
-    if action not in ACTIONS:
-        raise Invalid(f"do '{action}' with images", "there is no such action", f"one of {', '.join(ACTIONS)}")
     if action in ("save", "load") and not names:
         raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
     if action in ("list", "prune", "load") and len(names) > (action == "load"):
@@ -65,7 +62,7 @@ def command(
 
 
 class _Robot:
-    """What the actions look at."""
+    """What the actions work on."""
 
     def __init__(self, context: Context) -> None:
         from rorg.images.references import references_for

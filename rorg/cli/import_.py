@@ -15,7 +15,7 @@ SOURCES = ("compose", "systemd", "roslaunch")
 
 
 def command(
-    what: Annotated[str, Argument("compose, systemd or roslaunch.", completes=SOURCES)],
+    what: Annotated[str, Argument("compose, systemd or roslaunch.", choices=SOURCES)],
     files: Annotated[
         list[str],
         Argument(
@@ -38,19 +38,15 @@ def command(
     ] = [],  # noqa: B006
     output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
-    form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), completes=FORMS)] = "table",
+    form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), choices=FORMS)] = "table",
 ) -> None:
     """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
     something cannot be carried over, rorg lists all of it and writes nothing.
 
     Example: rorg import compose compose.yaml
     """
-    from rorg.cli.output import check_form
     from rorg.errors import Invalid
 
-    check_form(form)
-    if what not in SOURCES:
-        raise Invalid(f"import '{what}'", "there is no such source", f"one of {', '.join(SOURCES)}")
     named = [Path(path) for path in also]
     if what == "compose":
         imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named)
@@ -104,13 +100,13 @@ def _compose(
 
 
 def _repository(directory: Path) -> Path:
-    """The top of the repository that a directory is in; itself where it is in none."""
+    """The top directory of the repository that a directory is in; the directory itself without a repository."""
     return next((d for d in (directory, *directory.parents) if (d / ".git").exists()), directory)
 
 
 def _project_folder(path: Path) -> Path:
-    """What a project may read: the repository that a file or directory is in, else the package of ROS, else its own
-    directory. A home directory that is a repository is no project."""
+    """The directory that a project may read from: its repository, or its ROS package, or its own directory. A home
+    directory that is a repository is not a project."""
     home = Path(os.path.expanduser("~"))
     own = path.resolve() if path.is_dir() else path.resolve().parent
     around = [d for d in (own, *own.parents) if not home.is_relative_to(d)]
@@ -168,7 +164,7 @@ def _notes(imported: Imported, form: str) -> None:
 
 
 def _write(imported: Imported, output: Path, force: bool) -> None:
-    """All of it, or nothing where something is there already."""
+    """Writes all files, or none if one of them exists."""
     from rorg.errors import Invalid, Refused
     from rorg.importing.writing import there_already, write_tree
 
@@ -200,7 +196,7 @@ def _tell(imported: Imported, output: Path, form: str) -> None:
 
 
 def _whole(imported: Imported, output: Path | None) -> dict[str, Any]:
-    """For programs. Where nothing is written, `files` is empty."""
+    """Everything, for programs. If nothing is written, `files` is empty."""
     return {
         "files": sorted(str(output / path) for path in imported.texts) if output else [],
         "manifests": [{"kind": m.kind, "name": m.name, "file": m.path} for m in imported.manifests],

@@ -45,13 +45,13 @@ def command(
 
 
 def _place(path: Path) -> Path:
-    """Where a file of the template goes. Its own .gitignore would be one of this repository's."""
+    """The place of a file of the template, whose .gitignore has another name so that git does not obey it here."""
     place = path.relative_to(TEMPLATE)
     return place.with_name(".gitignore") if place.name == "gitignore" else place
 
 
 def _committed(directory: Path) -> str:
-    """Puts it into git, as whoever git knows; what became of that."""
+    """Commits it to git with the user's identity; a text about the result."""
     import subprocess
 
     def git(*words: str) -> bool:
@@ -65,5 +65,5 @@ def _committed(directory: Path) -> str:
             "commit", "--quiet", "--message", "A first robot", "--", "services", "schemas", "README.md", ".gitignore"
         )
         return ", in git" if done else "; commit it: `git commit -am 'A first robot'`"
-    except OSError:  # there is no git here; rorg goes without
+    except OSError:  # there is no git here; rorg works without it
         return ""

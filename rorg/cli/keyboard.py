@@ -1,5 +1,4 @@
-"""Keys of a terminal, one by one, without Enter. However the program ends, or is stopped for a while, the terminal is
-as it was before."""
+"""Reads single keys of a terminal, without Enter. The terminal is restored however the program ends or is suspended."""
 
 from __future__ import annotations
 
@@ -15,16 +14,16 @@ from types import FrameType, TracebackType
 from typing import Any
 
 SEQUENCES = {"\x1b[A": "up", "\x1b[B": "down", "\x1bOA": "up", "\x1bOB": "down"}
-"""What terminals send for arrows."""
+"""What terminals send for arrow keys."""
 ESCAPE = 0.05
-"""Seconds in which the rest of a sequence comes."""
+"""Seconds within which the rest of a sequence arrives."""
 CHUNK = 1024
-"""Bytes that are read at once."""
+"""Bytes that are read at a time."""
 
 
 class Keyboard:
-    """Keys of standard input. `leave` and `enter` are called around a stop by Ctrl-Z, and around `aside`: what else was
-    changed of the terminal is theirs to undo and to do again. SIGTERM ends the program by SystemExit."""
+    """Keys of standard input. `leave` and `enter` are called around a stop by Ctrl-Z and around `aside`, to undo and
+    redo other changes of the terminal. SIGTERM raises SystemExit."""
 
     def __init__(self, enter: Callable[[], None], leave: Callable[[], None]) -> None:
         self._enter, self._leave = enter, leave
@@ -52,17 +51,17 @@ class Keyboard:
                 signal.signal(number, handler)
 
     def key(self, seconds: float) -> str:
-        """The next key, as its letter or as up, down, enter, escape, backspace; empty where none comes in time. Raises
-        EOFError when the terminal is gone."""
+        """The next key: its letter, or up, down, enter, escape, backspace; empty if none comes in time. Raises EOFError
+        if the terminal is gone."""
         if not self._keys and self._comes(seconds):
             self._keys = list(self._read())
         return self._keys.pop(0) if self._keys else ""
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """The terminal is as before meanwhile, for another program, whom alone Ctrl-C ends."""
+        """Restores the terminal for another program in the block; Ctrl-C ends only that program."""
         self._give_back()
-        before = signal.signal(signal.SIGINT, lambda *_: None)  # ignored, it would be so in that program too
+        before = signal.signal(signal.SIGINT, lambda *_: None)  # not SIG_IGN, which that program would inherit
         try:
             yield
         finally:
@@ -105,7 +104,7 @@ class Keyboard:
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def _stop(self, *_: object) -> None:
-        """Ctrl-Z; it returns when the program goes on."""
+        """Handles Ctrl-Z; returns when the program continues."""
         self._give_back()
         os.kill(os.getpid(), signal.SIGSTOP)
         self._take()

@@ -1,4 +1,4 @@
-"""What commands compute themselves, where no running rorg answers."""
+"""What commands compute themselves if no running rorg answers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from rorg.store.state_dir import StateDir
 
 
 class Place(Protocol):
-    """Where a command looks: its Context."""
+    """What is looked at: a Context."""
 
     state: StateDir
 
@@ -50,13 +50,13 @@ class Place(Protocol):
 
 
 def decision(place: Place, catalog: Catalog) -> Decision:
-    """One pass without anything that could change the robot: observation, resolution, plan. Raises Unreachable."""
+    """One pass that changes nothing: observation, resolution, plan. Raises Unreachable."""
     images = references_for(place.engine_name, place.state.path).of(catalog).references
     return decision_for(place, desire(catalog, str(place.state.run), Contents().of(catalog, place.root), images))
 
 
 def decision_for(place: Place, desired: Desired) -> Decision:
-    """The same for what a tree declares, now or once."""
+    """The same for what a tree declares or declared."""
     engine = place.engine()
     objects = engine.find_objects(desired.keys) if isinstance(engine, Objects) else None
     containers = tuple(engine.list())
@@ -66,8 +66,8 @@ def decision_for(place: Place, desired: Desired) -> Decision:
 
 
 def glance(place: Place, catalog: Catalog) -> Decision:
-    """The same without probing: whether something is ready changes nothing of what may be asked for. Where the engine
-    does not answer nothing is known of what runs, as in a pass of the loop."""
+    """The same without probes, which do not affect what may be requested. If the engine does not answer, nothing is
+    known of what runs, as in a pass of the loop."""
     try:
         observed = Observed(tuple(place.engine().list()))
     except Unreachable as error:
@@ -76,10 +76,10 @@ def glance(place: Place, catalog: Catalog) -> Decision:
 
 
 def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
-    """What a pass decides, with the memory of the last rorg unless another one is given."""
+    """The decision of one pass, with the memory of the last rorg unless another one is given."""
     document = place.document()
     if memory is None:
-        # What the running rorg waits for, this one does too; all of one machine's clocks that are monotonic agree.
+        # This process waits for what the running rorg waits for; monotonic clocks are the same in all processes.
         running = place.published()
         memory = restore(running, time.monotonic()) if running else _remembered(place)
         memory = replace(memory, kept=read_kept(place.state.path))
@@ -105,7 +105,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
 
 
 def devices(place: Place, desired: Desired) -> dict[Device, Plugged]:
-    """What there is of the devices of drivers."""
+    """The state of the devices of drivers."""
     if not desired.devices:
         return {}
     return look(desired.devices) if place.engine().local else elsewhere(desired.devices)
@@ -118,7 +118,7 @@ def _remembered(place: Place) -> Memory:
 
 
 def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
-    """What is ready, found by one look at each: this process has seen nothing run yet."""
+    """The memory with what is ready now, by asking each probe once: this process has not seen anything become ready."""
     progress = dict(first.situation.memory.progress)
     containers = first.situation.observed.by_service()
     ask = ProbeRunner(place.engine(), lambda name: next(iter(containers.get(name, [])), None))

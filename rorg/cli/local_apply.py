@@ -1,4 +1,4 @@
-"""`rorg apply` where no rorg runs: the loop runs here until there is nothing left to do, or nothing that helps."""
+"""`rorg apply` if no rorg runs: the loop runs here until there is nothing left to do, or waiting is hopeless."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from rorg.model.codes import BAKING
 from rorg.model.units import counted
 
 BULK = 8
-"""Engine calls at once: no rorg serves, so nobody can request anything meanwhile that would have to wait for them."""
+"""Parallel engine calls: no rorg serves, so they cannot delay a request."""
 
 
 def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float) -> None:
-    """Does what is to be done. `first` is what was decided for the plan that was shown: where that has nothing to do,
-    neither tree nor engine are looked at again. Raises NotReady."""
+    """Carries out the plan. `first` is the decision of the plan that was shown; if it has nothing to do, the tree and
+    the engine are not looked at again. Raises NotReady."""
     last, timed_out = first, False
     if not (first.plan.empty and _good_or_bad(first)):
         last, timed_out = _run(context, tree, first, timeout)
@@ -46,7 +46,7 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
 
 
 def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple[Decision, bool]:
-    """Runs the loop; the last decision, and whether the time was over before all was done."""
+    """Runs the loop: (the last decision, whether the time ran out)."""
     from rorg.daemon.wiring import loop_over
 
     loop = loop_over(tree, context.state, context.engine(), lambda line: note(entry("  ", line)))
@@ -64,7 +64,7 @@ def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple
     good_since: list[float] = []
 
     def finished(decision: Decision) -> bool:
-        """Bad, or good; for SETTLED seconds on end where something began."""
+        """True if it is hopeless, or good; good for SETTLED seconds if something has just begun."""
         good = _good_or_bad(decision) if loop.tree.loaded else None
         if good is None:
             good_since.clear()
@@ -82,7 +82,7 @@ def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple
 
 
 def _on_trust(decision: Decision, before: set[str]) -> bool:
-    """Whether something has begun since `before` of which only its running says that it is well."""
+    """Whether something has begun since `before` that has no probe to say whether it is well."""
     services, memory = decision.situation.desired.catalog.services, decision.situation.memory
     return any(
         c.alive
@@ -94,8 +94,8 @@ def _on_trust(decision: Decision, before: set[str]) -> bool:
 
 
 def _good_or_bad(decision: Decision) -> bool | None:
-    """Whether all is done that can be; None while something goes on. What only takes its time is waited for, and what
-    may never be done is not."""
+    """True if everything possible is done, False if something failed, None while something goes on. Actions that only
+    take time are waited for; those that may never happen are not."""
     if decision.memory.in_flight or decision.plan.actions:
         return None
     view = snapshot(decision, {})
@@ -108,7 +108,7 @@ def _good_or_bad(decision: Decision) -> bool | None:
 
 
 def _all_but_baked(decision: Decision) -> bool:
-    """Whether nothing goes on but to see how new containers do."""
+    """Whether only the bake of new containers goes on."""
     waits = any(w.goes_on and w.code != BAKING for w in decision.plan.waitings)
     return not (decision.memory.in_flight or decision.plan.actions or waits)
 

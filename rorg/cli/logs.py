@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rorg.cli.context import Context
 
 AGAIN = 0.3
-"""Seconds until a rorg that does not answer is asked again, when following."""
+"""Seconds until the next attempt, when following and rorg does not answer."""
 
 
 def command(
@@ -24,7 +24,7 @@ def command(
     tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
     since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
     timestamps: Annotated[bool, Option("Show when each line was printed.", names=("-t", "--timestamps"))] = False,
-    output: Annotated[str, Option("table or json.", names=("-o", "--output"), completes=("table", "json"))] = "table",
+    output: Annotated[str, Option("table or json.", names=("-o", "--output"), choices=("table", "json"))] = "table",
     state_dir: StateDirectory = None,
     engine: EngineName = None,
 ) -> None:
@@ -34,9 +34,7 @@ def command(
     Example: rorg logs navigation localization -f --since 10m
     """
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form
 
-    check_form(output, ("table", "json"))
     context = Context(state_dir, engine)
     names, asked = list(dict.fromkeys(services)), {"follow": follow, "tail": tail, "since": since or None}
     client = context.client()
@@ -55,7 +53,7 @@ def command(
 
 
 def _show(entry: dict[str, Any], shown: Lines | None) -> None:
-    """One of LogView."""
+    """Shows one LogView."""
     from rorg.cli.output import as_json, echo, note
 
     if "error" in entry:
@@ -72,7 +70,7 @@ def _members(client: Client, name: str) -> Sequence[str]:
 
 
 def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """By the running rorg; when following, also by the next one, from where the last has come to."""
+    """Lines from the running rorg; when following, also from the next one, without gaps."""
     import time
 
     from rorg_client import Error, Unreachable, calls
@@ -104,7 +102,7 @@ def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iter
 
 
 def _here(context: Context, names: Sequence[str], asked: dict[str, Any]) -> tuple[set[str], Iterator[dict[str, Any]]]:
-    """By this process, where no rorg runs: (services, lines)."""
+    """(services, lines) read by this process, if no rorg runs."""
     from rorg.api.logs import asked_for, has_log
     from rorg.cli.output import missing
     from rorg.core.observed import Container, Observed
@@ -146,8 +144,8 @@ def _read(engine: Any, find: Any, asked: Any) -> Iterator[dict[str, Any]]:
 
 
 class Lines:
-    """Lines as people read them: of several services each with its name in front. Of one, a program or a file gets
-    them as they are; a terminal gets lines and colours, and obeys nothing else."""
+    """Prints lines for people: with several services, each has its name in front. Of one service, a pipe or file gets
+    the bytes unchanged; a terminal gets only lines and colours."""
 
     def __init__(self, services: Sequence[str], timestamps: bool) -> None:
         from rorg.cli.terminal import LogText
@@ -162,10 +160,10 @@ class Lines:
         }
         self.texts = {name: LogText() for name in services} if self.terminal else {}
         self.last = ("", True)
-        """Whose line was shown last, and whether it has ended."""
+        """(service of the last line, whether the line has ended)."""
 
     def show(self, entry: dict[str, Any]) -> None:
-        """A line; it goes on with the last one where that has not ended and is of the same service."""
+        """Prints a line, or the rest of the last line if that has not ended and is of the same service."""
         name, text = entry["service"], entry["text"].encode("utf-8", errors="surrogateescape")
         before, ended = self.last
         head = b"" if ended or not self.heads else b"\n"
@@ -180,7 +178,7 @@ class Lines:
         _write([head, text])
 
     def end(self) -> None:
-        """Takes colours back, and ends the last line where more than one service was shown."""
+        """Resets colours, and ends the last line if several services were shown."""
         rest = [log.text(b"", end=True).encode() for log in self.texts.values()][:1]
         _write([*rest, b"" if self.last[1] or not self.heads else b"\n"])
 

@@ -1,4 +1,4 @@
-"""The `rorg` command: who reads its line, and where errors become messages and exit codes."""
+"""The `rorg` command: runs a line, and turns errors into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import gc
 import os
 import sys
-from typing import Any
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.errors import Exit, RorgError
@@ -20,16 +19,7 @@ CLIENT_CODES = {
     "too-many-requests": Exit.UNREACHABLE,
     "internal": Exit.INTERNAL,
 }
-"""What the API answers, as exit codes."""
-
-
-def __getattr__(name: str) -> Any:
-    """`app` is the whole command line for typer, which is imported where it is needed."""
-    if name == "app":
-        from rorg.cli.app import app
-
-        return app
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+"""Code of an API error -> exit code."""
 
 
 def run() -> None:
@@ -55,37 +45,46 @@ def run() -> None:
         )
         sys.exit(int(Exit.INTERNAL))
     finally:
-        gc.freeze()  # the interpreter's last searches for garbage cost a tenth of a short command, and find nothing
+        gc.freeze()  # the interpreter's last garbage collections take a tenth of a short command, and find nothing
 
 
 def _command(words: list[str]) -> None:
-    """Runs what the line says: read here where it is plain, else by typer."""
-    if words and words[0] in (*COMMANDS, *ALIASES):
-        from rorg.cli import plain, signature
+    """Runs a line: `rorg help X` is `rorg X --help`."""
+    name, *rest = words or ["help"]
+    if name in ("--version", "version"):
+        from rorg import __version__
 
-        command = command_of(words[0])
-        values = plain.read(signature.parameters(command), words[1:], os.environ)
-        if values is not None:
-            signature.call(command, values)
-            return
-    elif words and not words[0].startswith("-"):
-        from rorg.cli.usage import unknown_command
+        print(f"rorg {__version__}")
+    elif name in ("-h", "--help") or (name == "help" and not rest):
+        from rorg.cli.help import help_of_rorg
 
-        raise unknown_command(words[0])
-    from rorg.cli.app import run_typed
+        print(help_of_rorg())
+    elif name == "help":
+        _command([rest[0], "--help"])
+    elif name not in (*COMMANDS, *ALIASES):
+        from rorg.cli.usage import unknown
 
-    run_typed(words)
+        raise unknown(name)
+    elif {"-h", "--help"} & set(rest[: rest.index("--")] if "--" in rest else rest):
+        from rorg.cli.help import help_of
+
+        print(help_of(name))
+    else:
+        from rorg.cli import command_line, signature
+
+        command = command_of(name)
+        signature.call(command, command_line.read(name, signature.parameters(command), rest, os.environ))
 
 
 def _complete(words: list[str]) -> None:
-    """Says to a shell what may stand for the last word of a line."""
-    from rorg.cli.completing import answer
+    """Prints the completions of the last word of a line, for a shell."""
+    from rorg.cli.completions import answer
 
     print(answer(os.environ["_RORG_COMPLETE"], words))
 
 
 def _complain(text: str) -> None:
-    """Says it, if anybody still listens; the exit code tells it anyway."""
+    """Prints an error if anyone reads it; the exit code says it anyway."""
     from rorg.cli.terminal import lines
 
     with contextlib.suppress(OSError):
@@ -93,8 +92,8 @@ def _complain(text: str) -> None:
 
 
 def _told_by_the_api(error: Exception) -> None:
-    """Ends with the message of an error that the running rorg answered. The client is only looked for where a command
-    has imported it: that costs 20 ms."""
+    """Ends with the message of an error that the running rorg answered. Importing the client takes 20 ms, so it is only
+    looked at if a command has imported it."""
     client = sys.modules.get("rorg_client")
     if client and isinstance(error, client.Error):
         from rorg.cli.terminal import entry

@@ -1,5 +1,5 @@
-"""Arguments and options of commands, as plain values: `cli/plain.py` reads simple command lines by them, and
-`cli/app.py` makes typer's parameters of them where help, errors or anything unusual is needed."""
+"""The arguments and options of commands, as plain values: command_line.py reads a line by them, help.py shows help, and
+completions.py completes words."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from rorg.model.engines import ENGINES
 FORMS = ("table", "wide", "name", "yaml", "json")
 """Of output."""
 SERVICES, GROUPS, REQUESTS = "services", "groups", "requests"
-"""What completes a word: names of services and groups; of groups; ids of requests that can be released. Kinds of
-manifests do too, such as images."""
+"""Completions of names: of services and groups; of groups; of requests that can be released. Kinds of manifests, such
+as images, are completions too."""
 NAMES_OF_KIND = "names of kind"
-"""Names of the kind that the first argument says."""
+"""Names of the kind that is the first argument."""
 FILES, DIRECTORIES = ":files", ":directories"
-"""Of the shell."""
+"""Completed by the shell."""
 
 
 class Argument(NamedTuple):
-    """A word of the command line that has no name."""
+    """A word of the command line without a name."""
 
     help: str
     show_default: bool = True
     completes: str | tuple[str, ...] = ()
     """What a shell offers for it: words, or one of the constants above."""
+    choices: tuple[str, ...] = ()
+    """The only words that it takes; a shell offers them."""
     rest: bool = False
-    """All words after `--`, as they are."""
+    """It takes all words after `--`, unchanged."""
 
 
 class Option(NamedTuple):
@@ -42,15 +44,19 @@ class Option(NamedTuple):
     metavar: str | None = None
     """Name of its value in the help. Default: DURATION or TIME, if that is what it parses."""
     parser: Callable[[str], Any] | None = None
-    """Makes its value of its text; raises ValueError."""
+    """Makes the value from its text. Raises ValueError."""
     least: float | None = None
     most: float | None = None
     completes: str | tuple[str, ...] = ()
-    """What a shell offers for its value, as of an argument."""
+    choices: tuple[str, ...] = ()
+    """As of an argument, for the value."""
 
     def read(self, text: str) -> Any:
-        """The value of its text, by its parser. Raises ValueError."""
-        value: Any = self.parser(text) if self.parser else text
+        """The value of a text, by the parser. Raises ValueError."""
+        return self.within(self.parser(text) if self.parser else text, text)
+
+    def within(self, value: Any, text: str) -> Any:
+        """The value, if it is within the limits. Raises ValueError."""
         if self.least is not None and value < self.least:
             raise ValueError(f"{text} is too little; {self.least:g} at the least")
         if self.most is not None and value > self.most:
@@ -75,7 +81,7 @@ def moment(text: str) -> str:
 
 
 def words(text: str) -> list[str]:
-    """Of a list with commas."""
+    """The words of a list with commas."""
     return [word for part in text.split(",") if (word := part.strip())]
 
 
@@ -88,7 +94,7 @@ DIRECTORY = Argument(
 Directory = Annotated[Path | None, DIRECTORY]
 MANIFESTS = Option("Directory of manifests.", names=("--manifests",), parser=str, completes=DIRECTORIES)
 ManifestsDirectory = Annotated[Any, MANIFESTS]
-"""The same where a word without a name is something else."""
+"""For commands whose first argument is something else."""
 ROBOT = Option(
     "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, else the "
     "name of this machine if a robot has it, else none.",
@@ -96,7 +102,7 @@ ROBOT = Option(
     show_default=False,
     metavar="NAME",
 )
-"""What every command has that takes a directory of manifests."""
+"""Every command that takes a directory of manifests has it."""
 STATE_DIR = Option(
     "State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for "
     "others ~/.local/state/rorg.",
@@ -112,11 +118,11 @@ SOCKET = Option(
     metavar="PATH",
     completes=FILES,
 )
-"""What every command has that takes a StateDirectory."""
+"""Every command with StateDirectory has it."""
 StateDirectory = Annotated[Path | None, STATE_DIR]
-"""Of a command that talks to the running rorg where there is one: it has `--socket` too."""
+"""For commands that call the running rorg: they also have `--socket`."""
 OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.help.replace("the robot", "this robot"))]
-"""Of a command that does not."""
+"""For commands that do not."""
 EngineName = Annotated[
     str | None,
     Option(
@@ -124,10 +130,10 @@ EngineName = Annotated[
         names=("--engine",),
         envvar="RORG_ENGINE",
         show_default=False,
-        completes=ENGINES,
+        choices=ENGINES,
     ),
 ]
-Output = Annotated[str, Option("table, wide, name, yaml or json.", names=("-o", "--output"), completes=FORMS)]
+Output = Annotated[str, Option("table, wide, name, yaml or json.", names=("-o", "--output"), choices=FORMS)]
 Yes = Annotated[bool, Option("Do not ask.", names=("--yes", "-y"))]
 Wait = Annotated[bool, Option("Return when everything is ready; exit 4 if that fails.", names=("--wait",))]
 Timeout = Annotated[float, Option("Longest time to wait: 10s, 5m.", names=("--timeout",), parser=duration)]

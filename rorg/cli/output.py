@@ -1,4 +1,5 @@
-"""The forms of output: tables for people, plain when piped; names, YAML and JSON for programs."""
+"""The forms of output: tables for people, plain when piped; names, YAML and JSON for programs. Also notices for people
+on standard error."""
 
 from __future__ import annotations
 
@@ -6,38 +7,31 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
-from rorg.cli.options import FORMS
-from rorg.cli.terminal import lines, printable, shown
+from rorg.cli.terminal import entry, lines, printable, shown
 from rorg.errors import Invalid, Refused
 
 
-def check_form(form: str, allowed: Sequence[str] = FORMS) -> None:
-    """Raises Invalid for an output format that there is not."""
-    if form not in allowed:
-        raise Invalid("print that", f"unknown output format '{form}'", "one of " + ", ".join(allowed))
-
-
 def echo(text: Any, end: str = "\n") -> None:
-    """Data: to standard output, at once, in lines that can be shown."""
+    """Prints data to standard output, escaped for terminals, and flushes it."""
     write(lines(text), end)
 
 
 def write(text: str, end: str = "\n") -> None:
-    """What rorg has made itself, and may have colours."""
+    """Prints text that rorg made itself, which may have colours."""
     print(text, end=end, flush=True)
 
 
 def nobody_reads() -> NoReturn:
-    """Ends well: whoever read has seen enough, as `head` does."""
+    """Exits with 0: the reader has seen enough, as `head` does."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(0)
 
 
 def end_with_reader() -> None:
-    """From now on the process ends well as soon as nobody reads its output any more, though it prints nothing."""
+    """From now on the process exits as soon as nobody reads its output, even if it prints nothing."""
     import select
     import threading
 
@@ -51,19 +45,19 @@ def end_with_reader() -> None:
 
 
 def note(text: str) -> None:
-    """For people; data alone goes to standard output. That nobody reads it ends nothing."""
+    """Prints a text for people to standard error; a closed standard error is ignored."""
     with contextlib.suppress(OSError):
         print(lines(text), file=sys.stderr, flush=True)
 
 
 def confirm(question: str) -> bool:
-    """Asks the person at the terminal; no answer is a no."""
+    """Asks the person at the terminal; no answer means no."""
     print(f"{printable(question)} [y/N]: ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def consent(what: str, question: str, why: str = "it needs confirmation") -> None:
-    """Asks the person at the terminal whether `what` is to be done. Raises Refused for a no, and without a terminal."""
+    """Asks the person at the terminal whether to do `what`. Raises Refused for a no, and without a terminal."""
     if not sys.stdin.isatty():
         raise Refused(what, f"{why}, and there is no terminal", "--yes")
     if not confirm(question):
@@ -71,7 +65,7 @@ def consent(what: str, question: str, why: str = "it needs confirmation") -> Non
 
 
 def dump(value: Any, form: str) -> None:
-    """JSON or YAML. Both have escapes of their own for what cannot be shown."""
+    """Prints JSON or YAML, which escape special characters themselves."""
     value = shown(value)
     if form == "json":
         write(as_json(value, 2))
@@ -82,18 +76,18 @@ def dump(value: Any, form: str) -> None:
 
 
 def as_json(value: Any, indent: int | None = None) -> str:
-    """JSON in ASCII; it is the same with DEL escaped."""
+    """JSON in ASCII, with DEL escaped too."""
     return json.dumps(value, indent=indent).replace("\x7f", "\\u007f")
 
 
 def cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
-    """(lines of cells, the head first; the width of each column)."""
+    """(rows of cells, the head first; the width of each column)."""
     found = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
     return found, [max(_width(line[i]) for line in found) for i in range(len(columns))]
 
 
 def _width(text: str) -> int:
-    """Columns of a terminal."""
+    """Columns on a terminal."""
     if text.isascii():
         return len(text)
     from unicodedata import combining, east_asian_width
@@ -106,7 +100,7 @@ def _padded(text: str, width: int) -> str:
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
-    """A plain table: upper-case heads, columns as wide as needed."""
+    """A plain table: heads in upper case, columns as wide as needed."""
     found, widths = cells(rows, columns)
     return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in found)
 
@@ -132,8 +126,8 @@ def coloured_table(
     below: Sequence[str] = (),
     colours: bool = True,
 ) -> str:
-    """The same with colours, for a terminal of `width` columns. Where it does not fit, the last of the columns that may
-    go `below` go there, each to a line of its own under its row. Nothing is ever cut."""
+    """The same with colours, for a terminal of `width` columns. If it does not fit, columns in `below` move to lines of
+    their own under each row, the last one first. Nothing is ever cut."""
     beside, under = list(columns), list[str]()
     found, widths = cells(rows, beside)
     while sum(widths) + 2 * (len(widths) - 1) > width and (movable := [c for c in beside if c in below]):
@@ -155,7 +149,7 @@ def _styled(text: str, style: str) -> str:
 
 
 def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title: str = "") -> Any:
-    """The same for any terminal: a narrow one, or one that takes no colours."""
+    """The same as a rich table, for the live view of the demo."""
     from rich.table import Table
     from rich.text import Text
 
@@ -177,10 +171,9 @@ def print_rows(
     below: Sequence[str] = (),
     text: str | None = None,
 ) -> None:
-    """Rows in any form. `full` is what YAML and JSON show instead of the rows; `text` is what people read instead of
-    the table, such as what was done; `below`: columns that a terminal that is too narrow shows in lines of their own.
-    The first column is the name."""
-    check_form(form)
+    """Prints rows in any form. `full`: what YAML and JSON show instead of the rows; `text`: what people read instead of
+    the table, such as the result of an action; `below`: columns that a narrow terminal shows in lines of their own. The
+    first column is the name."""
     shown = columns_of(form, columns, wide)
     if form in ("json", "yaml"):
         dump(rows if full is None else full, form)
@@ -197,12 +190,12 @@ def print_rows(
 
 
 def columns_of(form: str, columns: Sequence[str], wide: Sequence[str]) -> list[str]:
-    """Those that a form shows."""
+    """The columns of a form."""
     return [*columns, *(wide if form == "wide" else ())]
 
 
 def screen_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], below: Sequence[str]) -> str:
-    """For the terminal that this is."""
+    """The table for this terminal."""
     colours = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
     return coloured_table(rows, columns, _terminal_width(), below, colours)
 
@@ -215,8 +208,55 @@ def _terminal_width() -> int:
 
 
 def missing(what: str, name: str, known: Any) -> Invalid:
-    """The error for a name that is not there."""
+    """The error for an unknown name."""
     from rorg.model.diagnostics import nearest
 
     remedy = nearest(name, known) or "`rorg get` for all names"
     return Invalid(f"find the {what} '{printable(name)}'", f"no such {what}", remedy)
+
+
+class Notices:
+    """What a command prints on standard error above its answer, each line once: what is not in force, and who does not
+    answer. Standard output stays pure data."""
+
+    def __init__(self) -> None:
+        self.quiet = False
+        """Print nothing, because a shell completes a line."""
+        self._said: set[str] = set()
+
+    def say(self, text: str) -> None:
+        """Prints a notice, unless it was printed before."""
+        if not self.quiet and text not in self._said:
+            self._said.add(text)
+            note(entry("", text))
+
+    def of(self, view: dict[str, Any], silent: bool) -> None:
+        """Prints what a reader of this status must know. `silent`: it was already noted that the engine does not
+        answer."""
+        for text in _of(view, silent):
+            self.say(text)
+
+    def of_standing(self, view: dict[str, Any]) -> None:
+        """Notes that the manifests are still baking. Only for listings of services, because every change causes it for
+        some seconds."""
+        standing = view.get("tree", {}).get("standing") or {}
+        if standing.get("code") == "baking":
+            self.say(f"manifests are baking: {standing['reason']}")
+
+
+def _of(view: dict[str, Any], silent: bool) -> Iterator[str]:
+    engine, tree = view.get("engine", {}), view.get("tree", {})
+    if not (engine.get("complete", True) or silent) and view.get("pid"):
+        yield f"{engine.get('error') or 'the engine has not said yet what runs'}; states may be old"
+    if errors := tree.get("errors"):
+        from rorg.model.units import counted
+
+        kept = "the last good ones are in force" if tree.get("fingerprint") else "none are in force yet"
+        yield f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"
+    if error := (tree.get("git") or {}).get("error"):
+        yield f"git: {error}"
+    yield from view.get("requests_errors") or []
+    if view.get("suspended"):
+        yield f"rorg is {view['suspended']}"
+    if view.get("down") == "down":
+        yield "the robot is down; try `rorg up`"

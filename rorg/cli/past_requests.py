@@ -1,5 +1,5 @@
-"""What people had requested at a time, and what leads back to that. What has a lease is left to who renews it, and what
-a service asks for is its own."""
+"""What people had requested at an earlier time, and the changes that restore that. Requests with a lease are left to
+whoever renews them, and those of services to the services."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.cli.context import Context
-from rorg.cli.operating import operating
+from rorg.cli.operations import operating
 from rorg.cli.terminal import printable
 from rorg.errors import Refused
 from rorg.history.database import reading
@@ -19,7 +19,7 @@ Key = tuple[str, str]
 
 
 class EarlierRequests:
-    """Those of meta-services, at a time (ISO 8601 in UTC)."""
+    """The requests of meta-services at a time (ISO 8601 in UTC)."""
 
     def __init__(self, context: Context, root: Path, at: str) -> None:
         self.context, self.root = context, root
@@ -31,7 +31,7 @@ class EarlierRequests:
 
     @cached_property
     def _now(self) -> dict[Key, Request]:
-        """Those of the same requesters, as they are now."""
+        """The current requests of the same requesters."""
         catalog = load(self.root).catalog
         metas = {name for name, service in catalog.services.items() if service.meta} if catalog else set()
         known = {DEVELOPER, *metas, *(requester for requester, _ in self.then)}
@@ -51,7 +51,7 @@ class EarlierRequests:
         return [printable(f"{sign} request '{r.id}' of {r.requester}: {', '.join(r.services)}") for sign, r in found]
 
     def restore(self) -> None:
-        """Releases and requests, by whoever does so for this robot."""
+        """Requests and releases, through the running rorg or without one."""
         if not self.lines():
             return
         robot = operating(self.context)

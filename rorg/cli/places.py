@@ -1,33 +1,42 @@
-"""Where commands look for the robot: a socket that is named, a state directory, the machine's robot, the user's own."""
+"""Where commands find the robot: a given socket or state directory, the machine's robot, or the user's own. And the
+first call to a running rorg: does it answer?
+
+Every command makes that call first, with a deadline, so that no one waits for an rorg that is stuck. A socket file
+proves nothing: it remains after `kill -9`, and connecting is refused.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import socket
+import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rorg.cli.handshake import is_stale
 from rorg.errors import Refused, Unreachable
 from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
+
+if TYPE_CHECKING:
+    from rorg_client import Client
 
 NAME = "rorg.sock"
 
 
 class Place(NamedTuple):
-    """`remote` is where rorg is when that is all that is known of it, or may be: a socket, or an address. The state
-    directory is that of this robot where it is empty, else one that may be no robot's."""
+    """`remote` is a socket or an address, if only that is known of rorg; otherwise it is empty. `state` is then the
+    robot's state directory; with `remote` it may belong to no robot."""
 
     remote: str
     state: StateDir
 
     @property
     def elsewhere(self) -> bool:
-        """On another machine, or it may be."""
+        """Whether rorg is, or may be, on another machine."""
         return "://" in self.remote
 
     def too_far(self, what: str) -> Refused:
-        """For what is only done where all of the robot can be seen."""
+        """The error for what needs more than the API."""
         if self.elsewhere:
             why = f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs"
             return Refused(what, why, "it there, or unsetting RORG_ADDRESS")
@@ -36,9 +45,9 @@ class Place(NamedTuple):
 
 
 def find(state_dir: Path | None, own: bool = False) -> Place:
-    """What a line names comes before the environment: --socket (which `signature.call` puts there) or --state-dir, then
-    RORG_SOCKET, RORG_ADDRESS, RORG_STATE_DIR. Where nothing is named: the user's own rorg while it runs, else
-    the machine's where it has a socket, else the user's state directory. `own`: a state directory, whoever runs."""
+    """Finds the robot. Options come before the environment: --socket (which `signature.call` puts into RORG_SOCKET) or
+    --state-dir, then RORG_SOCKET, RORG_ADDRESS, RORG_STATE_DIR. Without any: the user's own rorg while it runs, or the
+    machine's if it has a socket, or the user's state directory. `own`: always a state directory."""
     named = state_dir or (Path(given) if (given := os.environ.get("RORG_STATE_DIR")) else None)
     remote = os.environ.get("RORG_SOCKET") or os.environ.get("RORG_ADDRESS") or ""
     state = StateDir(named or default_state_dir())
@@ -55,8 +64,8 @@ def find(state_dir: Path | None, own: bool = False) -> Place:
 
 
 def _left_by(path: str, state: StateDir) -> StateDir | None:
-    """The state directory of the rorg that served at a socket and was killed; None where one serves, or it is not known
-    which it was."""
+    """The state directory of the rorg that was killed and left this socket; None if one serves there, or its directory
+    is unknown."""
     if "://" in path or not os.path.exists(path) or not is_stale(path):
         return None
     folder = Path(path).absolute().parent
@@ -65,8 +74,7 @@ def _left_by(path: str, state: StateDir) -> StateDir | None:
 
 
 def may_connect(path: str) -> None:
-    """Raises Refused where this user may not talk to the rorg at a socket. Whether any answers is found out by who
-    asks."""
+    """Raises Refused if this user may not connect to a socket. Whether anything answers there is checked later."""
     probe = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         probe.settimeout(1.0)
@@ -101,9 +109,76 @@ def _group_of(number: int) -> str:
 
 
 def nobody(what: str, state: StateDir) -> Unreachable:
-    """Where a running rorg is needed, and there is none."""
+    """The error if a running rorg is needed and there is none."""
     if not state.readable:
         why = f"you may not look into {state.path}, and nothing serves at {state.run / NAME}"
         return Unreachable(what, why, "as root, or another one with --socket or --state-dir")
     why = f"no rorg runs on {state.path}"
     return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")
+
+
+ANSWER = 2.0
+"""Seconds within which a working rorg answers, however busy it is."""
+
+
+def handshake(client: Client) -> dict[str, Any]:
+    """What rorg answers about its engine (EngineView); empty if it cannot be reached: the next call tries for longer.
+    Raises Unreachable if an rorg is there and does not answer."""
+    from rorg_client.connection import Connection
+    from rorg_client.wire import asking, reading
+
+    connection = None
+    try:
+        connection = Connection(client.address, ANSWER)
+        connection.send(asking("GET", "/v1/engine", None, {}), ANSWER)
+        answer = connection.drive(reading())
+        found = json.loads(answer.body) if answer.status == 200 else {}
+    except TimeoutError as error:
+        raise _silent(str(client.address), connection.socket if connection else None) from error
+    except (OSError, ValueError):
+        return {}
+    finally:
+        if connection:
+            connection.close()
+    return found if isinstance(found, dict) else {}
+
+
+def is_stale(path: str) -> bool:
+    """Whether nothing listens at a socket: it is missing, or its process is gone."""
+    if not os.path.exists(path):
+        return True
+    probe = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        probe.setblocking(False)
+        probe.connect(path)
+    except (ConnectionRefusedError, FileNotFoundError):
+        return True
+    except OSError:
+        return False
+    finally:
+        probe.close()
+    return False
+
+
+def _silent(where: str, connection: socket.socket | None) -> Unreachable:
+    pid = _pid(connection)
+    who = f"rorg (pid {pid}) has not answered" if pid else "it has not answered"
+    if pid and _stopped(pid):
+        return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s: it is stopped", f"`kill -CONT {pid}`")
+    return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s", "`rorg doctor`, or starting it again")
+
+
+def _pid(connection: socket.socket | None) -> int:
+    """The pid of the process that listens at the other end; 0 if unknown."""
+    if connection is None or connection.family != socket.AF_UNIX:
+        return 0
+    told = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    return int(struct.unpack("3i", told)[0])
+
+
+def _stopped(pid: int) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:
+            return file.read().rpartition(b")")[2].split()[0] in (b"T", b"t")
+    except (OSError, IndexError):
+        return False

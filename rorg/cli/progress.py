@@ -1,4 +1,5 @@
-"""What is waited for, on a terminal: a few lines of standard error, rewritten in place, and taken away at the end."""
+"""Shows on a terminal what is being waited for: a few lines on standard error, rewritten in place and erased at the
+end."""
 
 from __future__ import annotations
 
@@ -17,16 +18,16 @@ if TYPE_CHECKING:
     from rorg_client import Client
 
 QUIET = 0.4
-"""Seconds before anything is shown: most waits are over by then."""
+"""Seconds before anything is shown: most waits are shorter."""
 PAUSE = 1.0
-"""Seconds between two looks: each costs rorg time that it needs for what is waited for."""
+"""Seconds between two looks: each takes time that rorg needs for what is waited for."""
 ANSWER = 2.0
 MOST = 8
 """Services that are shown."""
 
 
 class Progress:
-    """A context manager; it asks in a thread of its own."""
+    """A context manager that looks from its own thread."""
 
     def __init__(self, client: Client, names: list[str]) -> None:
         self.client, self.names = client.like(ANSWER, 0.0), names
@@ -37,7 +38,7 @@ class Progress:
         threading.Thread(target=self._run, name="rorg-progress", daemon=True).start()
 
     def __exit__(self, *_: object) -> None:
-        with self._guard:  # whatever it is about to show, it does not
+        with self._guard:  # so that nothing is drawn after this
             self._over.set()
             self._erase()
 
@@ -50,7 +51,7 @@ class Progress:
                 asked = asked or list(self.client.readiness(*self.names))
                 view = self.client.status()
             except Error:
-                continue  # whoever waits says what is wrong
+                continue  # the waiting call reports it
             self._draw(waiting(view, asked, time.monotonic() - self.begun))
         self.client.close()
 
@@ -68,7 +69,7 @@ class Progress:
             self._drawn = len(lines)
 
     def _erase(self) -> None:
-        """Takes away what was drawn last, from its first line on."""
+        """Erases what was drawn last."""
         if self._drawn:
             sys.stderr.write(f"\033[{self._drawn}A\r\033[J")
             sys.stderr.flush()
@@ -76,7 +77,7 @@ class Progress:
 
 
 def waiting(view: dict[str, Any], names: list[str], seconds: float) -> list[str]:
-    """Who waits for whom, of these services and all that they need, as the running rorg shows them."""
+    """The services that are not ready, of these names, and what they wait for."""
     late = [text for name in names if (text := unready(view, [name]))]
     more = [f"  and {len(late) - MOST} more"] if len(late) > MOST else []
     head = f"{len(names) - len(late)} of {len(names)} ready, {seconds:.0f} s"

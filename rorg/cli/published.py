@@ -1,4 +1,4 @@
-"""Reading what a rorg publishes: which services are ready, and what keeps the others from it."""
+"""Reads the status that an rorg publishes: which services are ready, and why others are not."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Any
 from rorg.model.codes import BLOCKED, NO_IMAGE
 
 SETTLED = 0.5
-"""Seconds for which what has just begun, and has no probe that says that it is ready, must be well on end before
-`rorg apply` says so: what crashes at its start does so within them."""
+"""Seconds that a service without a probe must run before `rorg apply` counts it as well: a service that crashes at its
+start does so within them."""
 
 
 def is_ready(service: dict[str, Any]) -> bool:
-    """Of a service in a view."""
+    """Whether a service of a view is ready."""
     return any(c["type"] == "Ready" and c["status"] == "True" for c in service["conditions"])
 
 
 def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
-    """One condition of a service in a view, empty where it has none of that kind."""
+    """A condition of a service of a view; empty if it has none of that type."""
     return next((c for c in service["conditions"] if c["type"] == kind), {"status": "", "reason": "", "message": ""})
 
 
 def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
-    """Those of these services that are wanted and do not get ready by waiting, each with the reason: what was tried
-    failed, or it ended and is not begun again."""
+    """The wanted services among these for which waiting is hopeless, with the reason: an attempt failed, or the service
+    ended and is not restarted."""
     found: dict[str, str] = {}
     if not view.get("engine", {}).get("complete", True):
-        return found  # what failed before may not be so when the engine answers
+        return found  # earlier failures may be over when the engine answers
     for name in names:
         service = view["services"].get(name)
         if service is None or not service["wanted"] or service["state"] == "meta":
@@ -45,7 +45,7 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
 
 
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:
-    """What keeps these services from being ready, in words, the first one's reason first; empty when all are."""
+    """Why the first of these services that is not ready is not; empty if all are ready."""
     for name in names:
         service = view["services"].get(name)
         if service is None:

@@ -1,10 +1,10 @@
-"""What commands read of the history: from the running rorg, else from its file by the same queries."""
+"""What commands read of the history: from the running rorg, or from its files by the same queries."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
 if TYPE_CHECKING:
@@ -14,34 +14,9 @@ if TYPE_CHECKING:
     from rorg.history.database import Database
 
 
-class Records(Protocol):
-    """Values are those of the API (rorg/api/history_models.py)."""
-
-    def listed(self, most: int) -> list[dict[str, Any]]:
-        """The newest revisions first."""
-
-    def shown(self, rev: str) -> dict[str, Any]:
-        """All of a revision."""
-
-    def compared(self, a: str, b: str) -> dict[str, Any]:
-        """What differs between two of them."""
-
-    def timeline(self, service: str, since: str, until: str) -> dict[str, Any]:
-        """What a service went through; times are ISO 8601."""
-
-    def requested(self, since: str, until: str) -> dict[str, Any]:
-        """What the robot was asked for; times are ISO 8601."""
-
-    def measured(self, since: str) -> list[dict[str, Any]]:
-        """What services used while they ran."""
-
-    def everything(self) -> Iterator[dict[str, Any]]:
-        """All that is on record."""
-
-
 @contextmanager
-def records_of(context: Context) -> Iterator[Records]:
-    """For as long as the block runs. Raises Unreachable where no rorg runs and its files may not be read."""
+def records_of(context: Context) -> Iterator[Served | Kept]:
+    """Gives the history while the block runs. Raises Unreachable if no rorg runs and its files may not be read."""
     client = context.client() if context.state.readable else context.serving("read the history")
     if client:
         yield Served(client)
@@ -53,12 +28,13 @@ def records_of(context: Context) -> Iterator[Records]:
 
 
 class Served:
-    """By the running rorg."""
+    """The history of the running rorg. Values are those of the API (rorg/api/history_models.py); times are ISO 8601."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
 
     def listed(self, most: int) -> list[dict[str, Any]]:
+        """Revisions, the newest first."""
         return list(self.client.call("GET", f"/v1/history?most={most}"))
 
     def shown(self, rev: str) -> dict[str, Any]:
@@ -95,37 +71,30 @@ class Served:
 
 
 class Kept:
-    """By what its file says."""
+    """The same, read from the files of a robot whose rorg does not run."""
 
     def __init__(self, context: Context, database: Database) -> None:
+        from rorg.history import queries
         from rorg.history.journal import Journal
         from rorg.history.revisions import Revisions
 
-        self.context, self.database = context, database
+        self.context, self.database, self.queries = context, database, queries
         self.journal, self.revisions = Journal(database), Revisions(database)
 
     def listed(self, most: int) -> list[dict[str, Any]]:
-        from rorg.history.queries import listed
-
-        return listed(self.revisions, most)
+        return self.queries.listed(self.revisions, most)
 
     def shown(self, rev: str) -> dict[str, Any]:
-        from rorg.history.queries import full
-
-        return full(self._named(rev))
+        return self.queries.full(self._named(rev))
 
     def compared(self, a: str, b: str) -> dict[str, Any]:
-        from rorg.history.queries import compared
-
-        return compared(self._named(a), self._named(b))
+        return self.queries.compared(self._named(a), self._named(b))
 
     def timeline(self, service: str, since: str, until: str) -> dict[str, Any]:
-        from rorg.history.queries import timeline
-
-        return timeline(self.journal, service, since, until)
+        return self.queries.timeline(self.journal, service, since, until)
 
     def requested(self, since: str, until: str) -> dict[str, Any]:
-        """Up to the last entry at the most: nobody knows what is since."""
+        """At most up to the last entry: what happened later is unknown."""
         from rorg.history.journal import Filter
         from rorg.history.request_log import requested
 
@@ -138,12 +107,9 @@ class Kept:
         return UsageTable(self.database).since(since)
 
     def everything(self) -> Iterator[dict[str, Any]]:
-        from rorg.history.queries import records
-
-        return records(self.journal, self.revisions)
+        return self.queries.records(self.journal, self.revisions)
 
     def _named(self, rev: str) -> Any:
-        from rorg.history.queries import resolve
         from rorg.host.git import commit_of
 
-        return resolve(rev, self.revisions, lambda name: commit_of(self.context.root, name))
+        return self.queries.resolve(rev, self.revisions, lambda name: commit_of(self.context.root, name))

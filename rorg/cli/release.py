@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -25,13 +25,12 @@ def command(
     from functools import partial
 
     from rorg.cli.context import Context
-    from rorg.cli.operating import confirmed, operating
+    from rorg.cli.operations import confirmed, operating
     from rorg.cli.output import note
     from rorg.errors import Invalid
 
-    check_form(output)
     robot = operating(Context(state_dir, None))
-    found = sorted({r for r in robot.requesters(id) if requester in ("", r)})
+    found = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})
     if len(found) > 1:
         raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request of that id", "--as REQUESTER")
     for name in found:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import EngineName, Option, Output, ServiceNames, StateDirectory, Timeout, Wait, duration
-from rorg.cli.output import check_form, note, print_rows
+from rorg.cli.output import note, print_rows
 
 if TYPE_CHECKING:
-    from rorg.cli.operating import Operating
+    from rorg.cli.offline import Local
+    from rorg.cli.operations import Served
 
 
 def command(
@@ -40,11 +41,10 @@ def command(
     from rorg_client import check_id
 
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operations import operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration
 
-    check_form(output)
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
@@ -54,7 +54,7 @@ def command(
     name, robot = id or chosen[0], operating(Context(state_dir, engine))
     check_id(name)
     if wait:
-        robot.waiting(f"wait for {', '.join(chosen)}")
+        robot.check_wait(f"wait for {', '.join(chosen)}")
     lease = format_duration(ttl) if ttl else None
     asked = Asked(robot, name, requester, rollback)
     robot.put_request(name, requester, {"services": chosen, "reason": reason, "priority": priority, "ttl": lease})
@@ -67,11 +67,13 @@ def command(
 
 
 class Asked:
-    """A request whose services are waited for in the block: where that fails, it says what becomes of the request."""
+    """Waits for a request in its block. If that fails, it reports what happens to the request."""
 
-    def __init__(self, robot: Operating, id: str, requester: str, rollback: bool) -> None:
+    def __init__(self, robot: Served | Local, id: str, requester: str, rollback: bool) -> None:
         self.robot, self.id, self.requester, self.rollback = robot, id, requester, rollback
-        self.before: dict[str, Any] | None = robot.request(id, requester) if rollback else None
+        self.before: dict[str, Any] | None = next(
+            (r for r in robot.requests(id) if rollback and r["requester"] == requester), None
+        )
 
     def __enter__(self) -> None:
         pass
@@ -87,7 +89,7 @@ class Asked:
             told = f"stays; `rorg release {self.id}{whose}` withdraws it"
         text = f"request '{self.id}' {told}"
         if isinstance(error, Exception):
-            error.add_note(text)  # told after it
+            error.add_note(text)  # shown after the error
         else:
             note(text)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -20,12 +20,11 @@ def command(
     Example: rorg restart navigation --wait --timeout 30s
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import confirmed, operating
+    from rorg.cli.operations import confirmed, operating
 
-    check_form(output)
     robot = operating(Context(state_dir, engine))
     if wait:
-        robot.waiting(f"wait for {service}")
+        robot.check_wait(f"wait for {service}")
     names = confirmed(lambda force: robot.restart(service, force), yes, "Restart")
     text = f"restart of {', '.join(names)} requested"
     print_rows([{"service": name} for name in names], output, ("service",), text=text)

@@ -34,9 +34,9 @@ def command(
 
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
-    from rorg.cli.earlier_requests import EarlierRequests
-    from rorg.cli.going_back import Known, all_committed, go_back, moment_of, restoring, tree_of
     from rorg.cli.output import note
+    from rorg.cli.past_requests import EarlierRequests
+    from rorg.cli.revert import Known, all_committed, go_back, moment_of, restoring, tree_of
     from rorg.errors import Invalid
 
     if not at:

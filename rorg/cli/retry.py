@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import EngineName, Output, ServiceNames, StateDirectory, Yes
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -19,9 +19,8 @@ def command(
     Example: rorg retry navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import confirmed, operating
+    from rorg.cli.operations import confirmed, operating
 
-    check_form(output)
     robot = operating(Context(state_dir, engine))
     names = confirmed(lambda force: robot.retry(services, force), yes, "Retry")
     rows = [{"service": name} for name in names]

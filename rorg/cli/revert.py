@@ -1,4 +1,5 @@
-"""Which earlier state of the manifests is meant, and the commit that brings it back."""
+"""Finds the earlier state of the manifests that is meant, and commits a return to it, for `rorg rollback` and
+`restore`."""
 
 from __future__ import annotations
 
@@ -23,46 +24,46 @@ from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, un
 from rorg.model.catalog import Catalog
 
 SHORTEST = 7
-"""Digits of a commit that is called by them."""
+"""Least digits of a commit in a name."""
 NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
-"""A number of `rorg history`, or a commit, though it may be read as a time."""
+"""A number of `rorg history` or a commit, even if it could be read as a time."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
-"""Shows what is to be done, by whom, and asks. Raises Refused."""
+"""Shows the plan and its owner, and asks. Raises Refused."""
 TRIED = 20
-"""Good revisions that are looked at for one that can be had again."""
+"""Good revisions that are checked for a complete commit."""
 NAMED = 10
 """Files that an error names."""
 KNOWN = 1000
-"""Revisions among which the one that is meant is looked for: the newest."""
+"""Revisions that are searched, the newest first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A state to go back to."""
+    """A state to return to."""
 
     commit: str
-    """In full."""
+    """The full hash."""
     name: str
-    """What it was called: a number of `rorg history`, or what git understands."""
+    """Its name: a number of `rorg history`, or what git understands."""
     subject: str
 
     @property
     def title(self) -> str:
-        """12 (abc1234): subject"""
+        """As in 12 (abc1234): subject"""
         short = self.commit[:SHORT]
         same = NO_TIME.fullmatch(self.name) and len(self.name) >= SHORTEST and self.commit.startswith(self.name)
         return f"{short if same else f'{self.name} ({short})'}: {self.subject}"
 
 
 class Known:
-    """The revisions on record. They are read when one is asked for: what git names needs none."""
+    """The revisions on record, read only if one is needed: git finds its own names."""
 
     def __init__(self, context: Context) -> None:
         self.context = context
 
     @cached_property
     def revisions(self) -> list[Revision]:
-        """The newest first. Raises Unreachable where the files may not be read and no rorg runs."""
+        """The newest first. Raises Unreachable if the files may not be read and no rorg runs."""
         with records_of(self.context) as records:
             rows = records.listed(KNOWN)
         return [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
@@ -71,11 +72,12 @@ class Known:
         return next((r for r in self.revisions if r.number == number), None)
 
     def at(self, time: str) -> Revision | None:
-        """Which was in force at a time (ISO 8601 in UTC)."""
+        """The revision that was in force at a time (ISO 8601 in UTC)."""
         return next((r for r in self.revisions if r.at <= time and r.standing != "refused"), None)
 
     def committed(self, revision: Revision, root: Path) -> bool:
-        """Whether its commit has all that counted of it. Where other files differed then, the manifests tell."""
+        """Whether its commit contains everything of it. If files differed from the commit, the fingerprint of the
+        manifests decides."""
         from rorg.daemon.commit_tree import load_at
         from rorg.daemon.tree import Tree
 
@@ -90,8 +92,8 @@ class Known:
         return False
 
     def good_before(self, root: Path) -> Revision:
-        """The last good one, of which git has all, before the manifests of now were first in force: who goes back twice
-        gets further back. Raises Refused."""
+        """The last good revision with a complete commit, from before the current manifests were first in force: rolling
+        back twice goes further back. Raises Refused."""
         now = next(iter(self.revisions), None)
         same = [r for r in self.revisions if r == now or (now and r.fingerprint == now.fingerprint != "")]
         since = now if now and now.standing == "refused" else next(iter(same[-1:]), None)
@@ -104,7 +106,7 @@ class Known:
 
 
 def goal_of(text: str, revisions: Known, root: Path) -> Goal:
-    """What a REV means, by default the last good one. Raises Missing and Refused."""
+    """The goal that a REV names; by default the last good one. Raises Missing and Refused."""
     found = parse(text, revisions) if text else revisions.good_before(root)
     if isinstance(found, Revision):
         return goal(found, revisions, root)
@@ -116,7 +118,7 @@ def goal_of(text: str, revisions: Known, root: Path) -> Goal:
 
 
 def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
-    """The commit of a revision. Raises Refused where git has not what it was."""
+    """The commit of a revision. Raises Refused if git does not have all of it."""
     if not revisions.committed(revision, root):
         commit = revision.commit[:SHORT]
         why = f"the repository has no {commit} any more" if commit else "it was in no repository"
@@ -127,8 +129,8 @@ def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
 
 
 def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
-    """(ISO 8601 in UTC, the state that was in force) of a time, or of a REV: when that had proven good, else when it
-    began. `now` in seconds since the epoch. Raises Missing and Refused."""
+    """(ISO 8601 in UTC, the state then) of a time, or of a REV: when that was proven good, or when it began. `now` in
+    seconds since the epoch. Raises Missing and Refused."""
     from rorg.model.units import parse_since, stamp
 
     if not NO_TIME.fullmatch(text):
@@ -147,9 +149,8 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
 
 
 def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
-    """The commit that would bring back the manifests directory, and what its images are built from; or the manifest of
-    one service, with what the overlay of this robot says of it. Raises Refused, and Invalid where the manifests of then
-    have errors."""
+    """The commit that would return the manifests directory and the sources of its images, or the manifest of one
+    service and its part of this robot's overlay. Raises Refused, and Invalid if the earlier manifests have errors."""
     from rorg.daemon.commit_tree import load_at
     from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
@@ -167,7 +168,7 @@ def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
 
 
 def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]:
-    """Where it was declared then, and where it is now."""
+    """The files that declared it then and declare it now."""
     from rorg.api.manifest_texts import manifests_of
 
     if service not in past.services or not past.services[service].where.file:
@@ -182,7 +183,7 @@ def _contexts(catalog: Catalog) -> list[Path]:
 
 
 def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
-    """Those that lie in the repository, without what lies in another one of them."""
+    """The places inside the repository, without those inside another one of them."""
     found: list[Path] = []
     for place in sorted({Path(os.path.realpath(p)) for p in places}):
         if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in found):
@@ -191,8 +192,7 @@ def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
 
 
 def all_committed(root: Path, robot: str) -> None:
-    """Raises Refused where a file of the manifests directory is not as it was committed, or is a manifest that git does
-    not know."""
+    """Raises Refused if a file of the manifests directory has uncommitted changes, or a manifest is unknown to git."""
     from rorg.manifest.documents import tree_files
 
     top = top_of(root)
@@ -212,9 +212,8 @@ def go_back(
     waiting: tuple[bool, float],
     then: Callable[[], None] = lambda: None,
 ) -> bool:
-    """Shows the plan and asks (`agreed`), commits, does what is to be done besides (`then`), and has it carried out:
-    `waiting` says whether everything must get ready, and in how many seconds. False where there was nothing to commit.
-    Raises Refused and NotReady."""
+    """Shows the plan and asks (`agreed`), commits, calls `then`, and carries it out. `waiting`: whether to wait until
+    everything is ready, and for how many seconds. False if there was nothing to commit. Raises Refused and NotReady."""
     from rorg.cli.apply import bring_about, taken
     from rorg.cli.differences import differences
     from rorg.host.person import caller
@@ -229,23 +228,23 @@ def go_back(
     if made:
         wanted.take(made)
         note(f"committed {made[:SHORT]}: {wanted.message}")
-    differences(context)  # until it is read
+    differences(context)  # until rorg has read it
     then()
     found = differences(context)
-    # What nobody was shown stays, though it is withheld.
+    # What is withheld but was not shown stays.
     withheld = [n for n in found.withheld if n in shown.withheld]
     bring_about(context, owner, found._replace(withheld=withheld), *waiting)
     return bool(made)
 
 
 def is_copy(context: Context, root: Path) -> bool:
-    """Whether a directory of manifests is what a running rorg has fetched from a repository."""
+    """Whether a directory of manifests is the copy of a repository that a running rorg has fetched."""
     return root.is_relative_to(context.state.git.resolve())
 
 
 def tree_of(context: Context) -> Path:
-    """The directory of manifests: of the running rorg, also of one that is only known by its socket. Raises Refused
-    outside of a repository."""
+    """The directory of manifests: that of the running rorg, even if only its socket is known. Raises Refused outside of
+    a repository."""
     if context.place.elsewhere:
         context.here("commit in its tree")
     view = context.live() if context.remote and not context.directory else None

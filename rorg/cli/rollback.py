@@ -40,8 +40,8 @@ def command(
     """
     from rorg.cli.apply import agree
     from rorg.cli.context import Context
-    from rorg.cli.going_back import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
     from rorg.cli.output import echo, note
+    from rorg.cli.revert import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rorg.host.git_cache import Followed
 
 GROUP = "rorg"
-"""By default, where there is one of that name."""
+"""The default, if there is a group of that name."""
 STAY_DOWN = "RORG_STAY_DOWN"
-"""The variable by which whatever restarts rorg says that no person does."""
+"""The variable by which a supervisor that restarts rorg says that no person does."""
 LOOK = b"l"
-"""What the handler of SIGHUP writes."""
+"""What the handler of SIGHUP writes into the pipe."""
 Pem = Annotated[Path | None, Option("PEM file, for --listen.", show_default=False)]
 
 
@@ -64,7 +64,6 @@ def command(
     """
     from rorg.api.server import make_server
     from rorg.cli.context import Context
-    from rorg.cli.following import followed
     from rorg.cli.output import note
     from rorg.host.heap import share_heap
     from rorg.store.clear import clear
@@ -100,13 +99,13 @@ def command(
 
 
 def _restarted() -> bool:
-    """Whether systemd or an engine runs this, rather than a person: a robot that is down stays down then."""
+    """Whether systemd or an engine runs this rather than a person: then a robot that is down stays down."""
     return bool(os.environ.get(STAY_DOWN) or os.environ.get("NOTIFY_SOCKET"))
 
 
 def _brought_up(context: Context) -> bool:
-    """Whether an rorg runs here whose robot is down: that rorg brings it up. Only a person starts a second rorg. The
-    first one keeps its tree, so this is for those who name no other one."""
+    """Whether an rorg already runs here whose robot is down: then that rorg brings it up. It keeps its tree, so this is
+    not done for a different directory."""
     from rorg_client import Error
 
     from rorg.cli.output import note
@@ -119,14 +118,14 @@ def _brought_up(context: Context) -> bool:
         if view.get("down") != "down" or (asked and str(asked.resolve()) != view["tree"]["root"]):
             return False
         client.call("DELETE", "/v1/down")
-    except Error:  # whoever owns the directory is told by acquire()
+    except Error:  # acquire() reports who owns the directory
         return False
     note(f"the robot comes up; rorg run (pid {view['pid']}) sees to it")
     return True
 
 
 def _tell_down(context: Context) -> None:
-    """Says it if the robot stays down; if it was a person who runs rorg, the robot may come up from here on."""
+    """Notes that the robot stays down; if a person runs rorg, it may come up from now on."""
     from rorg.cli.output import note
     from rorg.store.clear import stays_down
 
@@ -135,8 +134,8 @@ def _tell_down(context: Context) -> None:
 
 
 def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
-    """Over the directory of manifests, or over a repository; told in one line. Raises Invalid where the directory has
-    no robot of the name that was asked for; of a repository that is an error of its manifests."""
+    """The loop over a directory of manifests, or over a repository. Raises Invalid if the directory has no robot of the
+    given name; in a repository that is an error of its manifests."""
     import time
 
     from rorg.cli.output import note
@@ -163,7 +162,7 @@ def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
 
 
 def _check(root: Path | None, group: str) -> None:
-    """Raises Invalid where a directory, or a group that was named, is not there."""
+    """Raises Invalid if the directory, or a given group, does not exist."""
     from rorg.api.permissions import group_id
     from rorg.errors import Invalid
 
@@ -174,8 +173,8 @@ def _check(root: Path | None, group: str) -> None:
 
 
 def _run_until_told(loop: Loop, server: Server) -> None:
-    """Until SIGINT or SIGTERM. At SIGHUP it looks at its manifests again, first of all at the repository that it
-    follows. systemd hears when it begins to work, when it ends, and that it goes on."""
+    """Runs until SIGINT or SIGTERM. SIGHUP makes rorg fetch its repository and read its manifests again. systemd is
+    notified when rorg is ready, when it stops, and regularly that it is alive."""
     import signal
     import threading
 
@@ -191,7 +190,7 @@ def _run_until_told(loop: Loop, server: Server) -> None:
         server.end()
         loop.stop()
 
-    # A handler must not take a lock: it interrupts the loop, which may be holding that very one.
+    # A signal handler must not take a lock: the interrupted loop may hold it.
     threading.Thread(target=end, name="signals", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os.write(tell, b"."))
@@ -221,3 +220,53 @@ def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
             "HOST:PORT with --tls-cert, --tls-key and --tls-ca",
         )
     return host or "127.0.0.1", int(port), Tls(TlsFiles(cert, key, authority, revoked))
+
+
+def followed(directory: Path | None, git: str, path: str, committed: bool, signers: Path | None) -> Followed | None:
+    """None where a directory is followed as it is. Raises Invalid."""
+    from rorg.errors import Invalid
+    from rorg.host.git_cache import Followed
+    from rorg.host.git_remote import remote, without_user
+
+    if not (git or committed):
+        for option, given in (("--path", path), ("--signers", signers)):
+            if given:
+                raise Invalid(f"use {option}", "no repository is followed", "--git REPO, or --committed, with it")
+        return None
+    if git and (directory or committed):
+        other = "DIRECTORY" if directory else "--committed"
+        raise Invalid(f"follow {without_user(git)} and {other}", "it is one or the other", "`rorg run --help`")
+    if signers and not signers.exists():
+        raise Invalid(f"verify by {signers}", "no such file or directory", "a file of ssh signers, or a GnuPG home")
+    trusted = signers.resolve() if signers else None
+    if committed:
+        return _own(directory or Path("manifests"), path, trusted)
+    try:
+        found = remote(git)
+    except ValueError as error:
+        raise Invalid(f"follow {without_user(git)}", str(error), "REPO or REPO@BRANCH") from error
+    return Followed(found, _inner(path), trusted)
+
+
+def _own(directory: Path, path: str, signers: Path | None) -> Followed:
+    """The repository that a directory is in, wherever it is at."""
+    from rorg.errors import Invalid
+    from rorg.host.git_cache import Followed
+    from rorg.host.git_process import repository
+    from rorg.host.git_remote import Remote
+
+    found = repository(directory)
+    if found is None or not directory.is_dir():
+        why = "it is in no git repository" if directory.is_dir() else "no such directory"
+        raise Invalid(f"follow what is committed of {directory}", why, "`git init` and a commit, or no --committed")
+    inner = directory.resolve().relative_to(found.parent) / _inner(path)
+    return Followed(Remote(str(found.parent)), str(inner), signers, forward=False)
+
+
+def _inner(path: str) -> str:
+    """A directory of a repository. Raises Invalid."""
+    from rorg.errors import Invalid
+
+    if path.startswith("/") or ".." in Path(path).parts:
+        raise Invalid(f"read manifests in {path}", "it is not inside of the repository", "--path DIR, from its top")
+    return str(Path(path))

@@ -16,7 +16,7 @@ from rorg.cli.output import note
 
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 TYPED = (signal.SIGINT, signal.SIGQUIT)
-"""What a terminal sends to all programs of its foreground, the command included."""
+"""What a terminal sends to all programs in its foreground, including the command."""
 
 
 def command(
@@ -39,7 +39,7 @@ def command(
     from rorg_client import Error as ClientError
 
     from rorg.cli.context import Context
-    from rorg.cli.operating import watched
+    from rorg.cli.operations import watched
     from rorg.errors import Invalid
 
     client = Context(state_dir, None).serving(f"run with {', '.join(services)}")
@@ -65,7 +65,7 @@ def command(
 
 @contextmanager
 def _ending() -> Iterator[None]:
-    """Outside of the command, signals end this program as an exception does, so that nothing is left behind."""
+    """Makes signals raise SystemExit outside of the command, so that nothing is left behind."""
 
     def end(number: int, _: object) -> None:
         sys.exit(128 + number)
@@ -79,7 +79,7 @@ def _ending() -> Iterator[None]:
 
 
 def _run(program: Sequence[str]) -> int:
-    """Runs it, hands on the signals that come meanwhile, and returns its exit code as a shell tells it."""
+    """Runs the command, forwards signals to it, and returns its exit code as a shell does."""
     process: subprocess.Popen[bytes] | None = None
     early: list[int] = []
 
@@ -111,7 +111,7 @@ def _begun(program: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def _in_the_foreground() -> bool:
-    """Whether what is typed at the terminal reaches the command by itself."""
+    """Whether the terminal itself sends typed signals to the command."""
     try:
         terminal = os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY)
     except OSError:

@@ -20,7 +20,7 @@ def command(
     Example: rorg shell navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.inside import run_inside
+    from rorg.cli.exec import run_inside
     from rorg.cli.output import note
 
     code = run_inside(Context(state_dir, engine), service, BASH_OR_SH, True, False)

@@ -1,4 +1,4 @@
-"""What a command takes, read off its function: the one declaration that both ways of reading a command line use."""
+"""What a command takes, read from the signature of its function."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Arg
 
 
 class Parameter(NamedTuple):
-    """One parameter of a command. `type` is that of a single value, `many` says that there is a list of them."""
+    """One parameter of a command. `type` is that of a single value; `many`: it is a list of them."""
 
     name: str
     declared: Argument | Option
@@ -24,18 +24,18 @@ class Parameter(NamedTuple):
 
     @property
     def rest(self) -> bool:
-        """All words after `--`."""
+        """Whether it takes all words after `--`."""
         return isinstance(self.declared, Argument) and self.declared.rest
 
     @property
     def flag(self) -> bool:
-        """An option without a value."""
+        """Whether it is an option without a value."""
         return self.type is bool
 
 
 def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
-    """All parameters of a command in their order."""
-    # inspect.signature says the same, and its import costs a tenth of what a whole command may take.
+    """The parameters of a command, in order."""
+    # Not inspect.signature: its import takes a tenth of a short command.
     code, defaults = command.__code__, command.__defaults__ or ()
     names = code.co_varnames[: code.co_argcount]
     hints = get_type_hints(command, include_extras=True)
@@ -50,8 +50,8 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
 
 
 def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
-    """Calls a command with what its line says. `--socket` is said to all that looks for rorg, `--robot` to all that
-    reads manifests, and both to what a command starts in its turn. Raises Invalid where two places are named."""
+    """Calls a command with its values. `--socket` and `--robot` go into the environment, for everything that looks for
+    rorg or reads manifests, and for programs that the command starts. Raises Invalid if two places are given."""
     robot = values.pop(_ROBOT.name, None)
     if robot:
         os.environ["RORG_ROBOT"] = robot
@@ -66,7 +66,7 @@ def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
 
 
 def parted(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """The words that are read, and those after `--`, by the name of the parameter that takes them."""
+    """The words before `--`, and those after it by the name of the parameter that takes them."""
     rest = next((p.name for p in declared if p.rest), None)
     if rest is None:
         return list(words), {}
@@ -95,4 +95,4 @@ _SOCKET = Parameter(
     name="socket", declared=SOCKET, hint=Path | None, type=Path, many=False, required=False, default=None
 )
 _ROBOT = Parameter(name="robot", declared=ROBOT, hint=str | None, type=str, many=False, required=False, default=None)
-"""The parameters that commands do not have to declare."""
+"""Parameters that commands have without declaring them."""

@@ -1,4 +1,4 @@
-"""rorg stop: `rorg release`, for somebody who names a service."""
+"""rorg stop: `rorg release` for someone who names a service."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, State
 if TYPE_CHECKING:
     from rorg_client.types import Why
 
-    from rorg.cli.operating import Operating
+    from rorg.cli.offline import Local
+    from rorg.cli.operations import Served
 
 
 def command(
@@ -27,12 +28,12 @@ def command(
     Example: rorg stop navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operations import operating
     from rorg.cli.release import command as release
     from rorg.errors import StillWanted
 
     robot = operating(Context(state_dir, None))
-    if robot.requesters(id):
+    if robot.requests(id):
         release(id, requester, yes, output, state_dir)
     elif not (known := _known(robot, id)) or not any(one["wanted"] for one in known):
         release(id, requester, yes, output, state_dir)
@@ -52,8 +53,8 @@ def _held(one: Why) -> tuple[str, str]:
     return one["chain"][0]["text"] if one["chain"] else "it is still wanted", f"`rorg hold {name}`"
 
 
-def _known(robot: Operating, name: str) -> list[Why]:
-    """Why services of this name are wanted, or not; nothing if there is none."""
+def _known(robot: Served | Local, name: str) -> list[Why]:
+    """Why services of this name are wanted, or not; empty for an unknown name."""
     from rorg_client import NotFound
 
     from rorg.errors import Missing

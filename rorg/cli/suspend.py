@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import End, For, Output, Reason, StateDirectory
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -18,11 +18,10 @@ def command(
     Example: rorg suspend --for 1h --reason maintenance
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operations import operating
     from rorg.errors import Invalid
     from rorg.model.units import format_duration, format_seconds
 
-    check_form(output)
     if not end and not duration:
         raise Invalid("suspend", "a suspension needs a duration", "--for 10m")
     if end and duration:

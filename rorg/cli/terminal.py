@@ -1,5 +1,5 @@
-"""What others wrote, as it may be shown: reasons of programs, their output, what they call themselves. A terminal obeys
-what it is sent, so nothing reaches it but text that is seen as what it is."""
+"""Makes foreign text safe for a terminal: output of programs, reasons, names. A terminal obeys control characters, so
+text only reaches it with them escaped."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import re
 from typing import Any, Protocol
 
 COLOUR = re.compile(r"(\x1b\[[0-9;:]*m)")
-"""What is kept of a log: it changes colours, and nothing else."""
+"""Colours, the only control sequences that are kept in a log."""
 BEGUN = re.compile(r"(\x1b(\[[0-9;:]{0,30})?|\r)\Z")
-"""A colour, or the end of a line, of which only a part has come."""
+"""The begin of a colour or of a line end, whose rest has not come yet."""
 PLAIN = "\x1b[0m"
-"""Takes all colours back."""
+"""Resets all colours."""
 
 
 class Masker(Protocol):
-    """See core.masking, which is loaded by those who know a secret."""
+    """A core.masking.Masker, which only processes that know secrets import."""
 
     def text(self, text: str) -> str: ...
     def value(self, value: Any) -> Any: ...
@@ -26,20 +26,20 @@ _maskers: list[Masker] = []
 
 
 def hide(masker: Masker) -> None:
-    """From now on nothing is shown that this one hides."""
+    """Masks the secrets of this masker in everything shown from now on."""
     _maskers.append(masker)
 
 
 def shown(value: Any) -> Any:
-    """Plain JSON as it may be shown."""
+    """JSON values without secrets."""
     for masker in _maskers:
         value = masker.value(value)
     return value
 
 
 def printable(text: object) -> str:
-    """One line without secrets: whatever is no letter, sign or plain space (controls, line ends, what turns the
-    direction of writing, what has no width) as its escape, \\x1b or \\u202e."""
+    """One line without secrets, with every character escaped that is not printable, such as controls, line ends,
+    direction marks and zero-width characters: \x1b or \u202e."""
     text = str(text)
     for masker in _maskers:
         text = masker.text(text)
@@ -51,24 +51,24 @@ def _escaped(character: str) -> str:
 
 
 def lines(text: object) -> str:
-    """Several lines that rorg has made, each one printable."""
+    """Several lines made by rorg, each printable."""
     return "\n".join(map(printable, str(text).split("\n")))
 
 
 def entry(head: str, text: object) -> str:
-    """Something that happened, after its time. What has several lines is seen to be one thing."""
+    """An entry after its time; further lines are indented, so that it is clear where it ends."""
     first, *rest = str(text).split("\n")
     return "\n".join([f"{head}{printable(first)}", *(f"{' ' * len(head)}| {printable(line)}" for line in rest)])
 
 
 class LogText:
-    """A log as it comes, in chunks that end anywhere: lines, tabs and colours are kept."""
+    """A log in chunks that end anywhere: lines, tabs and colours are kept."""
 
     def __init__(self) -> None:
         self._decoder, self._begun = codecs.getincrementaldecoder("utf-8")("backslashreplace"), ""
 
     def text(self, chunk: bytes, end: bool = False) -> str:
-        """What can be shown by now; at the `end` all that is left, without colours from then on."""
+        """What can be shown so far; at the `end` everything left, and colours are reset."""
         text = self._begun + self._decoder.decode(chunk, end)
         begun = None if end else BEGUN.search(text)
         text, self._begun = (text[: begun.start()], begun[0]) if begun else (text, "")

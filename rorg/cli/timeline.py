@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 from rorg.cli.options import SERVICES, Argument, Option, Output, StateDirectory, moment
-from rorg.cli.output import check_form, echo, print_rows
+from rorg.cli.output import echo, print_rows
 from rorg.cli.terminal import printable
 
 STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none")
@@ -36,7 +36,6 @@ def command(
     from rorg.cli.records import records_of
     from rorg.errors import Missing
 
-    check_form(output)
     begin, end = since or moment(DAY), until or moment(NOW)
     with records_of(Context(state_dir, None)) as records:
         found = records.timeline(service, begin, end)
@@ -59,8 +58,8 @@ def command(
 
 
 def chart(end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:
-    """A bar for each state: a column stands for a part of the time, and is filled where the service was in the state at
-    any moment of it; at the end the share of the whole time. It begins with the first state that is on record."""
+    """A bar for each state. A column stands for a part of the time, and is filled if the service was in that state at
+    any moment of it; the share of the whole time is at the end. The chart begins with the first recorded state."""
     from rorg.model.units import parse_time
 
     begin = spans[0]["begin"]

@@ -25,9 +25,7 @@ def command(
     import sys
 
     from rorg.cli.context import Context
-    from rorg.cli.output import check_form
 
-    check_form(output)
     context = Context(state_dir, None)
     screen = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     if once or output != "table" or not screen:
@@ -39,7 +37,7 @@ def command(
 
 
 def _print(context: Context, output: str, seconds: float) -> None:
-    """One look, in any form."""
+    """Prints one look, in any form."""
     import time
 
     from rorg.cli.output import print_rows, table

@@ -1,4 +1,4 @@
-"""`rorg top` on a terminal: looks, keys, and what they do."""
+"""`rorg top` on a terminal: looks, keys, and their actions."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from rorg_client.types import RequestView, Usage
 
 from rorg.cli.context import Context
 from rorg.cli.keyboard import Keyboard
-from rorg.cli.operating import operating
+from rorg.cli.operations import operating
 from rorg.cli.top_view import Deed, View, ask, frame, look, pressed
 from rorg.errors import RorgError, Unconfirmed
 
 FIRST = 0.3
-"""Seconds between the first two looks: there is no rate without two."""
+"""Seconds between the first two looks: rates need two."""
 
 
 class Screen:
-    """The terminal while `rorg top` has it."""
+    """The terminal while `rorg top` runs."""
 
     def __init__(self, context: Context, interval: float) -> None:
         self.context, self.interval = context, interval
@@ -39,7 +39,7 @@ class Screen:
         self._keyboard = Keyboard(self._enter, self._live.stop)
 
     def run(self) -> None:
-        """Until a person quits."""
+        """Runs until a person quits."""
         with self._keyboard:
             due = time.monotonic() + FIRST
             while True:
@@ -85,7 +85,7 @@ class Screen:
             self.view = replace(self.view, message=str(error))
 
     def _do(self, deed: Deed) -> None:
-        """Does what a key asks for; what goes wrong is a message, never the end."""
+        """Does what a key asks for. Failures become messages."""
         try:
             message = self._done(deed)
             self.view = replace(self.view, message=message)
@@ -95,7 +95,7 @@ class Screen:
             self.view = replace(self.view, message=str(error))
 
     def _done(self, deed: Deed) -> str:
-        """Does it, or asks first; what has become of it. Raises Unconfirmed for what a person must say once more."""
+        """Does it or asks first; a message about the result. Raises Unconfirmed."""
         robot, name = operating(self.context), deed.service
         if deed.verb == "logs":
             return self._logs(name)
@@ -118,7 +118,7 @@ class Screen:
         return f"released: {told}"
 
     def _logs(self, name: str) -> str:
-        """The other command has the terminal meanwhile; why it ended, where it could not begin."""
+        """Runs `rorg logs` on the terminal; a message if that fails."""
         words = [sys.executable, "-m", "rorg", "logs", name, "--follow", "--tail", str(self._console.height)]
         env = {**os.environ, "RORG_STATE_DIR": str(self.context.state.path)}
         with self._keyboard.aside():

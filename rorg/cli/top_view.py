@@ -1,4 +1,4 @@
-"""The screen of `rorg top` as values: what services use, what a key changes, and the lines that come of both."""
+"""The screen of `rorg top` as values: what services use, what keys change, and the resulting lines."""
 
 from __future__ import annotations
 
@@ -30,47 +30,47 @@ KEYS = (
 HINT = "? keys  q quit  c m n sort  / filter  + request  r restart"
 COLUMNS = ("service", "state", "cpu", "memory", "priority", "why")
 DROPPED = ("why", "priority", "state", "memory", "cpu")
-"""Columns that go where there is no room, in this order. Names stay, and are never cut."""
+"""Columns to drop on a narrow terminal, in this order. Names are always shown whole."""
 LEAST_WHY = 12
-"""Characters of the last column, which is cut, below which it goes."""
+"""Least characters of the last column, which is cut to fit; below that it is dropped."""
 
 
 class Deed(NamedTuple):
-    """What a person wants done to a service: logs, request, release, restart; or quit."""
+    """What a person asks for: logs, request, release or restart of a service; or quit."""
 
     verb: str
     service: str = ""
     force: bool = False
-    """It has been asked about: a release of these requests, a restart though it touches a driver."""
+    """The person has confirmed a release, or a restart although it affects a driver."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What a person has chosen."""
+    """What a person has chosen to see."""
 
     sort: str = "cpu"
     filter: str = ""
     typing: bool = False
-    """The filter is being typed."""
+    """Whether the filter is being typed."""
     selected: str = ""
     question: str = ""
     asked: Deed | None = None
-    """What is done when the question is answered with y."""
+    """What to do if the question is answered with y."""
     message: str = ""
     help: bool = False
 
     def rows(self, services: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-        """Those that are shown, in their order."""
+        """The rows to show, in order."""
         found = [row for row in services if self.filter in row["service"]]
         return sorted(found, key=lambda r: (0 if self.sort == "service" else -r[self.sort], r["service"]))
 
     def chosen(self, names: Sequence[str]) -> str:
-        """The service that keys are about; the first one where the one chosen is gone."""
+        """The service that keys act on; the first one if the chosen one is gone."""
         return self.selected if self.selected in names else next(iter(names), "")
 
 
 def pressed(view: View, key: str, names: Sequence[str]) -> tuple[View, Deed | None]:
-    """What a key makes of the view, and what it asks for. `names` are the services shown."""
+    """(the view after a key, the action that it asks for). `names`: the services shown."""
     if view.asked:
         return replace(view, asked=None, question="", message=""), view.asked if key in ("y", "Y") else None
     if view.typing:
@@ -107,20 +107,19 @@ def _typed(view: View, key: str) -> View:
 
 
 def _asked(view: View, deed: Deed) -> tuple[View, Deed | None]:
-    """A restart is asked about at once; a release when it is known what it would release."""
+    """Asks immediately before a restart; before a release later, when it is known what it releases."""
     if deed.verb == "restart":
         return ask(view, f"Restart {deed.service}?", deed), None
     return view, deed
 
 
 def ask(view: View, question: str, deed: Deed) -> View:
-    """Asks before it is done."""
+    """Asks a question before the action."""
     return replace(view, question=question, asked=deed)
 
 
 def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
-    """What all services, and the machine, use: `cpu` in cores between the two looks, `memory` in bytes; busiest
-    first."""
+    """What all services and the machine use: `cpu` in cores between the two looks, `memory` in bytes; busiest first."""
     seconds = max(now["at"] - before["at"], 0.001)
     rows = []
     for name, service in status["services"].items():
@@ -156,7 +155,7 @@ def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
 
 
 def header(found: Mapping[str, Any]) -> list[str]:
-    """The engine if it does not answer, the machine, its budget and what is done against pressure; a line each."""
+    """One line each: the engine if it does not answer, the machine, its pressure and budget."""
     machine, pressure = found["machine"], found["pressure"]
     budget = pressure.get("budget") or {}
     parts = [
@@ -175,12 +174,12 @@ def header(found: Mapping[str, Any]) -> list[str]:
 
 
 def cells_of(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as people read it."""
+    """A row for people."""
     return {**row, "cpu": f"{row['cpu']:.2f}", "memory": format_memory(row["memory"]), "why": row["why"] or "-"}
 
 
 def fitting(rows: Sequence[Mapping[str, Any]], width: int) -> tuple[str, ...]:
-    """The columns that there is room for."""
+    """The columns that fit."""
     shown = list(COLUMNS)
     for dropped in DROPPED:
         widths = dict(zip(shown, cells(rows, shown)[1], strict=True))
@@ -193,7 +192,7 @@ def fitting(rows: Sequence[Mapping[str, Any]], width: int) -> tuple[str, ...]:
 
 
 def frame(view: View, found: Mapping[str, Any] | None, width: int, height: int) -> list[list[tuple[str, str]]]:
-    """The lines of the screen: pieces of text, each with its style. At most `height` of them."""
+    """The lines of the screen, at most `height`: pieces of text with their styles."""
     if view.help:
         return [[(f"{key:<16}", "bold"), (text, "")] for key, text in KEYS][:height]
     text, style = _last_line(view)

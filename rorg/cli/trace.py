@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory, duration, moment
-from rorg.cli.output import check_form, echo, note, print_rows
+from rorg.cli.output import echo, note, print_rows
 
 if TYPE_CHECKING:
     from rorg.model.trace import Trace
 
 ACTIONS = ("generate", "record", "show")
 GREETINGS, TOURS = 188 / 4, 10 / 4
-"""An hour: as many as the paper counted on a day of four."""
+"""Per hour, from the paper's count on a day of four hours."""
 PARTS = 1000.0
-"""Of a second: so exact are times that are recorded."""
+"""Recorded times are rounded to this part of a second."""
 
 
 def command(
-    action: Annotated[str, Argument("generate, record, or show FILE.", completes=ACTIONS)],
+    action: Annotated[str, Argument("generate, record, or show FILE.", choices=ACTIONS)],
     trace: Annotated[Path | None, Argument("For show: the file of a trace.", completes=FILES)] = None,
     length: Annotated[
         float,
@@ -54,9 +54,6 @@ def command(
     """
     from rorg.errors import Invalid
 
-    check_form(output)
-    if action not in ACTIONS:
-        raise Invalid(f"do '{action}' with traces", "there is no such action", f"one of {', '.join(ACTIONS)}")
     if (trace is not None) != (action == "show"):
         why = f"'{trace}' is one word too many" if trace else "no file is named"
         raise Invalid(f"{action} a trace", why, f"`rorg trace {action}{' FILE' * (action == 'show')}`")
@@ -69,7 +66,7 @@ def command(
 
 
 def _name(file: Path | None, otherwise: str) -> str:
-    """That of the file, where a manifest may have it."""
+    """The name of the file, if a manifest may have it; otherwise the default."""
     import re
 
     from rorg.model.units import NAME

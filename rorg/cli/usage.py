@@ -1,18 +1,21 @@
-"""What is wrong with a command line, in one line with a remedy. What is suggested is safe: a command that changes
-something is only named where nothing else can be meant, and with what it does."""
+"""Errors in command lines, each in one line with a remedy. Suggestions are safe: a command that changes something is
+only suggested, with its purpose, if nothing else can be meant."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
+from rorg.cli.options import Option
+from rorg.cli.signature import Parameter
 from rorg.errors import Invalid
 
 HELP = "`rorg --help`"
 LOOKING = frozenset(
     ("validate", "doctor", "diff", "get", "describe", "why", "events", "top", "logs", "graph", "ps", "ls", "status")
 )
-"""Commands that change nothing: they may be guessed."""
+"""Commands that change nothing and may be suggested freely."""
 REMOVE = "`rorg release NAME` to end a request; rorg removes what no manifest declares"
 RESUME = "`rorg request NAME` for a service, `rorg hold NAME --end` or `rorg suspend --end`"
 KNOWN = {
@@ -27,21 +30,22 @@ KNOWN = {
     **dict.fromkeys(("check", "lint", "config"), "`rorg validate`"),
     **dict.fromkeys(("plan",), "`rorg diff`"),
     **dict.fromkeys(("undo", "revert"), "`rorg rollback`, which shows what it would do before it asks"),
-    **dict.fromkeys(("version",), "`rorg --version`"),
-    **dict.fromkeys(("help",), HELP),
 }
-"""Words of other programs, and what serves their purpose here."""
+"""Words of other programs, and what to use here."""
 
 
-def unknown_command(word: str) -> Invalid:
-    """The error for a command that there is not."""
+def unknown(word: str) -> Invalid:
+    """The error for a line that begins with neither a command nor an option of `rorg` itself."""
     from rorg.cli.terminal import printable
 
+    if word.startswith("-"):
+        remedy = "it after the name of a command, as in `rorg get --help`"
+        return Invalid("run `rorg`", f"unknown option {printable(word)}", remedy)
     return Invalid(f"run `rorg {printable(word)}`", "no such command", suggestion(word))
 
 
 def suggestion(word: str) -> str:
-    """The remedy for a command that there is not."""
+    """The remedy for an unknown command."""
     if word in KNOWN:
         return KNOWN[word]
     names = (*COMMANDS, *ALIASES)
@@ -59,14 +63,14 @@ def _alike(word: str) -> list[str]:
 
 
 def _purpose(name: str) -> str:
-    """What a command does, by the beginning of its help."""
+    """What a command does, from the begin of its help."""
     text = (command_of(name).__doc__ or "").strip()
     first = re.split(r"[.;:,](?:\s|$)", text, maxsplit=1)[0]
     return first[:1].lower() + first[1:]
 
 
 def one_slip(word: str, name: str) -> bool:
-    """Whether they differ by one letter: another one, one more, one less, or two that have changed places."""
+    """Whether two words differ by one letter: changed, missing, added, or two swapped."""
     if abs(len(word) - len(name)) > 1:
         return False
     begin = next((i for i, (a, b) in enumerate(zip(word, name, strict=False)) if a != b), min(len(word), len(name)))
@@ -79,30 +83,19 @@ def one_slip(word: str, name: str) -> bool:
     )
 
 
-def misread(command: str, error: Exception) -> Invalid:
-    """A complaint of typer's, as every other error of ours. `command`: what was run, such as `rorg get`."""
-    if type(error).__name__ == "NoSuchOption":
-        option = str(getattr(error, "option_name", ""))
-        return Invalid(f"run `{command}`", f"unknown option {option}", _option(command, option))
-    told = error.format_message() if hasattr(error, "format_message") else str(error)
-    text = " ".join(told.split()).rstrip(".")
-    return Invalid(f"run `{command}`", text[:1].lower() + text[1:], f"`{command} --help`")
+def misread(name: str, why: str, remedy: str = "") -> Invalid:
+    """The error for a line that cannot be read. `name`: of the command."""
+    from rorg.cli.terminal import printable
+
+    return Invalid(f"run `rorg {name}`", printable(why), remedy or f"`rorg {name} --help`")
 
 
-def _option(command: str, option: str) -> str:
-    """The remedy for an option that there is not."""
+def unknown_option(name: str, option: str, declared: Sequence[Parameter]) -> Invalid:
+    """The error for an unknown option."""
     import difflib
 
-    from rorg.cli.options import Option
-    from rorg.cli.signature import parameters
-
-    word = command.removeprefix("rorg").strip()
-    if not word:
-        return "it after the name of a command, as in `rorg get --help`"
-    declared = parameters(command_of(word))
     known = [n for p in declared if isinstance(p.declared, Option) for n in p.declared.names]
     close = difflib.get_close_matches(option, known, n=1, cutoff=0.6)
-    if close:
-        return close[0]
     runs = any(p.name == "command" for p in declared)
-    return f"`{command} SERVICE -- COMMAND` where it is the command's" if runs else f"`{command} --help`"
+    own = f"`rorg {name} SERVICE -- COMMAND` if it belongs to the command" if runs else ""
+    return misread(name, f"unknown option {option}", close[0] if close else own)

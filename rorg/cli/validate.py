@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from urllib.parse import quote
 
 from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
 
@@ -23,7 +25,7 @@ def command(
         Option(
             "table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
             names=("-o", "--output"),
-            completes=(*FORMS, SARIF),
+            choices=(*FORMS, SARIF),
         ),
     ] = "table",
     machine: Annotated[
@@ -39,10 +41,8 @@ def command(
     Example: rorg validate manifests
     """
     from rorg.cli.context import Context, known_engine
-    from rorg.cli.output import check_form
     from rorg.manifest.documents import manifest_files
 
-    check_form(output, (*FORMS, SARIF))
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
@@ -55,7 +55,7 @@ def command(
 
 
 def _here(root: str) -> Path:
-    """The tree of the running rorg, where that runs on this machine."""
+    """The tree of the running rorg, if that runs on this machine."""
     from rorg.errors import Invalid
 
     if not Path(root).is_dir():
@@ -64,7 +64,7 @@ def _here(root: str) -> Path:
 
 
 def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
-    """By the files of a directory: for one robot, or for all and the base."""
+    """Validates the files of a directory: for one robot, or for the base and all robots."""
     from rorg.cli.output import note
     from rorg.cli.terminal import hide
     from rorg.core.masking import Masker
@@ -78,7 +78,7 @@ def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> No
     hide(masker)
     robots = [] if robot else robots_of(root)
     told = [*loaded.diagnostics, *(_on_this_machine(loaded, engine) if machine else ())]
-    known = {(d.where, d.message) for d in told}  # what would be right may be something else for each robot
+    known = {(d.where, d.message) for d in told}  # the remedy may differ between robots
     for name in robots:
         found = load(root, engine=engine, robot=name)
         masker.learn(found.read)
@@ -100,7 +100,7 @@ def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> No
 
 
 def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
-    """What these manifests want and this machine, or its engine, does not have."""
+    """What these manifests need and this machine, or its engine, lacks."""
     from dataclasses import replace
 
     from rorg.cli.output import note
@@ -123,7 +123,7 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
 
 
 def _followed(told: dict[str, Any], output: str) -> None:
-    """By the word of the running rorg, which has looked at its tree anew."""
+    """Reports what the running rorg found, which has read its tree again."""
     from rorg.cli.output import note
 
     _tell([*told["errors"], *told.get("warnings", ())], output)
@@ -138,7 +138,6 @@ def _tell(found: list[dict[str, Any]], output: str) -> None:
 
     if output == SARIF:
         from rorg import __version__
-        from rorg.cli.sarif import sarif
         from rorg.manifest.validation.codes import CODES
 
         return dump(sarif(found, CODES, __version__), "json")
@@ -155,3 +154,46 @@ def _refuse(errors: int) -> NoReturn:
 
     note(f"{counted(errors, 'error')}: rorg would refuse these manifests")
     sys.exit(int(Exit.USAGE))
+
+
+SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
+FORM = "form"
+"""The rule for findings without a code."""
+
+
+def sarif(found: Sequence[Mapping[str, Any]], codes: Mapping[str, Any], version: str) -> dict[str, Any]:
+    """Findings as SARIF 2.1.0, the Static Analysis Results Interchange Format of OASIS, which code hosts show at the
+    lines. `found`: diagnostics as JSON; `codes`: code -> severity, cause and remedy. Paths stay relative to the current
+    directory."""
+    used = sorted({str(f["code"]) or FORM for f in found})
+    driver = {"name": "rorg", "version": version, "rules": [_rule(code, codes) for code in used]}
+    results = [_result(f, used.index(str(f["code"]) or FORM)) for f in found]
+    run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
+    return {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
+
+
+def _rule(code: str, codes: Mapping[str, Any]) -> dict[str, Any]:
+    about = codes.get(code)
+    if about is None:
+        return {"id": code, "shortDescription": {"text": "A manifest is not as its kind says."}}
+    return {
+        "id": code,
+        "shortDescription": {"text": about.cause},
+        "help": {"text": f"Try {about.remedy}. See docs/reference/findings.md#{code}."},
+        "defaultConfiguration": {"level": about.severity},
+    }
+
+
+def _result(found: Mapping[str, Any], rule: int) -> dict[str, Any]:
+    tail = f"; try {found['remedy']}" if found["remedy"] else ""
+    place = {
+        "artifactLocation": {"uri": quote(str(found["file"]))},
+        "region": {"startLine": found["line"], "startColumn": found["column"]},
+    }
+    return {
+        "ruleId": found["code"] or FORM,
+        "ruleIndex": rule,
+        "level": found["severity"],
+        "message": {"text": f"{found['message']}{tail}"},
+        "locations": [{"physicalLocation": place}],
+    }

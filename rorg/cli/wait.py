@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.options import Output, ServiceNames, StateDirectory, Timeout
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 
 
 def command(
@@ -14,11 +14,10 @@ def command(
     Example: rorg wait navigation --timeout 30s
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operations import operating
 
-    check_form(output)
     robot = operating(Context(state_dir, None))
-    robot.waiting(f"wait for {', '.join(services)}")
+    robot.check_wait(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)
     rows = [{"service": name, "ready": True} for name in services]
     print_rows(rows, output, ("service", "ready"), text=f"{', '.join(services)} ready")

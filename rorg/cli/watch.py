@@ -1,4 +1,4 @@
-"""`rorg get -w`: on a terminal one table, drawn anew in place, with its head; else the head, and rows that change."""
+"""`rorg get -w`: on a terminal one table, redrawn in place; otherwise the head, and rows that change."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Row = Mapping[str, Any]
 
 
 class Watch:
-    """Shows rows again where any of them changed; an age that goes on is no change."""
+    """Shows rows again if any of them changed, not counting ages."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str], Row] | None = None
         self._drawn = 0
-        """Lines of the terminal that the last table takes."""
+        """Lines that the last table takes on the terminal."""
         self._head = ""
 
     def show(
@@ -48,7 +48,7 @@ class Watch:
             print_rows([*changed, *gone] if form == "name" else rows, form, columns, wide, full)
 
     def _append(self, rows: list[Row], changed: list[Row], shown: Sequence[str]) -> None:
-        """The head comes again where columns or their widths are others."""
+        """Prints changed rows; and the head again if columns or their widths changed."""
         head, *lines = table(rows, shown).splitlines()
         if head != self._head:
             echo(head)
@@ -58,7 +58,7 @@ class Watch:
                 echo(line)
 
     def _draw(self, lines: list[str]) -> None:
-        """As many lines as the terminal has room for, the head among them."""
+        """Draws as many lines as fit, including the head."""
         size = os.get_terminal_size(sys.stdout.fileno())
         room, kept = (size.lines or 24) - 2, list[str]()
         for line in lines:
@@ -72,10 +72,10 @@ class Watch:
 
 
 def _key(row: Row, columns: Sequence[str]) -> tuple[str, str]:
-    """Several requesters may use the same id."""
+    """The identity of a row: several requesters may use the same id."""
     return str(row[columns[0]]), str(row.get("requester", ""))
 
 
 def _height(line: str, width: int) -> int:
-    """Lines of the terminal that it takes."""
+    """Lines that a text takes on the terminal."""
     return max(1, -(-len(COLOUR.sub("", line)) // width))

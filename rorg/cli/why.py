@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
-from rorg.cli.output import check_form, print_rows
+from rorg.cli.output import print_rows
 from rorg.cli.terminal import printable
 
 if TYPE_CHECKING:
@@ -20,10 +20,9 @@ def command(
     Example: rorg why navigation
     """
     from rorg.cli.context import Context
-    from rorg.cli.operating import operating
+    from rorg.cli.operations import operating
 
-    check_form(output)
-    # The running rorg knows, even while the manifests on the disk have a mistake.
+    # The running rorg answers even if the manifests on the disk have mistakes.
     found = operating(Context(state_dir, engine)).why(service)
     rows = [
         {**e, "waits": "; ".join(e["waits"]), "because": " < ".join(c["service"] for c in e["chain"])} for e in found
@@ -38,7 +37,7 @@ def command(
 
 
 def _lines(entry: Why) -> list[str]:
-    """Each is one line, whatever others have written into it."""
+    """The lines, each printable."""
     return [printable(line) for line in _texts(entry)]
 
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rorg.api.body_models import PutRequest
-from rorg.api.inputs import read, request_of
+from rorg.api.inputs import PutRequest, read, request_of
 from rorg.errors import Invalid
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Where

@@ -22,7 +22,7 @@ KILLED = str(Path(__file__).with_name("killed_at.py"))
 NEVER = 99
 """More steps than a change has."""
 NUMBERS = '{"file": 1, "before": 2, "after": 3, "message": 4, "author": 5}'
-FINISHED, UNDONE, NOT_BEGUN = "finished", "undone: nothing of it was written", ""
+FINISHED, UNDONE, NOT_BEGUN = "finished", "undone: nothing had been written", ""
 
 
 class Robot(RorgProcess):
@@ -150,7 +150,7 @@ def test_what_somebody_has_changed_since_is_left_to_them(tmp_path):
         note.write_text(json.dumps(asdict(ManifestChange("lidar.yaml", before, after, "x", "root"))))
         found = recover(tmp_path, note)
         assert found
-        assert found[1] == "left: somebody has changed it since"
+        assert found[1] == "left as it is: someone has changed it since"
         assert file.read_text() == "mine"
         assert not note.exists()
 

@@ -77,7 +77,7 @@ def test_a_revoked_certificate_is_refused_at_once_and_its_connections_end(tmp_pa
             assert kept.recv(1) == b""
         wait_for(lambda: status(connection(tmp_path, port, "bob")) == 200)
         (tmp_path / "revoked.pem").write_text("no list\n")
-        wait_for(lambda: "clients are known as before" in robot.told())
+        wait_for(lambda: "the previous certificates stay in use" in robot.told())
         assert status(connection(tmp_path, port, "ada")) == 0
         assert status(connection(tmp_path, port, "bob")) == 200
     finally:

@@ -24,8 +24,8 @@ from rorg_process import RorgProcess
 from test_deployment import certificate
 
 from rorg.api import limits
+from rorg.api.cpu_share import in_threads
 from rorg.api.limits import Account
-from rorg.api.metering import in_threads
 from rorg.client import Client, NotReady, Refused
 from rorg.core.requests import mistakes, problems
 from rorg.errors import TooMany

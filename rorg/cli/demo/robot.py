@@ -1,4 +1,4 @@
-"""The robot of the demo: a throw-away git repository with TritonBot's manifests, and a loop."""
+"""The robot of the demo: a temporary git repository with TritonBot's manifests, and a loop."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rorg.model.catalog import Catalog
 from rorg.sim.throwaway import ThrowawayRobot
 
 TRITONBOT = Path(__file__).parent / "tritonbot"
-"""Its manifests and images, also where rorg is installed."""
+"""Its manifests and images, also in an installed rorg."""
 
 
 def choose_engine(asked: str | None) -> tuple[str, str]:
-    """(engine, why): what was asked for, else Docker when it answers, else processes."""
+    """(engine, why): the one asked for, or Docker if it answers, or processes."""
     if asked:
         return asked, "as asked for"
     return available_engine("demo")
 
 
 class DemoRobot(ThrowawayRobot):
-    """A robot with the tour-guide's tree in a repository."""
+    """A temporary robot with the tour guide's tree in a repository."""
 
     def __init__(self, engine: str, show: Any) -> None:
         super().__init__(engine, "rorg-demo-")
@@ -39,13 +39,13 @@ class DemoRobot(ThrowawayRobot):
         self.scale = self._scale()
 
     def _scale(self) -> float:
-        """The stand-ins declare a robot of four cores and 16 GB; a laptop gets its share of that."""
+        """The stand-ins declare a robot of four cores and 16 GB; a laptop gets a share of that."""
         by_cpu = 0.6 * (os.cpu_count() or 1) / 3.58
         by_memory = 0.4 * psutil.virtual_memory().available / 3.4e9
         return round(min(1.0, by_cpu, by_memory), 2)
 
     def set_up(self) -> Catalog:
-        """The tree in git, with names of its own so that no other robot's containers are in the way."""
+        """Copies the tree into git, with container names of its own so that they do not clash with another robot's."""
         for part in ("manifests", "images"):
             shutil.copytree(TRITONBOT / part, self.folder / "robot" / part)
         profile = self.tree / "profiles" / "standin.yaml"
@@ -84,5 +84,5 @@ class DemoRobot(ThrowawayRobot):
         self.run(make_tree(self.tree, self.state, self.engine.name), self.show.event, "rorg demo")
 
     def meanwhile(self) -> None:
-        """The table goes on."""
+        """Redraws the table."""
         self.show.table(self)

@@ -1,23 +1,24 @@
-"""What the demo shows: a live table on a terminal, plain lines elsewhere."""
+"""What the demo shows: a live table on a terminal, plain lines elsewhere, and the picture of two moments side by
+side."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from rorg.cli.demo.picture import Bar, Moment, picture
 from rorg.cli.output import rich_table
 from rorg.model.units import format_memory
 
 
 class Show:
-    """What the demo prints and draws."""
+    """Prints and draws the demo."""
 
     def __init__(self, speed: float, svg: str | None) -> None:
         self.console = Console(highlight=False)
@@ -36,7 +37,7 @@ class Show:
         self.console.print(Text(text), soft_wrap=True)
 
     def step(self, text: str) -> None:
-        """A new part of the show."""
+        """Begins a new part of the show."""
         self.heading = text
         self.console.print(Text(f"\n{text}", style="bold cyan"))
 
@@ -45,12 +46,12 @@ class Show:
             self.console.print(Text(f"  {text:<60}"), end="\r")
 
     def event(self, text: str) -> None:
-        """A line of the loop."""
+        """Prints a line of the loop."""
         if not self.console.is_terminal:
             self.console.print(Text(f"  {text}"), soft_wrap=True)
 
     def pause(self, robot: Any, seconds: float) -> None:
-        """Lets people look; the table goes on."""
+        """Lets people look, and redraws the table."""
         end = time.monotonic() + seconds / self.speed
         while time.monotonic() < end:
             self.table(robot)
@@ -77,7 +78,8 @@ class Show:
         )
 
     def rows(self, robot: Any) -> tuple[list[dict[str, Any]], int]:
-        """Of the services that run, with CPU in cores since the last look and memory in bytes."""
+        """The running services, with CPU in cores since the last look and memory in bytes; and the number of idle
+        ones."""
         now, usage = time.monotonic(), robot.usage()
         before_at, before = self._usage
         if now - before_at > 0.2:
@@ -105,12 +107,12 @@ class Show:
         return rows, idle
 
     def remember(self, title: str, robot: Any) -> None:
-        """How the services are at this moment, for the picture."""
+        """Keeps the current states for the picture."""
         states = {n: s["state"] for n, s in robot.view()["services"].items() if s["state"] != "meta"}
         self._moments.append(Moment(title, states))
 
     def save(self, bars: Sequence[Bar]) -> None:
-        """The picture, where one is asked for."""
+        """Writes the picture, if one was asked for."""
         if self.svg:
             Path(self.svg).write_text(picture(self._moments, bars), encoding="utf-8")
 
@@ -118,3 +120,86 @@ class Show:
         if self.live:
             self.live.stop()
             self.live = None
+
+
+COLUMNS, GAP = 3, 4
+TILE_WIDTH, TILE_HEIGHT = 150, 18
+PANEL = COLUMNS * (TILE_WIDTH + GAP) + 12
+COLOURS = {"running": ("#1a7f37", "#ffffff"), "paused": ("#ddf4ff", "#0969da")}
+IDLE = ("#eaeef2", "#8c959f")
+STYLE = """text { font: 11px ui-monospace, Menlo, Consolas, monospace }
+.title { font: bold 14px system-ui, sans-serif; fill: #1f2328 }
+.note { font: 12px system-ui, sans-serif; fill: #59636e }
+@media (prefers-color-scheme: dark) { .title { fill: #f0f6fc } .note { fill: #9198a1 } .idle { opacity: .35 } }"""
+
+
+class Moment(NamedTuple):
+    """The states of the services at one time: name -> the engine's word."""
+
+    title: str
+    states: Mapping[str, str]
+
+
+class Bar(NamedTuple):
+    """A figure with everything on, and on demand."""
+
+    name: str
+    everything: float
+    on_demand: float
+    form: str
+    """The format of the figure, such as "{:.2f} cores"."""
+
+
+def picture(moments: Sequence[Moment], bars: Sequence[Bar]) -> str:
+    """An SVG in one file, readable on light and dark pages."""
+    rows = max(-(-len(m.states) // COLUMNS) for m in moments)
+    top = 56 + rows * (TILE_HEIGHT + GAP)
+    width, height = PANEL * len(moments) + 12, top + 12 + 46 * len(bars)
+    parts = [part for i, moment in enumerate(moments) for part in _panel(moment, 12 + i * PANEL)]
+    parts += [part for i, bar in enumerate(bars) for part in _bar(bar, top + 12 + i * 46, width - 24)]
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" role="img">\n'
+        f"<style>{STYLE}</style>\n" + "\n".join(parts) + "\n</svg>\n"
+    )
+
+
+def _panel(moment: Moment, left: int) -> list[str]:
+    counts = [list(moment.states.values()).count(state) for state in COLOURS]
+    said = f"{counts[0]} run, {counts[1]} paused, {len(moment.states) - sum(counts)} stopped"
+    parts = [_text(left, 22, "title", moment.title), _text(left, 42, "note", said)]
+    for index, (name, state) in enumerate(sorted(moment.states.items())):
+        x = left + index % COLUMNS * (TILE_WIDTH + GAP)
+        y = 52 + index // COLUMNS * (TILE_HEIGHT + GAP)
+        fill, ink = COLOURS.get(state, IDLE)
+        kind = "" if state in COLOURS else ' class="idle"'
+        parts.append(
+            f'<g{kind}><rect x="{x}" y="{y}" width="{TILE_WIDTH}" height="{TILE_HEIGHT}" rx="4" fill="{fill}"/>'
+            f'<text x="{x + 6}" y="{y + 13}" fill="{ink}">{escape(_short(name))}</text></g>'
+        )
+    return parts
+
+
+def _short(name: str, most: int = 21) -> str:
+    """Cuts a long name, which only a picture does."""
+    return name if len(name) <= most else name[: most - 1] + "…"
+
+
+def _bar(bar: Bar, y: int, width: int) -> list[str]:
+    share = min(1.0, bar.on_demand / bar.everything) if bar.everything else 1.0
+    room, left = width - 330, 12
+    lines = [("everything on", 1.0, bar.everything, "#cf222e"), ("on demand", share, bar.on_demand, "#1a7f37")]
+    parts = []
+    for index, (what, part, value, colour) in enumerate(lines):
+        top = y + 20 * index
+        told = bar.form.format(value) + (f"  ({share - 1:+.0%})" if index else "")
+        parts += [
+            _text(left, top + 12, "note", f"{bar.name if not index else ''}"),
+            _text(left + 70, top + 12, "note", what),
+            f'<rect x="{left + 170}" y="{top}" width="{room * part:.0f}" height="15" rx="3" fill="{colour}"/>',
+            _text(left + 178 + room * part, top + 12, "note", told),
+        ]
+    return parts
+
+
+def _text(x: float, y: float, kind: str, text: str) -> str:
+    return f'<text x="{x:.0f}" y="{y}" class="{kind}">{escape(text)}</text>'

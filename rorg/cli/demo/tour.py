@@ -1,4 +1,4 @@
-"""What happens in the demo: the five actions of the work cycle, three commits, and a comparison."""
+"""The course of the demo: the five actions of the work cycle, three commits, and a comparison."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from rorg.cli.demo.picture import Bar
 from rorg.cli.demo.robot import DemoRobot
-from rorg.cli.demo.show import Show
+from rorg.cli.demo.show import Bar, Show
 from rorg.model.units import format_memory
 
 FACE = ["ros_face_train_controller", "snowboy"]
@@ -19,15 +18,15 @@ CYCLE: list[tuple[str, list[str]]] = [
     ("4 tour: look whether the visitor follows", ["navigation_route", "ros_speak_text", "leg_tracker"]),
     ("5 return: drive back", ["navigation_route"]),
 ]
-"""Actions 2 to 5 of the paper's figure 4, as `behavioral` asks for them: what is needed comes by itself."""
+"""Actions 2 to 5 of the paper's figure 4, as `behavioral` requests them; their needs follow."""
 PICTURED = {CYCLE[0][0]: "Standby: looking for visitors", CYCLE[3][0]: "Tour: driving, talking, looking back"}
 """The two moments of the picture."""
 DWELL = 3.0
-"""Seconds that each step is looked at and measured."""
+"""Seconds that each step is shown and measured."""
 
 
 def play(robot: DemoRobot, show: Show) -> None:
-    """The demo from beginning to end."""
+    """Plays the demo from begin to end."""
     show.step("Setting up: a git repository with 41 services, and their images")
     catalog = robot.set_up()
     began = time.monotonic()
@@ -80,7 +79,7 @@ def _changes(show: Show, view: Mapping[str, Any], before: set[str], after: set[s
 
 
 def _measure(robot: DemoRobot, show: Show) -> tuple[float, float]:
-    """(cores, bytes) of all services over the time of one action."""
+    """(cores, bytes) of all services during one action."""
     first, began = robot.usage(), time.monotonic()
     show.pause(robot, DWELL)
     last, seconds = robot.usage(), time.monotonic() - began
