@@ -303,7 +303,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["duty"], 2, "duty is a meta-service"),
         (["amr"], 2, "no such service or image; try 'arm'"),
         (["arm", "--name", "the-arm"], 2, "the container of a service is called the-arm; try --name NAME"),
-        (["arm", "--name", "a/b"], 2, "'a/b' is no name of a container"),
+        (["arm", "--name", "a/b"], 2, "'a/b' is not a valid container name"),
         (["arm", "--workspace", "/nosuch"], 2, "cannot work in /nosuch: there is no such directory; try"),
         (["arm", "--workspace", "/usr/"], 2, "cannot work in /usr: it would hide what the image has there; try"),
         (["arm", "--x11"], 2, "DISPLAY is not set"),
@@ -370,7 +370,7 @@ def test_an_editors_file_has_the_image_and_is_never_written_over_another(robot, 
     assert json.loads(path.read_text())["image"] == BASE_IMAGE, "its own is written anew"
     path.write_text('// mine\n{"image": "x"}\n')
     told = rorg(robot, workspace, "dev", "arm", "--devcontainer", code=5).stderr
-    assert "there is one that is not rorg's, and there is no terminal; try --yes" in told
+    assert "that file is not rorg's, and there is no terminal; try --yes" in told
     assert path.read_text().startswith("// mine")
     rorg(robot, workspace, "dev", "arm", "--devcontainer", "--yes")
     assert json.loads(path.read_text())["image"] == TOOLS

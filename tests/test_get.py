@@ -141,7 +141,7 @@ def test_a_robot_whose_loop_is_gone_says_so(tmp_path):
         assert "no rorg runs" not in rorg(found, "get")
         found.stop()
         told = rorg(found, "get")
-        assert f"no rorg runs on {found.state.path}: this is what the engine shows" in told
+        assert f"no rorg runs on {found.state.path}: this is the state of the engine" in told
         assert "running" in told
     finally:
         found.close()

@@ -146,7 +146,7 @@ COMMANDS = [
     "timeline nosuch",
     "events --until 2020-01-01",
 ]
-NOBODY = "no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`\n"
+NOBODY = "no rorg runs here; it takes effect at the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""
 NO_LOOP = r"no rorg runs on \S+: this is what .*\n"
 """What stands above a listing of services that nobody keeps."""

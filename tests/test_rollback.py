@@ -166,7 +166,7 @@ def test_a_service_that_is_requested_goes_with_the_same_yes(running):
     running.request("extra")
     running.wait(lambda: "extra" in running.active())
     said = rorg(running, "rollback", running.second, "--yes")
-    assert "To be removed once you confirm, though still named: extra" in said
+    assert "To remove after you confirm, although still named: extra" in said
     assert made(running) == running.now
 
 

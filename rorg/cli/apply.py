@@ -67,7 +67,7 @@ def agree(
     warn_of_other_tree(context, shown)
     note(shown.overview().rstrip())
     if shown.withheld:
-        note(f"To be removed once you confirm, though still named: {', '.join(shown.withheld)}")
+        note(f"To be removed after you confirm, although still named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
         raise Refused(what, f"rorg is {shown.suspended}", "`rorg suspend --end`")
     if not ((shown.empty and nothing) or yes):
@@ -143,7 +143,7 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
             f"apply {context.root}",
             f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
             + (f" and follows {followed}{f' for {robot}' if robot else ''}" if followed else ""),
-            "changing that tree, or stopping it first",
+            "changing that tree, or stopping that program first",
         )
 
 
@@ -185,5 +185,5 @@ def _unfinished(view: dict[str, Any], wait: bool) -> str:
         return str(view["plan"]["summary"])
     tried = [n for n, s in view["services"].items() if condition(s, "Updated")["reason"] == "OnTrial"]
     if wait and tried:
-        return f"{', '.join(tried)}: not yet known whether the new container comes up"
+        return f"{', '.join(tried)}: it is not known yet whether the new container becomes ready"
     return unready(view, sorted(n for n, s in view["services"].items() if s["wanted"])) if wait else ""

@@ -251,7 +251,7 @@ class Context:
                 raise
             if engine.get("silent_since"):
                 self.silence = str(engine["error"])
-                self.notices.say(f"{self.silence}; states are those that were seen last")
+                self.notices.say(f"{self.silence}; states are those seen last")
             self._client = client
         return self._client
 
@@ -270,7 +270,7 @@ class Context:
         with self.state.usable():
             RequestsFile(self.state.requests).change(edit)
         if self.state.owner() is None:
-            note("no rorg runs here: it takes effect at the next `rorg run` or `rorg apply`")
+            note("no rorg runs here; it takes effect at the next `rorg run` or `rorg apply`")
 
     def decision(self, catalog: Catalog) -> Decision:
         """One pass that changes nothing: observation, resolution, plan. Raises Unreachable."""

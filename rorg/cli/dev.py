@@ -57,11 +57,13 @@ def command(
     from rorg.errors import Invalid
 
     if stop + devcontainer + bool(fresh or command) > 1:
-        raise Invalid("do all of that at once", "--stop and --devcontainer stand for themselves", "one after the other")
+        raise Invalid(
+            "combine these options", "--stop and --devcontainer exclude the other actions", "one after the other"
+        )
     if command and not command[0]:
         raise Invalid(f"run a command to develop {name}", "it has no name", f"`rorg dev {name} -- COMMAND`")
     if name is None and (fresh or devcontainer or (called and not stop)):
-        raise Invalid("open a container to develop in", "no service or image is named", "`rorg dev NAME`")
+        raise Invalid("open a dev container", "no service or image is named", "`rorg dev NAME`")
     robot = Developing(Context(state_dir, engine, Path(directory) if directory else None))
     if stop:
         robot.stop(name, called)

@@ -71,7 +71,7 @@ class Wish:
         self.of, self.spec, self.service, self.image = _meant(context, catalog, name, self.what)
         self.name = called or name_for(self.of)
         if not NAME.fullmatch(self.name):
-            raise Invalid(self.what, f"'{self.name}' is no name of a container", "letters, digits, _ . -")
+            raise Invalid(self.what, f"'{self.name}' is not a valid container name", "letters, digits, _ . -")
         if any(s.spec is not None and s.container_name == self.name for s in catalog.services.values()):
             raise Invalid(self.what, f"the container of a service is called {self.name}", "--name NAME")
         self.person = caller(os.environ, os.geteuid(), os.getegid())
@@ -121,7 +121,7 @@ def _workspace(given: Path | None) -> str:
     path = os.path.abspath(given or os.getcwd())
     what = f"work in {path}"
     if not os.path.isdir(path):
-        raise Invalid(what, "there is no such directory", "another one with --workspace")
+        raise Invalid(what, "there is no such directory", "another directory with --workspace")
     if path in COVERED:
         raise Invalid(what, "it would hide what the image has there", "a directory below it, with --workspace")
     return path
@@ -130,7 +130,7 @@ def _workspace(given: Path | None) -> str:
 def _display(what: str, person: Person) -> dict[str, str]:
     """DISPLAY, with its cookies and sockets if there are any (a screen over TCP has none). Raises Invalid."""
     if not os.environ.get("DISPLAY"):
-        raise Invalid(f"{what} with X11", "DISPLAY is not set: there is no screen", "it without --x11")
+        raise Invalid(f"{what} with X11", "DISPLAY is not set: there is no screen", "the same without --x11")
     files = {"XAUTHORITY": os.environ.get("XAUTHORITY") or f"{person.home}/.Xauthority", "SOCKETS": SCREEN}
     return {"DISPLAY": os.environ["DISPLAY"], **{k: path for k, path in files.items() if os.path.exists(path)}}
 
@@ -148,7 +148,7 @@ class Developing:
 
     def __init__(self, context: Context) -> None:
         """Raises Refused if only the socket is known, and Invalid if the engine has no containers on this machine."""
-        what = "develop in a container"
+        what = "open a dev container"
         context.here(what)
         engine = context.engine() if capabilities_of(context.engine_name).images else None
         if not isinstance(engine, DockerEngine):
@@ -162,11 +162,13 @@ class Developing:
         of = name and name.removeprefix("service/")
         found = [c for c in self.containers.list() if _named(c, of, called)]
         for container in found:
-            note(f"{container.name} of {container.of} ({container.state}, {container.workspace}) is ended and removed")
+            note(
+                f"{container.name} of {container.of} ({container.state}, {container.workspace}) is stopped and removed"
+            )
         for container in found:
             self.containers.remove(container)
         if not found:
-            note(f"there is nothing to stop: no container to develop in{f' of {of}' if of else ''}")
+            note(f"nothing to stop: no dev container{f' of {of}' if of else ''}")
 
     def enter(self, wish: Wish, command: Sequence[str], fresh: bool, yes: bool) -> int:
         """The exit code of a shell or of the command in the container, which is made if it is missing."""
@@ -207,7 +209,7 @@ class Developing:
         """Raises Refused for a container of another user, service or image."""
         for theirs, ours_ in ((found.of, wish.of), (f"user {found.user}", f"user {wish.developer.user}")):
             if theirs != ours_:
-                raise Refused(wish.what, f"{found.name} is that of {theirs}, not of {ours_}", "--name NAME")
+                raise Refused(wish.what, f"{found.name} belongs to {theirs}, not to {ours_}", "--name NAME")
 
     def _tell_drift(self, wish: Wish, found: DevContainer) -> None:
         image = self.containers.image(wish.spec["image"])
@@ -259,7 +261,7 @@ class Developing:
         try:
             foreign = path.exists() and not ours(path.read_bytes())
             if foreign and not yes:
-                consent(what, f"{path} is not rorg's. Overwrite it?", "there is one that is not rorg's")
+                consent(what, f"{path} is not rorg's. Overwrite it?", "that file is not rorg's")
             self.context.state.prepare()
             self._make_home(wish)
             spec = dev_spec(self._there(wish.spec), wish.name, wish.developer)
@@ -270,4 +272,4 @@ class Developing:
             write_atomic(path, json.dumps(found, indent=2) + "\n", mode=0o644, owner=(person.uid, person.gid))
         except OSError as error:
             raise Invalid(what, error.strerror or str(error), "another --workspace") from error
-        note(f"{path} is written" + (f"; it cannot say {', '.join(left)}" if left else ""))
+        note(f"{path} is written" + (f"; it cannot express {', '.join(left)}" if left else ""))

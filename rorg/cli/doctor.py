@@ -55,7 +55,7 @@ def _facts(context: Context) -> Installation:
         cgroup=machine.cgroup,
         pressure=os.path.exists("/proc/pressure/cpu"),
         state_dir=str(state.path),
-        state_error=host.writable(state.path) if readable else f"you may not look into {state.path}",
+        state_error=host.writable(state.path) if readable else f"you may not read {state.path}",
         journal_error=host.journal_error(state.journal) if readable else "",
         git_version=host.git_version(),
         git_refusal=refusal(Path(tree)) if isinstance(tree, str) else "",

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 def command(
     yes: Yes = False,
-    keep_requests: Annotated[bool, Option("Keep what was requested for the next `rorg run`.")] = False,
-    volumes: Annotated[bool, Option("Remove the robot's volumes too, with all that is in them.")] = False,
+    keep_requests: Annotated[bool, Option("Keep the requests for the next `rorg run`.")] = False,
+    volumes: Annotated[bool, Option("Also remove the robot's volumes with all data.")] = False,
     timeout: Timeout = 300.0,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
@@ -48,7 +48,7 @@ def command(
         _until_gone(context, timeout)
     note("the robot is down")
     if others:
-        note(f"{', '.join(others)} to develop in: still there; `rorg dev --stop` removes that too")
+        note(f"dev containers remain: {', '.join(others)}; `rorg dev --stop` removes them")
 
 
 def _developed_in(context: Context) -> list[str]:
@@ -77,7 +77,7 @@ def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
 
 def _object_rows(views: Iterable[dict[str, Any]], volumes: bool) -> list[dict[str, str]]:
     """The networks and volumes that rorg made; volumes stay unless `volumes`."""
-    lost = {True: "removed with all that is in it", False: "stays; --volumes removes it"}
+    lost = {True: "removed with all data", False: "stays; --volumes removes it"}
     return [
         {
             "name": f"{view['kind']}/{view['engine_name']}",

@@ -83,7 +83,7 @@ def _editor() -> list[str]:
 
     chosen = os.environ.get("VISUAL") or os.environ.get("EDITOR") or ""
     if not chosen.strip() and not sys.stdin.isatty():
-        raise Invalid("open an editor", "there is no terminal", "it in one, or a program as EDITOR")
+        raise Invalid("open an editor", "there is no terminal", "a terminal, or a program as EDITOR")
     try:
         return shlex.split(chosen) or ["vi"]
     except ValueError as error:
@@ -118,7 +118,7 @@ def _with(mistake: Exception | None, text: str) -> str:
 
     if mistake is None:
         return text
-    lines = [*textwrap.wrap(str(mistake), 100), "Mend it; or save it as it is, or empty, and nothing changes."]
+    lines = [*textwrap.wrap(str(mistake), 100), "Fix it; or save it unchanged, or empty, to change nothing."]
     return "".join(f"{MARK}{line}\n" for line in (*lines, "Line numbers do not count these lines.")) + text
 
 
@@ -208,7 +208,7 @@ class Alone:
                 raise Refused(what, "it was changed meanwhile", "`rorg edit` again")
             change.carry_out(self.root, self.state.prepare().manifest_change, text)
         except OSError as error:
-            raise Refused(what, f"{error.filename}: {error.strerror}", "fixing what is there") from error
+            raise Refused(what, f"{error.filename}: {error.strerror}", "checking that file") from error
 
 
 def _message(kind: str, name: str) -> str:

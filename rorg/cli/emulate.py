@@ -98,7 +98,7 @@ def _experiment(
     catalog = context.catalog()
     played = read_trace(path, {*catalog.services, *catalog.groups}).compressed(compress)
     if played.duration < SHORTEST:
-        why = f"it takes {played.duration:g} s when it is compressed, and {SHORTEST:g} s are the least"
+        why = f"it takes {played.duration:g} s when compressed, less than {SHORTEST:g} s"
         raise Invalid(f"emulate {path}", why, "a smaller --compress")
     images = load_or_raise(TRITONBOT / "manifests").images
     return Experiment(

@@ -44,7 +44,7 @@ def command(
     from rorg.errors import Invalid
 
     if follow and until:
-        raise Invalid("follow events", "--until ends what -f goes on with", "one of them")
+        raise Invalid("follow events", "--until and -f contradict each other", "one of them")
     only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
     last = tail if tail is not None else MOST if since else LAST
     context = Context(state_dir, None)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rorg.manifest.field_texts import FieldText
 
 CHANGES = {
-    "live": "is made in place, without a new container",
+    "live": "is made in place",
     "recreate": "costs a new container",
     "none": "costs a running container nothing",
 }
@@ -64,7 +64,7 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
     from rorg.manifest.effective import effective
 
     if kind not in ("", "services", "service"):
-        raise Invalid(f"explain '{what}'", "only a service has values that come together", "services/NAME")
+        raise Invalid(f"explain '{what}'", "only services have effective values", "services/NAME")
     try:
         catalog = context.catalog()
     except Invalid:
@@ -89,7 +89,7 @@ def _unknown(what: str, services: Any) -> Invalid:
     likely = next(filter(None, near if "." in what else reversed(near)), "")
     if services is None:
         why = "no field of that name, and no manifests with a service of that name"
-        return Invalid(f"explain '{what}'", why, likely or "the directory of the manifests after it")
+        return Invalid(f"explain '{what}'", why, likely or "naming the directory of manifests after it")
     return Invalid(f"explain '{what}'", "no field or service of that name", likely or "rorg get")
 
 

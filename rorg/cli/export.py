@@ -26,7 +26,9 @@ def command(
     ] = None,
     form: Annotated[
         str,
-        Option("yaml, or json: the file, what it cannot say, and what stands beside it.", names=("-o",), choices=FORMS),
+        Option(
+            "yaml, or json: the file, what it cannot express, and the files beside it.", names=("-o",), choices=FORMS
+        ),
     ] = "yaml",
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
     state_dir: StateDirectory = None,
@@ -58,7 +60,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
     there = [str(path) for path in texts if path.exists()]
     if there and not force:
-        raise Refused("export the robot", f"{', '.join(there)} is there", "--force, or another name by --output")
+        raise Refused("export the robot", f"{', '.join(there)} exists already", "--force, or another --output")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         for path, text in texts.items():
@@ -66,7 +68,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
             path.touch(0o600 if path.suffix == ".env" else 0o644)
             path.write_text(text)
     except OSError as error:
-        raise Invalid(f"write {error.filename}", str(error.strerror), "another file by --output") from error
+        raise Invalid(f"write {error.filename}", str(error.strerror), "another --output") from error
 
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:
@@ -85,7 +87,7 @@ def _tell(exported: Exported, output: Path | None, form: str) -> None:
     elif output is None:
         echo(write(exported), end="")
     if output is None and exported.files:
-        note(f"{', '.join(sorted(exported.files))}: named in it, and written by --output")
+        note(f"{', '.join(sorted(exported.files))}: the file names these; --output writes them too")
     lost = sum(n.lost for n in exported.notes)
     told = f", {counted(lost, 'thing')} not carried: see its comments" if lost else ""
     note(f"{output or 'compose'}: {counted(len(exported.document['services']), 'service')}{told}")

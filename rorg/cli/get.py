@@ -235,7 +235,7 @@ def select(
     name may have been meant as. Raises Invalid for an unknown name."""
     view = context.view()
     if view.get("pid") is None:
-        note(f"no rorg runs on {context.state.path}: this is what the engine shows, and nothing manages it")
+        note(f"no rorg runs on {context.state.path}: this is the state of the engine, and nothing manages it")
     known = view["services"]
     wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
     inside = _members(context, "group", group, known, ()) if group else known.keys()

@@ -15,8 +15,8 @@ from rorg.cli.signature import Parameter, parameters
 
 ABOUT = "Run a robot's services: declared in YAML, started and ceased by requests."
 EXITS = (
-    "Exit codes: 0 ok, 1 differences (diff), 2 usage or invalid manifest, 3 engine or daemon unreachable, "
-    "4 applied but not ready, 5 refused, 70 internal error."
+    "Exit codes: 0 ok, 1 differences (diff) or still wanted (stop), 2 usage or invalid manifest, 3 engine or daemon "
+    "unreachable, 4 applied but not ready, 5 refused, 70 internal error."
 )
 HELP = ("-h, --help", "Show this help.")
 VALUES = {duration: "DURATION", moment: "TIME", str: "TEXT", int: "N", float: "NUMBER", Path: "PATH"}

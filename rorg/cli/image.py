@@ -95,7 +95,7 @@ def _with_images(context: Context) -> Any:
     if not capabilities_of(context.engine_name).images:
         raise Refused(
             f"look after images on the engine '{context.engine_name}'",
-            "there an image is a name for folders of programs",
+            "its images are only names for folders of programs",
             "--engine docker",
         )
     return context.engine()
@@ -130,7 +130,7 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     _print(going, output)
     freed = format_memory(sum(image.freed for image in going))
     if dry_run or not going:
-        note(f"{counted(len(going), 'image')} would go, {freed}" if going else "nothing to remove")
+        note(f"{counted(len(going), 'image')} would be removed, {freed}" if going else "nothing to remove")
         return
     if not yes:
         consent(f"remove {counted(len(going), 'image')}", f"Remove them ({freed})?")
@@ -201,7 +201,7 @@ def _load(robot: _Robot, path: Path) -> None:
     except OSError as error:
         raise Invalid(f"read {path}", error.strerror or str(error), "the file that `rorg image save` wrote") from error
     if not loaded:
-        raise Invalid(what, "there is no image in it", "an archive that `rorg image save` wrote")
+        raise Invalid(what, "it contains no image", "an archive that `rorg image save` wrote")
     robot.context.state.prepare()
     robot.records.note(built)
     note(f"{counted(loaded, 'image')} loaded")

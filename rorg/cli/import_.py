@@ -73,7 +73,7 @@ def _compose(
 
     for path in paths:
         if not path.exists():
-            raise Invalid(f"read {path}", "there is no such file", "a path that is there")
+            raise Invalid(f"read {path}", "no such file", "another path")
     given = [Path(f) for f in env_files]
     read = Reader(_project_folder(paths[0] if paths else Path()), [*paths, *given, *named])
     loaded = load(
@@ -138,7 +138,7 @@ def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: li
 
     wrong = next((word for word in words if ":=" not in word), None)
     if wrong is not None:
-        raise Invalid(f"import {path}", f"'{wrong}' is no argument of a launch file", "ARG:=VALUE")
+        raise Invalid(f"import {path}", f"'{wrong}' is not an argument of a launch file", "ARG:=VALUE")
     arguments = dict(word.split(":=", 1) for word in words)
     read = Reader(_project_folder(path), [path, *named])
     return from_roslaunch(path, read, arguments, image, with_master=not (output / "services/roscore.yaml").exists())
@@ -152,7 +152,11 @@ def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
     _notes(imported, form)
     if form in ("json", "yaml"):
         dump(_whole(imported, None), form)
-    raise Invalid(f"import from {what}", f"{counted(len(imported.errors), 'error')}; nothing is written", "mending it")
+    raise Invalid(
+        f"import from {what}",
+        f"{counted(len(imported.errors), 'error')}; nothing is written",
+        "`rorg import --help` for options that help, or editing the source",
+    )
 
 
 def _notes(imported: Imported, form: str) -> None:
@@ -171,7 +175,7 @@ def _write(imported: Imported, output: Path, force: bool) -> None:
     there = [str(path) for path in there_already(imported, output)]
     if there and not force:
         some = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
-        raise Refused(f"write manifests into {output}", f"{some} is there", "--force, or another --output")
+        raise Refused(f"write manifests into {output}", f"{some} exists already", "--force, or another --output")
     try:
         write_tree(imported, output)
     except OSError as error:

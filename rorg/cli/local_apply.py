@@ -35,7 +35,7 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
         note(entry("", f"{name} is not ready: {why}"))
     baking = [w.service for w in last.plan.waitings if w.code == BAKING]
     if timed_out and baking and not late and _all_but_baked(last):
-        note(entry("", f"not yet known to stay well: {', '.join(baking)}; the next rorg sees to it"))
+        note(entry("", f"not yet known to stay well: {', '.join(baking)}; the next rorg continues to check"))
         timed_out = False
     if timed_out or failed or (late and wait):
         raise NotReady(

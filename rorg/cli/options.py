@@ -58,9 +58,9 @@ class Option(NamedTuple):
     def within(self, value: Any, text: str) -> Any:
         """The value, if it is within the limits. Raises ValueError."""
         if self.least is not None and value < self.least:
-            raise ValueError(f"{text} is too little; {self.least:g} at the least")
+            raise ValueError(f"{text} is too small; the minimum is {self.least:g}")
         if self.most is not None and value > self.most:
-            raise ValueError(f"{text} is too much; {self.most:g} at the most")
+            raise ValueError(f"{text} is too large; the maximum is {self.most:g}")
         return value
 
 
@@ -86,8 +86,8 @@ def words(text: str) -> list[str]:
 
 
 DIRECTORY = Argument(
-    "Directory of manifests. Default: that of the running rorg, else ./manifests, else the current "
-    "one, else, if that holds none, the last one.",
+    "Directory of manifests. Default: that of the running rorg, or ./manifests, or the current one, or, if that has "
+    "none, the last one.",
     show_default=False,
     completes=DIRECTORIES,
 )
@@ -96,23 +96,23 @@ MANIFESTS = Option("Directory of manifests.", names=("--manifests",), parser=str
 ManifestsDirectory = Annotated[Any, MANIFESTS]
 """For commands whose first argument is something else."""
 ROBOT = Option(
-    "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, else the "
-    "name of this machine if a robot has it, else none.",
+    "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, or the name of this "
+    "machine if a robot has it.",
     names=("--robot",),
     show_default=False,
     metavar="NAME",
 )
 """Every command that takes a directory of manifests has it."""
 STATE_DIR = Option(
-    "State directory of the robot. Default: RORG_STATE_DIR, else /var/lib/rorg for root, and for "
-    "others ~/.local/state/rorg.",
+    "State directory of the robot. Default: RORG_STATE_DIR, or /var/lib/rorg for root and ~/.local/state/rorg for "
+    "other users.",
     names=("--state-dir",),
     show_default=False,
     completes=DIRECTORIES,
 )
 SOCKET = Option(
-    "Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, else the one in"
-    " the state directory, else /run/rorg/rorg.sock.",
+    "Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, or the one in the state "
+    "directory, or /run/rorg/rorg.sock.",
     names=("--socket",),
     show_default=False,
     metavar="PATH",

@@ -24,7 +24,7 @@ class EarlierRequests:
     def __init__(self, context: Context, root: Path, at: str) -> None:
         self.context, self.root = context, root
         if not context.state.readable:
-            why = f"what was requested is on record in {context.state.path}, which this user may not read"
+            why = f"the record of requests is in {context.state.path}, which this user may not read"
             raise Refused("restore requests", why, "as root, or `rorg rollback` for the manifests alone")
         with reading(context.state.journal) as database:
             self.then = {r.key: r for r in Asked(database).at(at) if r.ttl is None}

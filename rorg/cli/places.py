@@ -38,9 +38,9 @@ class Place(NamedTuple):
     def too_far(self, what: str) -> Refused:
         """The error for what needs more than the API."""
         if self.elsewhere:
-            why = f"RORG_ADDRESS is {self.remote}, and this is only done where rorg runs"
-            return Refused(what, why, "it there, or unsetting RORG_ADDRESS")
-        why = f"rorg is only known by its socket {self.remote}, which does not do this"
+            why = f"RORG_ADDRESS is {self.remote}, and this only works where rorg runs"
+            return Refused(what, why, "running it there, or unsetting RORG_ADDRESS")
+        why = f"only the socket {self.remote} of rorg is known, and it cannot do this"
         return Refused(what, why, "as root, or with its --state-dir")
 
 
@@ -92,10 +92,10 @@ def _not_allowed(path: str) -> Refused:
     try:
         about = os.stat(path)
     except OSError as error:
-        return Refused(what, f"you may not look into {os.path.dirname(path)}", f"`sudo ls {error.filename}`")
+        return Refused(what, f"you may not read {os.path.dirname(path)}", f"`sudo ls {error.filename}`")
     group = _group_of(about.st_gid)
     if about.st_gid == 0 or not about.st_mode & 0o020:
-        return Refused(what, "it has been given to no group", "`rorg run --group GROUP`, or as root")
+        return Refused(what, "no group may use it", "`rorg run --group GROUP`, or as root")
     return Refused(what, f"you are not in the group {group}", f"`sudo usermod -aG {group} $USER` and log in again")
 
 
@@ -111,8 +111,8 @@ def _group_of(number: int) -> str:
 def nobody(what: str, state: StateDir) -> Unreachable:
     """The error if a running rorg is needed and there is none."""
     if not state.readable:
-        why = f"you may not look into {state.path}, and nothing serves at {state.run / NAME}"
-        return Unreachable(what, why, "as root, or another one with --socket or --state-dir")
+        why = f"you may not read {state.path}, and nothing serves at {state.run / NAME}"
+        return Unreachable(what, why, "as root, or naming another rorg with --socket or --state-dir")
     why = f"no rorg runs on {state.path}"
     return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")
 

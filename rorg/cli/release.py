@@ -32,7 +32,7 @@ def command(
     robot = operating(Context(state_dir, None))
     found = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})
     if len(found) > 1:
-        raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request of that id", "--as REQUESTER")
+        raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request with that id", "--as REQUESTER")
     for name in found:
         confirmed(partial(robot.release, id, name), yes, "Release")
     text = "\n".join(f"request '{id}' of {name} released" for name in found)

@@ -47,9 +47,9 @@ def command(
 
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
-        raise Invalid("request", "a lease of 0 s would be over at once", "--ttl 10s, or none for no end")
+        raise Invalid("request", "a lease of 0 s ends immediately", "--ttl 10s, or no --ttl for a request without end")
     if rollback and not wait:
-        raise Invalid("request", "--rollback is for a wait that fails", "--wait with it")
+        raise Invalid("request", "--rollback needs --wait", "adding --wait")
     chosen = list(dict.fromkeys(services))
     name, robot = id or chosen[0], operating(Context(state_dir, engine))
     check_id(name)

@@ -101,7 +101,7 @@ class Known:
         good = next((r for r in before[:TRIED] if self.committed(r, root)), None)
         if good is None:
             why = "no good state of the manifests before this one is on record"
-            raise Refused("roll back", why, "`rorg rollback REV`, with what `rorg history` or `git log` has")
+            raise Refused("roll back", why, "`rorg rollback REV`, with a REV of `rorg history` or `git log`")
         return good
 
 
@@ -121,10 +121,10 @@ def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
     """The commit of a revision. Raises Refused if git does not have all of it."""
     if not revisions.committed(revision, root):
         commit = revision.commit[:SHORT]
-        why = f"the repository has no {commit} any more" if commit else "it was in no repository"
+        why = f"the repository no longer contains {commit}" if commit else "it was in no repository"
         if revision.dirty:
-            why = f"it was {commit} with changes that were not committed"
-        raise Refused(f"go back to revision {revision.number}", why, "another one of `rorg history`")
+            why = f"it was {commit} with uncommitted changes"
+        raise Refused(f"go back to revision {revision.number}", why, "another revision of `rorg history`")
     return Goal(revision.commit, str(revision.number), revision.subject)
 
 

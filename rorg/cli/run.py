@@ -235,7 +235,7 @@ def followed(directory: Path | None, git: str, path: str, committed: bool, signe
         return None
     if git and (directory or committed):
         other = "DIRECTORY" if directory else "--committed"
-        raise Invalid(f"follow {without_user(git)} and {other}", "it is one or the other", "`rorg run --help`")
+        raise Invalid(f"follow {without_user(git)} and {other}", "they exclude each other", "`rorg run --help`")
     if signers and not signers.exists():
         raise Invalid(f"verify by {signers}", "no such file or directory", "a file of ssh signers, or a GnuPG home")
     trusted = signers.resolve() if signers else None
@@ -257,8 +257,8 @@ def _own(directory: Path, path: str, signers: Path | None) -> Followed:
 
     found = repository(directory)
     if found is None or not directory.is_dir():
-        why = "it is in no git repository" if directory.is_dir() else "no such directory"
-        raise Invalid(f"follow what is committed of {directory}", why, "`git init` and a commit, or no --committed")
+        why = "it is not in a git repository" if directory.is_dir() else "no such directory"
+        raise Invalid(f"follow the commits of {directory}", why, "`git init` and a commit, or no --committed")
     inner = directory.resolve().relative_to(found.parent) / _inner(path)
     return Followed(Remote(str(found.parent)), str(inner), signers, forward=False)
 
@@ -268,5 +268,5 @@ def _inner(path: str) -> str:
     from rorg.errors import Invalid
 
     if path.startswith("/") or ".." in Path(path).parts:
-        raise Invalid(f"read manifests in {path}", "it is not inside of the repository", "--path DIR, from its top")
+        raise Invalid(f"read manifests in {path}", "it is not inside the repository", "--path DIR, from its top")
     return str(Path(path))

@@ -25,5 +25,5 @@ def command(
 
     code = run_inside(Context(state_dir, engine), service, BASH_OR_SH, True, False)
     if code == NO_PROGRAM:
-        note(f"rorg: {service}: exit code 127; where it has no shell, try `rorg exec {service} -- COMMAND`")
+        note(f"rorg: {service}: exit code 127; if it has no shell, try `rorg exec {service} -- COMMAND`")
     sys.exit(code)

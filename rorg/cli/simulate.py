@@ -187,7 +187,7 @@ class Trial:
         missing = sorted(named - known)
         if missing:
             why = f"the trace {self.trace.name} names {missing[0]}, which it does not declare"
-            raise Invalid(f"try '{variant.name}'", why, "a tree with all that the trace names")
+            raise Invalid(f"try '{variant.name}'", why, "a tree that declares everything in the trace")
 
 
 def try_out(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def command(
     id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
     requester: Annotated[
-        str, Option("Its requester, where several use the same id.", names=("--as",), completes=SERVICES)
+        str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",

@@ -59,7 +59,7 @@ def _here(root: str) -> Path:
     from rorg.errors import Invalid
 
     if not Path(root).is_dir():
-        raise Invalid("look at that machine", f"{root} is not on this one", "`rorg validate --machine` there")
+        raise Invalid("check this machine", f"{root} is not on this one", "`rorg validate --machine` there")
     return Path(root)
 
 
@@ -175,7 +175,7 @@ def sarif(found: Sequence[Mapping[str, Any]], codes: Mapping[str, Any], version:
 def _rule(code: str, codes: Mapping[str, Any]) -> dict[str, Any]:
     about = codes.get(code)
     if about is None:
-        return {"id": code, "shortDescription": {"text": "A manifest is not as its kind says."}}
+        return {"id": code, "shortDescription": {"text": "A manifest does not have the form of its kind."}}
     return {
         "id": code,
         "shortDescription": {"text": about.cause},
