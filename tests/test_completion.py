@@ -226,5 +226,5 @@ def test_whatever_names_a_service_an_engine_or_a_form_is_completed(name):
         declared = parameter.declared
         words = declared.names if isinstance(declared, Option) else ()
         known = parameter.name in ("service", "services") or {"--engine", "--output", "--state-dir"} & set(words)
-        assert declared.completes or not known, parameter.name
+        assert declared.completes or declared.choices or not known, parameter.name
         assert isinstance(declared, Argument | Option)

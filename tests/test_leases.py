@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import write_tree
 
+from rorg.api.changes import release
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller
 from rorg.core.observed import Container, Observed
@@ -116,7 +117,7 @@ def test_what_was_renewed_while_the_pass_decided_is_not_dropped(stepped):
 def test_what_was_released_cannot_be_renewed_though_the_loop_has_not_heard_of_it(stepped):
     stepped.put("camera", ttl=60.0)
     stepped.step()
-    stepped.robot.release(DEVELOPER, ("developer", "look"), True).result(5)
+    stepped.robot.change(DEVELOPER, release(("developer", "look"))).result(5)
     with pytest.raises(Missing):
         stepped.robot.renew(DEVELOPER, ("developer", "look"))
     stepped.robot.put_request(DEVELOPER, Request("look", "developer", ("camera",), ttl=60.0)).result(5)
@@ -165,7 +166,7 @@ def test_while_the_first_tree_is_read_no_service_is_said_to_be_missing(tmp_path)
     (tmp_path / "tree/.git/index.lock").touch()
     stepped = Stepped(tmp_path)
     stepped.step()
-    asks = [lambda: stepped.robot.service_text("camera"), lambda: stepped.robot.members("camera")]
+    asks = [lambda: stepped.robot.service_text("camera"), lambda: stepped.robot.current.members("camera")]
     for ask in asks:
         with pytest.raises(Busy):
             ask()
@@ -185,7 +186,7 @@ def test_a_request_put_again_at_once_after_its_release_gets_its_whole_lease(step
     stepped.robot.put_request(DEVELOPER, request).result(5)
     stepped.step()
     run_out(stepped, 0.3)
-    stepped.robot.release(DEVELOPER, request.key, True).result(5)
+    stepped.robot.change(DEVELOPER, release(request.key)).result(5)
     stepped.robot.put_request(DEVELOPER, request).result(5)
     stepped.step()
     run_out(stepped, 0.2)

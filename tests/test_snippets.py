@@ -126,11 +126,11 @@ def shell_lines() -> list[tuple[str, list[str]]]:
 
 
 def inline_lines() -> list[tuple[str, list[str]]]:
-    """Those in the middle of sentences. What has brackets is a pattern and no line."""
+    """Those in the middle of sentences. A text with brackets or choices is a pattern, not a line."""
     found = []
     for page in PAGES:
         for match in re.finditer(r"`(rorg [a-z][^`\n]*)`", page.read_text()):
-            if not re.search(r"[\[\]…]|\.\.\.", match[1]):
+            if not re.search(r"[\[\]…]|\.\.\.|\w\|\w", match[1]):
                 found.append((str(page.relative_to(ROOT)), shlex.split(match[1].partition(" | ")[0])))
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rorg.api.manifest_change import digest
 from rorg.core.masking import MASK, Masker
 from rorg.errors import Invalid
 from rorg.manifest.documents import manifest_files
@@ -29,6 +30,14 @@ def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
         if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
             found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
     return found
+
+
+def listed(root: Path) -> list[dict[str, Any]]:
+    """All manifests of a tree, as ManifestView."""
+    return [
+        {"kind": kind, "name": name, "file": str(path.relative_to(root)), "digest": digest(content)}
+        for (kind, name), (path, content) in sorted(manifests_of(root).items())
+    ]
 
 
 def check_name(kind: str, name: str, text: str) -> None:

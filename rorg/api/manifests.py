@@ -17,7 +17,7 @@ from rorg.api.changes import confirm
 from rorg.api.generations import GENERATION, reached
 from rorg.api.inputs import PutManifest
 from rorg.api.manifest_change import ManifestChange, digest, recover
-from rorg.api.manifest_texts import check_name, check_tree, manifests_of, restored
+from rorg.api.manifest_texts import check_name, check_tree, listed, manifests_of, restored
 from rorg.api.models import ManifestView
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
@@ -32,14 +32,6 @@ Kind = Annotated[str, Parameter(pattern="^(" + "|".join(FOLDERS.values()) + ")$"
 ManifestName = Annotated[str, Parameter(pattern=f"{NAME}|{image_names.NAME}", max_length=image_names.LONGEST)]
 ONE = "/v1/manifests/{kind}/{name:path}"
 """Names of Images may contain a /."""
-
-
-def listed(root: Path) -> list[dict[str, Any]]:
-    """All manifests of a tree, as ManifestView."""
-    return [
-        {"kind": kind, "name": name, "file": str(path.relative_to(root)), "digest": digest(content)}
-        for (kind, name), (path, content) in sorted(manifests_of(root).items())
-    ]
 
 
 class Manifests:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rorg_client import Client
 from rorg_client import Error as ClientError
@@ -21,13 +21,13 @@ from rorg.store.state_dir import read_json
 
 if TYPE_CHECKING:
     # Imported inside functions: what the running rorg answers needs none of them, and they take a quarter second.
-    from rorg.core.decide import Decision
     from rorg.core.masking import Masker
     from rorg.engines.protocol import RealEngine
     from rorg.model.catalog import Catalog
     from rorg.store.requests_document import RequestsDocument
 
 
+T = TypeVar("T")
 ROBOT = "RORG_ROBOT"
 """The variable that names a robot of a fleet; `--robot` sets it."""
 ANSWER = 2.0
@@ -175,32 +175,17 @@ class Context:
         named = self.named_robot or (last if last in robots_of(self.root) else "")
         return robot_for(self.root, named, os.uname().nodename)
 
-    def groups(self) -> list[Any]:
+    def asked(self, path: str, here: Callable[[], T]) -> T:
+        """What the running rorg answers; or the same computed here, if none serves or a directory was given."""
+        client = None if self.directory else self.client()
+        if client is None:
+            return here()
+        found: T = client.call("GET", path)
+        return found
+
+    def groups(self) -> list[dict[str, Any]]:
         """All groups, as the API shows them."""
-        client = None if self.directory else self.client()
-        if client:
-            return list(client.groups())
-        found = self.catalog().groups.values()
-        return [{"name": g.name, "services": list(g.services), "description": g.description} for g in found]
-
-    def images(self) -> list[Any]:
-        """All images, as the API shows them."""
-        client = None if self.directory else self.client()
-        if client:
-            return list(client.call("GET", "/v1/images"))
-        from rorg.api.views import images
-
-        return images(self.catalog())
-
-    def manifests(self) -> list[Any]:
-        """All manifests of the tree, as the API shows them."""
-        client = None if self.directory else self.client()
-        if client:
-            return list(client.manifests())
-        self.here("read its manifests")
-        from rorg.api.manifests import listed
-
-        return listed(self.root)
+        return self.asked("/v1/groups", lambda: _views().groups(self.catalog()))
 
     def members(self, name: str) -> tuple[str, ...]:
         """The services that a name stands for."""
@@ -272,12 +257,6 @@ class Context:
         if self.state.owner() is None:
             note("no rorg runs here; it takes effect at the next `rorg run` or `rorg apply`")
 
-    def decision(self, catalog: Catalog) -> Decision:
-        """One pass that changes nothing: observation, resolution, plan. Raises Unreachable."""
-        from rorg.cli.local import decision
-
-        return decision(self, catalog)
-
     def view(self) -> dict[str, Any]:
         """The status that the running rorg publishes; computed in the same way if none runs."""
         found = self.live()
@@ -305,6 +284,12 @@ class Context:
             # Answers take time that rorg needs for what is waited for, so the pauses grow.
             time.sleep(min(max(0.01, 0.1 * waited), 0.25))
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
+
+
+def _views() -> Any:
+    from rorg.api import views
+
+    return views
 
 
 def bad_requests(path: Path, told: str) -> Invalid:

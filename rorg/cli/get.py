@@ -134,7 +134,7 @@ def _groups(context: Context, names: Sequence[str]) -> Found:
 
 
 def _images(context: Context, names: Sequence[str]) -> Found:
-    found = _named("image", names, context.images(), "name")
+    found = _named("image", names, _all_images(context), "name")
     rows = [
         {
             **i,
@@ -144,6 +144,25 @@ def _images(context: Context, names: Sequence[str]) -> Found:
         for i in found
     ]
     return rows, found
+
+
+def _all_images(context: Context) -> list[dict[str, Any]]:
+    def here() -> list[dict[str, Any]]:
+        from rorg.api.views import images
+
+        return images(context.catalog())
+
+    return context.asked("/v1/images", here)
+
+
+def _all_manifests(context: Context) -> list[dict[str, Any]]:
+    def here() -> list[dict[str, Any]]:
+        from rorg.api.manifest_texts import listed
+
+        context.here("read its manifests")
+        return listed(context.root)
+
+    return context.asked("/v1/manifests", here)
 
 
 def _objects(kind: str) -> Any:
@@ -167,7 +186,7 @@ def _objects(kind: str) -> Any:
 
 def _manifests(kind: str) -> Any:
     def listed(context: Context, names: Sequence[str]) -> Found:
-        found = _named(kind.lower(), names, [m for m in context.manifests() if m["kind"] == kind], "name")
+        found = _named(kind.lower(), names, [m for m in _all_manifests(context) if m["kind"] == kind], "name")
         return found, found
 
     return listed

@@ -10,10 +10,9 @@ from rorg.cli.options import FORMS, Argument, Directory, Option, StateDirectory
 from rorg.cli.output import echo, print_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from rorg.cli.context import Context
-    from rorg.model.catalog import Catalog
 
 KINDS = ("services", "images")
 Graph = dict[str, Any]
@@ -47,22 +46,13 @@ def command(
     show(Context(state_dir, None, directory, local=True), form)
 
 
-def _asked(context: Context, path: str, here: Callable[[Catalog], Graph]) -> Graph:
-    """The graph from the running rorg, unless it is about another directory."""
-    client = None if context.directory else context.client()
-    if client is None:
-        return here(context.catalog())
-    told: Graph = client.call("GET", path)
-    return told
-
-
 def _services(context: Context, form: str) -> None:
-    def here(catalog: Catalog) -> Graph:
+    def here() -> Graph:
         from rorg.api.views import graph
 
-        return graph(catalog, () if context.remote else context.document().requests)
+        return graph(context.catalog(), () if context.remote else context.document().requests)
 
-    found = _asked(context, "/v1/graph", here)
+    found = context.asked("/v1/graph", here)
     if form in DRAWN:
         echo(_drawn_services(found, form))
     elif form == "wide":
@@ -99,12 +89,12 @@ def _drawn_services(graph: Graph, form: str) -> str:
 def _images(context: Context, form: str) -> None:
     from rorg.images.graph import descendants, generations, hierarchy, services_on
 
-    def here(catalog: Catalog) -> Graph:
+    def here() -> Graph:
         from rorg.api.views import image_graph
 
-        return image_graph(catalog)
+        return image_graph(context.catalog())
 
-    found = _asked(context, "/v1/graph/images", here)
+    found = context.asked("/v1/graph/images", here)
     below = {n: [e["to"] for e in found["edges"] if e["from"] == n] for n in found["images"]}
     graph = hierarchy(below)
     levels = generations(graph)
