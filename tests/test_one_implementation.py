@@ -148,7 +148,7 @@ COMMANDS = [
 ]
 NOBODY = "no rorg runs here; it takes effect at the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""
-NO_LOOP = r"no rorg runs on \S+: this is what .*\n"
+NO_LOOP = r"no rorg runs on \S+: this is the state of .*\n"
 """What stands above a listing of services that nobody keeps."""
 
 
