@@ -157,8 +157,8 @@ def test_only_what_is_committed_counts(tmp_path):
     ("words", "why"),
     [
         (["--git", "x@a..b"], "no name of a branch"),
-        (["--git", "x", "--path", "../y"], "not inside of the repository"),
-        (["--git", "x", "--committed"], "one or the other"),
+        (["--git", "x", "--path", "../y"], "not inside the repository"),
+        (["--git", "x", "--committed"], "they exclude each other"),
         (["tree", "--git", "https://anna:pass@example.org/x"], r"https://\*\*\*@example.org/x and DIRECTORY"),
         (["--path", "x"], "no repository is followed"),
         (["tree", "--committed"], "in no git repository"),

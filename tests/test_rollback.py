@@ -146,7 +146,7 @@ def test_what_git_has_not_is_passed_over(running):
     lost = revisions(running)[0].number
     fifth = commit(running, "five", {"arm": says(5), "base": says(2)})
     good(running, fifth)
-    assert "with changes that were not committed" in rorg(running, "rollback", str(lost), "--yes", code=5)
+    assert "with uncommitted changes" in rorg(running, "rollback", str(lost), "--yes", code=5)
     rorg(running, "rollback", "--yes")
     assert git(running, "log", "-1", "--format=%s") == f"Roll back to {known.number} ({third[:12]}): three"
     assert made(running) == before

@@ -67,7 +67,7 @@ def agree(
     warn_of_other_tree(context, shown)
     note(shown.overview().rstrip())
     if shown.withheld:
-        note(f"To be removed after you confirm, although still named: {', '.join(shown.withheld)}")
+        note(f"To remove after you confirm, although still named: {', '.join(shown.withheld)}")
     if shown.suspended and (shown.plan["actions"] or shown.withheld):
         raise Refused(what, f"rorg is {shown.suspended}", "`rorg suspend --end`")
     if not ((shown.empty and nothing) or yes):
