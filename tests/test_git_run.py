@@ -130,7 +130,7 @@ def test_apply_looks_at_once_and_edits_are_refused(robot):
     assert robot.client().service("camera")["state"] == "running"
     text = robot.client().manifest("Service", "arm")
     base = next(m["digest"] for m in robot.client().manifests() if m["name"] == "arm")
-    with pytest.raises(Refused, match=r"manifests are those of .*far.git@main, robot; try a commit there"):
+    with pytest.raises(Refused, match=r"manifests are those of .*far.git@main, robot; try committing there"):
         robot.client().put_manifest("Service", "arm", text + "  priority: 3\n", base)
     robot.stop()
     assert "they are those of a repository" in rorg(robot, "edit", "arm", code=5)
@@ -161,9 +161,9 @@ def test_only_what_is_committed_counts(tmp_path):
         (["--git", "x", "--committed"], "they exclude each other"),
         (["tree", "--git", "https://anna:pass@example.org/x"], r"https://\*\*\*@example.org/x and DIRECTORY"),
         (["--path", "x"], "no repository is followed"),
-        (["tree", "--committed"], "in no git repository"),
+        (["tree", "--committed"], "not in a git repository"),
         (["--git", "x", "--signers", "nowhere"], "no such file"),
-        (["--git", "x", "--poll", "0.5s"], "too little"),
+        (["--git", "x", "--poll", "0.5s"], "the minimum is 1"),
     ],
 )
 def test_what_cannot_be_followed(tmp_path, words, why):
