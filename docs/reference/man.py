@@ -1,4 +1,4 @@
-"""Prints the manual page rorg(1), made of the commands: `python docs/reference/man.py > rorg.1`."""
+"""Prints the manual page rorg(1), generated from the commands: `python docs/reference/man.py > rorg.1`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rorg import __version__
 from rorg.cli.main import app
 
 FILES = {
-    "/opt/robot/manifests": "The manifests of this robot, where rorg is a service of the machine.",
-    "/run/rorg/rorg.sock": "Where the running rorg answers, for root and the group rorg.",
+    "/opt/robot/manifests": "The manifests of this robot, if rorg is a service of the machine.",
+    "/run/rorg/rorg.sock": "The socket of the running rorg, for root and the group rorg.",
     "/var/lib/rorg": "The state of root's rorg; that of other users is in ~/.local/state/rorg.",
 }
 
 
 def plain(text: str) -> str:
-    """Text as roff prints it: no requests at the beginnings of lines, no escapes, and hyphens that can be copied."""
+    """Escapes text for roff: no requests at the start of lines, no escapes, and hyphens that can be copied."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return re.sub(r"^(?=[.'])", r"\\&", text, flags=re.MULTILINE)
 
@@ -34,26 +34,26 @@ def paragraphs(text: str) -> list[str]:
 
 
 def entry(term: str, meaning: str) -> list[str]:
-    """What is explained, and indented below it how."""
+    """A term, with its meaning indented below."""
     return [".TP", f".B {plain(term)}", plain(meaning) or "\\&"]
 
 
 def words(parameter: Any) -> str:
-    """A parameter as it is typed."""
+    """A parameter as users type it."""
     if parameter.param_type_name == "argument":
         return str(parameter.name).upper()
     return ", ".join((*parameter.opts, *parameter.secondary_opts))
 
 
 def usage(name: str, arguments: list[Any]) -> str:
-    """The line of a command."""
+    """The usage line of a command."""
     typed = [words(a) + ("..." if a.nargs < 0 else "") for a in arguments]
     shown = [word if a.required else f"[{word}]" for a, word in zip(arguments, typed, strict=True)]
     return " ".join([f"rorg {name}", "[OPTIONS]", *shown])
 
 
 def command(name: str, declared: Any) -> list[str]:
-    """One command: its line, what it does, its arguments and options."""
+    """One command: usage, description, arguments and options."""
     arguments = [p for p in declared.params if p.param_type_name == "argument"]
     options = [p for p in declared.params if p.param_type_name == "option"]
     lines = [f".SS {plain(usage(name, arguments))}", *paragraphs(declared.help or "")]
@@ -63,7 +63,7 @@ def command(name: str, declared: Any) -> list[str]:
 
 
 def page() -> str:
-    """All of rorg(1)."""
+    """The whole page rorg(1)."""
     group: Any = typer.main.get_command(app)
     commands = [(name, declared) for name, declared in group.commands.items() if not declared.hidden]
     summary, _, more = str(group.help).partition(":")
