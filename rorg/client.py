@@ -1,45 +1,26 @@
-"""The client of rorg is a package of its own, rorg_client (clients/python); this is its former name."""
+"""The former name of the client, which is a package of its own: rorg_client (clients/python)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import rorg_client
-from rorg_client import (
-    PATIENCE,
-    TTL,
-    Client,
-    Error,
-    Forbidden,
-    Invalid,
-    NotFound,
-    NotReady,
-    Refused,
-    Request,
-    Unreachable,
-    check_id,
-    client,
-    request,
-)
-
-__all__ = [
-    "PATIENCE",
-    "TTL",
-    "Client",
-    "Error",
-    "Forbidden",
-    "Invalid",
-    "NotFound",
-    "NotReady",
-    "Refused",
-    "Request",
-    "Unreachable",
-    "check_id",
-    "client",
-    "request",
-]
+from rorg_client import PATIENCE as PATIENCE
+from rorg_client import TTL as TTL
+from rorg_client import Client as Client
+from rorg_client import Error as Error
+from rorg_client import Forbidden as Forbidden
+from rorg_client import Invalid as Invalid
+from rorg_client import NotFound as NotFound
+from rorg_client import NotReady as NotReady
+from rorg_client import Refused as Refused
+from rorg_client import Request as Request
+from rorg_client import Unreachable as Unreachable
+from rorg_client import check_id as check_id
+from rorg_client import client as client
+from rorg_client import request as request
 
 
 def __getattr__(name: str) -> Any:
-    """Everything else: AsyncClient, for one, which is only imported where it is used."""
+    """Import everything else, such as AsyncClient, when it is used."""
     return getattr(rorg_client, name)

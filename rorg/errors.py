@@ -1,6 +1,6 @@
-"""The errors of rorg and the one table of exit codes.
+"""The errors of rorg and the table of exit codes.
 
-Every message reads "cannot X: why; try Y", so that whoever meets it knows what to do next.
+Every message reads "cannot X: why; try Y", so that the reader knows what to do next.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Exit(IntEnum):
 
 
 class RorgError(Exception):
-    """An error that a person can act on: `cannot {what}: {why}; try {remedy}`."""
+    """An error that a person can fix: `cannot {what}: {why}; try {remedy}`."""
 
     code = Exit.USAGE
 
@@ -50,17 +50,17 @@ class Unreachable(RorgError):
 
 
 class TimedOut(Unreachable):
-    """It took longer than it may."""
+    """It took too long."""
 
 
 class Busy(Unreachable):
-    """The running rorg cannot answer at this moment and will soon, it or the next one: ask again after `seconds`."""
+    """The running rorg cannot answer at the moment, but it or its successor soon will: ask again after `seconds`."""
 
     seconds = 1
 
 
 class TooMany(Busy):
-    """The caller asks for more than its share: again after `seconds`."""
+    """The caller asks for more than its share: ask again after `seconds`."""
 
     def __init__(self, what: str, why: str, remedy: str = "", seconds: int = 1) -> None:
         super().__init__(what, why, remedy)
@@ -68,7 +68,7 @@ class TooMany(Busy):
 
 
 class NotReady(RorgError):
-    """What was asked for is applied, but not ready in time. `services` tells how each one is."""
+    """The request is accepted, but not everything was ready in time. `services` has the state of each."""
 
     code = Exit.NOT_READY
 
@@ -90,7 +90,7 @@ class StillWanted(RorgError):
 
 
 class Unconfirmed(Refused):
-    """It is only done when somebody says so once more (`force`, `--yes`): it would touch `services`."""
+    """It needs a confirmation (`force`, `--yes`), because it would affect `services`."""
 
     def __init__(self, what: str, why: str, remedy: str = "", services: Sequence[str] = ()) -> None:
         super().__init__(what, why, remedy)
@@ -98,16 +98,16 @@ class Unconfirmed(Refused):
 
 
 class Forbidden(Refused):
-    """Whoever asked may not."""
+    """The caller does not have the permission."""
 
 
 class Missing(Invalid):
-    """There is nothing of that name."""
+    """Nothing has that name."""
 
 
 class EngineError(RorgError):
-    """The engine answered, and said no. `kind` is stable: missing_image, name_taken, missing_device,
-    forbidden, unsupported, gone, conflict, other."""
+    """The engine refused. `kind` is stable: missing_image, name_taken, missing_device, forbidden, unsupported, gone,
+    conflict, spent, left_running, in_use, foreign or other."""
 
     code = Exit.NOT_READY
 

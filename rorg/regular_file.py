@@ -1,6 +1,6 @@
-"""Reads a file that anyone may have put there, for every room: regular files only, never waiting, never much.
+"""Reads a file that anyone may have put there: only regular files, without waiting, and never too much.
 
-It loads nothing but the standard library, since everyday commands read their state by it.
+It imports only the standard library, because everyday commands read their state with it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO
 
 PIECE = 1 << 20
-"""Bytes that are read at a time: a large limit must not cost that much memory for a small file."""
+"""Bytes that are read at a time, so that a high limit does not cost that much memory for a small file."""
 
 
 def open_regular(path: Path, refuse: Callable[[str], None] = lambda _: None) -> IO[bytes]:
@@ -25,7 +25,7 @@ def open_regular(path: Path, refuse: Callable[[str], None] = lambda _: None) -> 
     except ValueError as error:
         raise OSError(errno.EINVAL, "no file can have that name", str(path)) from error
     try:
-        # Judged before it is opened: to open a device, or a pipe, may already do something.
+        # Checked before it is opened: opening a device or a pipe may already do something.
         refuse(os.readlink(f"/proc/self/fd/{place}"))
         mode = os.fstat(place).st_mode
         if not stat.S_ISREG(mode):
@@ -38,10 +38,10 @@ def open_regular(path: Path, refuse: Callable[[str], None] = lambda _: None) -> 
 
 
 def read_regular(path: Path, most: int, refuse: Callable[[str], None] = lambda _: None) -> bytes:
-    """The content of a regular file of at most `most` bytes. Raises OSError as open_regular(), and for a larger one."""
+    """The content of a regular file of at most `most` bytes. Raises OSError as open_regular(), and if it is larger."""
     pieces, left = list[bytes](), most + 1
     with open_regular(path, refuse) as file:
-        # No piece at all: a file of the kernel's that would make us wait.
+        # No piece: a file of the kernel that would make us wait.
         while left > 0 and (piece := file.read(min(left, PIECE))):
             pieces.append(piece)
             left -= len(piece)

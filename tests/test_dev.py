@@ -310,7 +310,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["arm", "--stop", "--fresh"], 2, "cannot do all of that at once"),
         (["arm", "--", ""], 2, "it has no name; try `rorg dev arm -- COMMAND`"),
         (["--fresh"], 2, "no service or image is named; try `rorg dev NAME`"),
-        (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or dropping gpus"),
+        (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or leave gpus out"),
         (["arm", "--engine", "process"], 2, "the process engine has none; try --engine docker"),
     ]:
         said = rorg(robot, workspace, "dev", *words, code=code, DISPLAY="").stderr

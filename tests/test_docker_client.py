@@ -73,7 +73,7 @@ def test_a_change_of_a_moment_ago_is_seen_whether_its_event_has_come_or_not(engi
 def test_what_the_engine_refuses_has_a_kind(engine):
     with pytest.raises(EngineError) as found:
         engine.create("another", {"image": "rorg.test/none:1"}, {LABEL_OWNER: "listing"})
-    assert (found.value.kind, found.value.remedy) == ("missing_image", "`rorg build` first")
+    assert (found.value.kind, found.value.remedy) == ("missing_image", "`rorg build`")
     with pytest.raises(EngineError) as found:
         engine.start("f" * 64)
     assert found.value.kind == "gone"
@@ -81,9 +81,9 @@ def test_what_the_engine_refuses_has_a_kind(engine):
 
 
 def test_an_engine_that_is_not_there_is_unreachable(tmp_path):
-    with pytest.raises(Unreachable, match="its socket is not there"):
+    with pytest.raises(Unreachable, match="its socket is missing"):
         DockerEngine("me", f"unix://{tmp_path}/none.sock").ping()
-    with pytest.raises(EngineError, match="ssh is not spoken"):
+    with pytest.raises(EngineError, match="ssh is not supported"):
         DockerEngine("me", "ssh://robot").ping()
 
 

@@ -91,7 +91,7 @@ def test_a_path_leads_to_the_node_that_it_names_now(machine):
 
 def test_a_file_is_no_device_and_a_directory_of_nodes_is(machine):
     (machine.root / "dev/file").write_text("")
-    assert machine.found(by_path("/dev/file")).problem == "is no device"
+    assert machine.found(by_path("/dev/file")).problem == "is not a device"
     assert machine.found(by_path("/dev/serial")) == Plugged("/dev/serial")
 
 
@@ -102,7 +102,7 @@ def test_a_device_is_known_by_what_the_hardware_above_it_says(machine):
     machine.plug("1-2", "ttyUSB1", 1, **ftdi, serial="right")
     assert machine.found(by_udev(vendor="0403", serial="right")) == Plugged("/dev/ttyUSB1", "c 188:1")
     both = machine.found(by_udev(vendor="0403", product="6001"))
-    assert both.problem == "cannot be told from others: /dev/ttyUSB0, /dev/ttyUSB1"
+    assert both.problem == "is ambiguous: /dev/ttyUSB0, /dev/ttyUSB1 match"
     assert machine.found(by_udev(vendor="0403", product="6002")).problem == "is not there"
     assert machine.found(by_udev(vendor="0403", serial="left", subsystem="input")).problem == "is not there"
 
@@ -259,7 +259,7 @@ def test_a_service_leaves_out_what_its_profile_gives(tmp_path):
     with pytest.raises(Invalid) as wrong:
         load_or_raise(tree)
     assert "no profile of it gives 'ROS_HOSTNAM'" in str(wrong.value)
-    assert "'ROS_IP' is given and unset at once" in str(wrong.value)
+    assert "'ROS_IP' is both set and unset" in str(wrong.value)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rorg.errors import Refused
-from rorg.host.git_writing import Restoring, changed, top_of, unknown
+from rorg.host.git_edit import Restoring, changed, top_of, unknown
 from rorg.host.person import Person
 
 ANN = {

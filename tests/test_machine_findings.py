@@ -178,7 +178,7 @@ def test_a_port_that_somebody_listens_at_is_in_use():
 
 def test_an_engine_that_does_not_answer_is_told_and_no_more(tmp_path):
     facts = engine_facts(f"unix://{tmp_path}/nobody.sock")
-    assert facts.error == "its socket is not there"
+    assert facts.error == "its socket is missing"
     assert facts.runtimes == frozenset()
 
 

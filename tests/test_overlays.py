@@ -11,7 +11,7 @@ from robots import RealRobot, write_tree
 from test_past import Repository
 from test_thin_commands import rorg
 
-from rorg.daemon.past import load_at
+from rorg.daemon.commit_tree import load_at
 from rorg.daemon.tree import Tree
 from rorg.manifest.documents import read_tree
 from rorg.manifest.load import load

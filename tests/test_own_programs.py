@@ -114,7 +114,7 @@ CANNOT = [
     ({"command": ["no-such-program"]}, "no program 'no-such-program' on this machine", "`rorg build`"),
     ({"command": ["./nothing.sh"]}, "no program {folder}/nothing.sh", "creating it"),
     ({"command": ["/opt/nothing"]}, "no program /opt/nothing", "creating it"),
-    ({"command": ["./plain.sh"]}, "{folder}/plain.sh may not be executed", "chmod +x"),
+    ({"command": ["./plain.sh"]}, "{folder}/plain.sh is not executable", "chmod +x"),
     ({"command": ["./lost.sh"]}, "is a script for /no/python, which is not installed", "installing that"),
     ({"command": []}, "no program is named", "`rorg build`"),
 ]

@@ -14,7 +14,7 @@ import pytest
 from robots import RealRobot, write_tree
 from test_thin_commands import rorg
 
-from rorg.daemon.past import load_at
+from rorg.daemon.commit_tree import load_at
 from rorg.daemon.tree import Tree
 from rorg.errors import Invalid, Unreachable
 from rorg.history.revisions import Revisions
@@ -183,7 +183,7 @@ def test_a_crafted_commit_writes_nowhere_else(repository, tmp_path):
     inner = tree_object(repository, f"100644 blob {blob}\tfile")
     top = tree_object(repository, f"120000 blob {link}\tlink\n040000 tree {inner}\tlink")
     commit = repository.git("commit-tree", "-m", "crafted", top)
-    with pytest.raises(Unreachable, match="below what is a file too"):
+    with pytest.raises(Unreachable, match="below a path that is also a file"):
         load_at(repository.unread(), commit)
     dotted = tree_object(repository, f"040000 tree {inner}\t..")
     with pytest.raises(Unreachable, match=re.escape("has a file '../file'")):

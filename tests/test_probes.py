@@ -18,10 +18,10 @@ from rorg.core.observed import Container
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
-from rorg.engines.protocol import Capabilities
 from rorg.errors import Unreachable
 from rorg.manifest.load import load
 from rorg.model.catalog import Probe
+from rorg.model.engines import Capabilities
 from rorg.probes.answer import YES, Answer, no
 from rorg.probes.prober import Prober
 from rorg.probes.ros_master import probe as probe_of_ros
@@ -167,7 +167,7 @@ def test_what_hangs_again_and_again_is_restarted_with_growing_pauses(tmp_path):
 class DeafEngine:
     """One that cannot be asked, as during an upgrade of dockerd."""
 
-    capabilities, local = Capabilities(isolation=True, live_update=True, events="all"), True
+    capabilities, local = Capabilities(), True
 
     def exec(self, *args):
         raise Unreachable("ask", "the engine does not answer", "again later")

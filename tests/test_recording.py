@@ -11,10 +11,10 @@ import pytest
 from robots import RealRobot
 
 from rorg.errors import Missing
-from rorg.history.asked import Asked
 from rorg.history.database import Database
 from rorg.history.journal import Journal
-from rorg.history.requested import requested
+from rorg.history.meta_requests import Asked
+from rorg.history.request_log import requested
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.model.catalog import Request

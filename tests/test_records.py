@@ -21,11 +21,12 @@ from robots import RealRobot
 
 from rorg.client import Forbidden
 from rorg.errors import Missing
-from rorg.history import protobuf, queries
+from rorg.history import export as protobuf
+from rorg.history import queries
 from rorg.history.database import Database
-from rorg.history.folding import folded
 from rorg.history.journal import Journal
 from rorg.history.names import parse
+from rorg.history.repeats import folded
 from rorg.history.revisions import Made, Revision, Revisions
 
 PROTO = ROOT / "schemas/journal.proto"
@@ -120,7 +121,7 @@ def test_whatever_is_on_record_is_read_back_by_a_generated_reader(reader, tmp_pa
 
 
 def test_the_schema_is_current_and_no_number_is_given_twice():
-    assert PROTO.read_text() == protobuf.proto(), "make schemas"
+    assert PROTO.read_text() == protobuf.PROTO, "make schemas"
     for message in protobuf.MESSAGES.values():
         numbers = [field.number for field in message.fields]
         assert len(set(numbers)) == len(numbers), message.name
@@ -216,7 +217,7 @@ def test_a_timeline_says_from_when_to_when_why_and_who(history):
         ("exited", at(6), at(7), "restart requested", "bob"),
         ("ready", at(7), at(9), asked, "bob"),
         ("paused", at(9), at(20), "not wanted", "eve"),
-        ("exited", at(20), None, "found so when rorg began", ""),
+        ("exited", at(20), None, "already so when rorg began", ""),
     ]
     assert spans_of(journal, 2.5, 3.5) == [
         ("ready", at(2.5), at(3), asked, "ann"),

@@ -64,7 +64,7 @@ def test_a_node_is_ready_when_it_is_in_the_graph_and_answers(docker_robot, ros_i
     assert "/talker" in graph(master)
     assert ros_master.probe("ros_node", "/nobody", master).message == "/nobody is not registered"
     assert ros_master.probe("ros_topic", "/talker/chatter", master).ok
-    assert ros_master.probe("ros_topic", "/talker/silence", master).message == "nobody publishes /talker/silence"
+    assert ros_master.probe("ros_topic", "/talker/silence", master).message == "/talker/silence has no publisher"
     assert ros_master.probe("ros_service", "/talker/get_loggers", master).ok
     assert ros_master.probe("ros_service", "/talker/nothing", master).message == "/talker/nothing is not registered"
     assert "does not answer" in ros_master.probe("ros_node", "/talker", f"http://localhost:{free_port()}").message

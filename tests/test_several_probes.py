@@ -13,13 +13,13 @@ from test_probes import SERVER, health, server, tell
 
 from rorg.compose.writer_notes import SERVICE, condition
 from rorg.core.desired import desire
-from rorg.core.former import Kept
 from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
 from rorg.core.status import ros_nodes
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load, load_or_raise
 from rorg.model.catalog import Probe
+from rorg.model.former import Kept
 from rorg.probes.answer import YES, no
 from rorg.probes.prober import Prober
 from rorg.store.last_good import read_kept, write_kept

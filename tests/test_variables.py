@@ -8,7 +8,7 @@ import pytest
 from robots import write_tree
 from test_past import Repository
 
-from rorg.daemon.past import load_at
+from rorg.daemon.commit_tree import load_at
 from rorg.daemon.tree import Tree
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.effective import effective

@@ -19,7 +19,7 @@ from rorg.api.operations import Operations
 from rorg.api.plan_forms import shown
 from rorg.core.decide import Decision
 from rorg.core.plan import Plan, Waiting
-from rorg.daemon.past import Past, load_at
+from rorg.daemon.commit_tree import CommitTree, load_at
 from rorg.daemon.snapshot import about_tree
 from rorg.errors import Busy, RorgError, Unreachable
 from rorg.history.names import for_git
@@ -49,7 +49,7 @@ def add_diffing(app: FastAPI, operations: Operations, changed: Callable[[], asyn
         return Response(json.dumps(found), media_type="application/json")
 
 
-def _past(operations: Operations, rev: str) -> Past:
+def _past(operations: Operations, rev: str) -> CommitTree:
     loop = operations.loop
     return load_at(loop.tree, for_git(rev, Revisions(loop.recorder.history)))
 
@@ -91,7 +91,7 @@ def differences(operations: Operations, unified: bool) -> dict[str, Any]:
     }
 
 
-def supposed(operations: Operations, past: Past, unified: bool) -> dict[str, Any]:
+def supposed(operations: Operations, past: CommitTree, unified: bool) -> dict[str, Any]:
     """The same of what a state of the manifests from the history would come to."""
     decision, about = operations.suppose(past.desired), about_tree(operations.loop.tree, operations.loop.leases.file)
     return {

@@ -29,7 +29,7 @@ from rorg.api.reading import text
 from rorg.errors import TooMany
 from rorg.history import queries
 from rorg.history.export import ENCODERS
-from rorg.history.requested import requested as recorded
+from rorg.history.request_log import requested as recorded
 from rorg.history.revisions import Revision, Revisions
 from rorg.history.usage import UsageTable
 from rorg.host.git import commit_of

@@ -17,8 +17,8 @@ from rorg.cli.notices import Notices
 from rorg.cli.output import note
 from rorg.cli.places import NAME, find, may_connect, nobody
 from rorg.cli.terminal import hide
-from rorg.engines import ENGINES
 from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.model.engines import DEFAULT_ENGINE, ENGINES
 from rorg.store.state_dir import read_json
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Context:
             from rorg.store.engine_record import read_engine
 
             known = read_engine(self.state)
-            self._engine_name = known_engine(known.name if known else self._last_text("engine_name") or "docker")
+            self._engine_name = known_engine(known.name if known else self._last_text("engine_name") or DEFAULT_ENGINE)
         return self._engine_name
 
     def last(self) -> dict[str, Any] | None:

@@ -37,6 +37,7 @@ from rorg.images.devcontainer import document, ours
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog, Service, Spec
 from rorg.model.dev import DevContainer
+from rorg.model.engines import capabilities_of
 from rorg.model.joining import resolved
 from rorg.store.files import locked, make_directory, write_atomic
 
@@ -149,10 +150,9 @@ class Developing:
         """Raises Refused where only the socket is known, Invalid where the engine has no containers of this machine."""
         what = "develop in a container"
         context.here(what)
-        if context.engine_name != "docker":
+        engine = context.engine() if capabilities_of(context.engine_name).images else None
+        if not isinstance(engine, DockerEngine):
             raise Invalid(what, f"the {context.engine_name} engine has none", "--engine docker")
-        engine = context.engine()
-        assert isinstance(engine, DockerEngine)
         if not engine.local:
             raise Invalid(what, "the engine is on another machine, and the workspace is here", "it there")
         self.context, self.engine, self.containers = context, engine, DevContainers(engine)

@@ -16,7 +16,7 @@ from rorg.cli.terminal import hide, printable
 from rorg.errors import Invalid
 
 if TYPE_CHECKING:
-    from rorg.daemon.past import Past
+    from rorg.daemon.commit_tree import CommitTree
     from rorg.daemon.tree import Tree
 
 
@@ -141,9 +141,9 @@ def tree_of(context: Context) -> Tree:
     return tree
 
 
-def past_of(context: Context, tree: Tree, rev: str) -> Past:
+def past_of(context: Context, tree: Tree, rev: str) -> CommitTree:
     """A state of the tree from the history: by its number there, or as git knows it."""
-    from rorg.daemon.past import load_at
+    from rorg.daemon.commit_tree import load_at
     from rorg.errors import Unreachable
     from rorg.history.database import reading
     from rorg.history.names import NUMBER, for_git

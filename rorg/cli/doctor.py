@@ -69,13 +69,15 @@ def _facts(context: Context) -> Installation:
 
 def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
     """What is known of the engine, and where it keeps its images."""
-    if context.engine_name != "docker":
+    from rorg.model.engines import capabilities_of
+
+    if not capabilities_of(context.engine_name).server:
         return {"engine": context.engine_name}, []
     from rorg.engines.facts import engine_facts
 
     facts = engine_facts()
     found = {
-        "engine": "docker",
+        "engine": context.engine_name,
         "engine_host": facts.host,
         "engine_error": facts.error,
         "engine_denied": facts.denied,

@@ -57,7 +57,9 @@ def command(
 
 def _developed_in(context: Context) -> list[str]:
     """Names of containers to develop in: they are no services, and stay."""
-    if context.remote or not context.state.homes.is_dir() or context.engine_name != "docker":
+    from rorg.model.engines import capabilities_of
+
+    if context.remote or not context.state.homes.is_dir() or not capabilities_of(context.engine_name).images:
         return []
     from rorg.cli.developing import Developing
     from rorg.errors import RorgError
@@ -138,7 +140,7 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
     from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
     from rorg.errors import Invalid, NotReady
-    from rorg.store.clearing import clear
+    from rorg.store.clear import clear
     from rorg.store.last_good import read_kept
 
     if not context.state.path.is_dir():

@@ -10,8 +10,8 @@ from rorg.cli.context import Context
 from rorg.cli.operating import operating
 from rorg.cli.terminal import printable
 from rorg.errors import Refused
-from rorg.history.asked import Asked
 from rorg.history.database import reading
+from rorg.history.meta_requests import Asked
 from rorg.manifest.load import load
 from rorg.model.catalog import DEVELOPER, Request
 

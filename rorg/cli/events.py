@@ -93,7 +93,7 @@ def _events(context: Context, follow: bool, last: int, only: dict[str, Any]) -> 
 
 
 def _folded(found: Iterator[Any], output: str) -> Iterator[str]:
-    from rorg.history.folding import folded
+    from rorg.history.repeats import folded
 
     for group in folded(found):
         times = f"  (x {group.times} since {group.since[11:19]})" if group.times > 1 else ""

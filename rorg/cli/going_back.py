@@ -19,7 +19,7 @@ from rorg.errors import Missing, Refused, RorgError
 from rorg.history.names import parse
 from rorg.history.revisions import Revision
 from rorg.host.git import commit_of
-from rorg.host.git_writing import SHORT, Restoring, changed, subject_of, top_of, unknown
+from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog
 
 SHORTEST = 7
@@ -76,7 +76,7 @@ class Known:
 
     def committed(self, revision: Revision, root: Path) -> bool:
         """Whether its commit has all that counted of it. Where other files differed then, the manifests tell."""
-        from rorg.daemon.past import load_at
+        from rorg.daemon.commit_tree import load_at
         from rorg.daemon.tree import Tree
 
         if not (revision.commit and commit_of(root, revision.commit)):
@@ -150,7 +150,7 @@ def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     """The commit that would bring back the manifests directory, and what its images are built from; or the manifest of
     one service, with what the overlay of this robot says of it. Raises Refused, and Invalid where the manifests of then
     have errors."""
-    from rorg.daemon.past import load_at
+    from rorg.daemon.commit_tree import load_at
     from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
 

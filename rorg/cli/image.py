@@ -93,11 +93,11 @@ class _Robot:
 
 
 def _with_images(context: Context) -> Any:
-    from rorg.engines import WITH_IMAGES
     from rorg.errors import Refused
+    from rorg.model.engines import capabilities_of
 
     context.here("look after images")
-    if context.engine_name not in WITH_IMAGES:
+    if not capabilities_of(context.engine_name).images:
         raise Refused(
             f"look after images on the engine '{context.engine_name}'",
             "there an image is a name for folders of programs",

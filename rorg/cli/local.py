@@ -12,9 +12,9 @@ from rorg.core.desired import Desired, desire
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
+from rorg.core.preview import unlocked
 from rorg.core.schedule import Target
-from rorg.core.supposed import unlocked
-from rorg.daemon.outliving import remembered
+from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, restore, snapshot
 from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable
@@ -26,6 +26,7 @@ from rorg.host.devices import elsewhere, look
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog
 from rorg.model.devices import Device, Plugged
+from rorg.model.engines import capabilities_of
 from rorg.model.units import parse_time
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
@@ -92,6 +93,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             memory=memory,
             now=0.0,
             owner=place.state.instance(),
+            engine=capabilities_of(place.engine_name),
             holds=document.holds,
             suspended=document.suspended,
             wall=time.time(),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from rorg.engines import ENGINES
+from rorg.model.engines import ENGINES
 
 FORMS = ("table", "wide", "name", "yaml", "json")
 """Of output."""

@@ -127,7 +127,7 @@ class Kept:
     def requested(self, since: str, until: str) -> dict[str, Any]:
         """Up to the last entry at the most: nobody knows what is since."""
         from rorg.history.journal import Filter
-        from rorg.history.requested import requested
+        from rorg.history.request_log import requested
 
         last = next((entry["at"] for entry in self.journal.select(Filter(), 1, newest=True)), until)
         return requested(self.journal, since, min(until, last))

@@ -105,7 +105,7 @@ def command(
     from rorg.cli.following import followed
     from rorg.cli.output import note
     from rorg.host.heap import share_heap
-    from rorg.store.clearing import clear
+    from rorg.store.clear import clear
 
     share_heap()
     context = Context(state_dir, engine, directory, local=True, own=True)
@@ -166,7 +166,7 @@ def _brought_up(context: Context) -> bool:
 def _tell_down(context: Context) -> None:
     """Says it if the robot stays down; if it was a person who runs rorg, the robot may come up from here on."""
     from rorg.cli.output import note
-    from rorg.store.clearing import stays_down
+    from rorg.store.clear import stays_down
 
     if since := stays_down(context.state, _restarted()):
         note(f"the robot was taken down at {since}, and stays down; `rorg up` brings it up")

@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rorg.compose import keys, shorts
-from rorg.compose.form import ANY
+from rorg.compose.form import ANY, Form
 from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
 from rorg.compose.key_forms import Changed, Either
 from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
+from rorg.model import options
 
+FORMS: Mapping[str, Form] = {
+    "bool": BOOL,
+    "duration": DURATION,
+    "float": FLOAT,
+    "int": INT,
+    "list": UNIQUE,
+    "one or many": ONE_OR_MANY,
+    "pairs": Pairs(),
+    "size": SIZE,
+    "text": TEXT,
+    "words": Words(),
+}
+"""Forms by their names in the table of options."""
 SERVICE = Section(
     {
-        "annotations": Pairs(),
+        **{name: FORMS[option.compose] for name, option in options.OPTIONS.items() if option.compose in FORMS},
         "attach": BOOL,
         "blkio_config": keys.BLKIO,
         "build": keys.BUILD,
-        "cap_add": UNIQUE,
-        "cap_drop": UNIQUE,
         "cgroup": one_of("host", "private"),
-        "cgroup_parent": TEXT,
-        "command": Words(),
         "configs": keys.SECRETS,
-        "container_name": TEXT,
         "cpu_count": INT,
         "cpu_percent": FLOAT,
-        "cpu_period": INT,
-        "cpu_quota": INT,
-        "cpu_rt_period": INT,
-        "cpu_rt_runtime": INT,
-        "cpu_shares": INT,
-        "cpus": FLOAT,
-        "cpuset": TEXT,
         "credential_spec": Section({"config": TEXT, "file": TEXT, "registry": TEXT}),
         "depends_on": keys.DEPENDS_ON,
         "deploy": keys.DEPLOY,
         "develop": keys.DEVELOP,
-        "device_cgroup_rules": UNIQUE,
         "devices": ListOf(keys.DEVICE, key=lambda device: device.get("target")),
-        "dns": ONE_OR_MANY,
-        "dns_opt": UNIQUE,
-        "dns_search": ONE_OR_MANY,
-        "domainname": TEXT,
-        "entrypoint": Words(),
         "env_file": ListOf(keys.ENV_FILE, single=True),
         "environment": Pairs(bare=True),
         "expose": ListOf(NUMBER_OR_TEXT, key=str),
@@ -51,28 +49,10 @@ SERVICE = Section(
         "gpus": Changed(shorts.all_gpus, keys.GPUS, str),
         "group_add": ListOf(NUMBER_OR_TEXT, key=str),
         "healthcheck": keys.HEALTHCHECK,
-        "hostname": TEXT,
-        "image": TEXT,
-        "init": BOOL,
-        "ipc": TEXT,
-        "isolation": TEXT,
         "label_file": ListOf(PathOf(), single=True),
-        "labels": Pairs(),
-        "links": UNIQUE,
         "logging": keys.LOGGING,
-        "mac_address": TEXT,
-        "mem_limit": SIZE,
-        "mem_reservation": SIZE,
-        "mem_swappiness": INT,
-        "memswap_limit": SIZE,
         "models": ANY,
-        "network_mode": TEXT,
         "networks": keys.NETWORKS,
-        "oom_kill_disable": BOOL,
-        "oom_score_adj": INT,
-        "pid": TEXT,
-        "pids_limit": INT,
-        "platform": TEXT,
         "ports": ListOf(
             keys.PORT,
             spread=shorts.ports,
@@ -80,33 +60,16 @@ SERVICE = Section(
         ),
         "post_start": ListOf(keys.HOOK),
         "pre_stop": ListOf(keys.HOOK),
-        "privileged": BOOL,
         "profiles": UNIQUE,
         "provider": keys.PROVIDER,
         "pull_policy": Scalar("text", (str,), lambda text: "missing" if text == "if_not_present" else text),
         "pull_refresh_after": TEXT,
-        "read_only": BOOL,
-        "restart": TEXT,
-        "runtime": TEXT,
         "scale": INT,
         "secrets": keys.SECRETS,
-        "security_opt": UNIQUE,
-        "shm_size": SIZE,
-        "stdin_open": BOOL,
-        "stop_grace_period": DURATION,
-        "stop_signal": TEXT,
         "storage_opt": OPTIONS,
-        "sysctls": Pairs(),
-        "tmpfs": ONE_OR_MANY,
-        "tty": BOOL,
         "ulimits": keys.ULIMITS,
         "use_api_socket": BOOL,
-        "user": TEXT,
-        "userns_mode": TEXT,
-        "uts": TEXT,
         "volumes": ListOf(keys.MOUNT, key=lambda volume: volume.get("target")),
-        "volumes_from": UNIQUE,
-        "working_dir": TEXT,
     }
 )
 _EXTERNAL = Either(Section({"name": TEXT}), BOOL)

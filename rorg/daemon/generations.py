@@ -1,4 +1,4 @@
-"""Generations: numbers of the changes that were accepted, and how far the loop has acted on them."""
+"""Generations: the numbers of accepted changes, and how far the loop has acted on them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import threading
 
 
 class Generations:
-    """Every accepted change gets the next number. They begin at the time of day in milliseconds, so that a number that
-    an earlier rorg gave out is behind all of this one's, which has read everything at its start; one that is ahead
-    (the clock was set back) is of an earlier rorg too."""
+    """Every accepted change gets the next number. The first one is the time of day in milliseconds: so all numbers of
+    an earlier rorg are lower, and this one has read everything at its start. A higher number is of an earlier rorg too:
+    then the clock was set back."""
 
     def __init__(self, start: int) -> None:
         self._lock = threading.Lock()
         self._files: list[int] = []
         """Changes of manifests that the loop has not read yet."""
         self.latest = start
-        """Of the last change; whatever counts is on the disk before it counts here."""
+        """The number of the last change, which is on the disk before it counts here."""
         self.acted = start - 1
         """All changes up to this one are in the loop's last decision."""
 
     def changed(self, manifest: bool = False) -> int:
-        """The number of a change that is on the disk now."""
+        """Return the number of a change that is on the disk now."""
         with self._lock:
             self.latest += 1
             if manifest:
@@ -28,7 +28,7 @@ class Generations:
             return self.latest
 
     def begin(self) -> int:
-        """To be called before the loop reads: what was accepted until then is read."""
+        """Call this before the loop reads: everything accepted until then will be read."""
         with self._lock:
             return self.latest
 
@@ -41,6 +41,6 @@ class Generations:
             return min([upto, *(n - 1 for n in self._files)])
 
     def reached(self, generation: int) -> bool:
-        """Whether the loop's last decision knows of a change."""
+        """Whether the loop's last decision includes a change."""
         with self._lock:
             return generation <= self.acted or generation > self.latest

@@ -1,4 +1,4 @@
-"""Follows a repository for the loop: fetches in a thread of its own, and brings forward what may come into force."""
+"""Follows a repository for the loop: fetches in a thread of its own, and puts acceptable commits into force."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from typing import Any
 from rorg.host.git import head
 from rorg.host.git_cache import GitCache, Unacceptable, Unreachable
 
-POLL = 30.0
-"""Seconds between two looks at a repository."""
 MOST_FOLDERS = 100
-"""Of a local repository's references that are watched."""
+"""Directories of a local repository's references that are watched."""
 
 
 class GitSource:
-    """`poll`: seconds between two fetches; `wall` gives ISO 8601 in UTC. While `writing` the tree is not to be read."""
+    """`poll`: seconds between two fetches; `wall` gives ISO 8601 in UTC. While `writing` is set the tree must not be
+    read."""
 
     def __init__(self, cache: GitCache, poll: float, wall: Callable[[], str]) -> None:
         self.cache, self.poll, self.wall = cache, poll, wall
         self.tell: Callable[[str, Any, str, str], None] = lambda *_: None
         """(key, value, kind of event, message): an event, unless the last one of this key had the same value."""
         self.moved: Callable[[], None] = lambda: None
-        """Called when the tree is to be looked at, or other things are to be told of it."""
+        """Called when the tree, or what is reported of it, may have changed."""
         self.writing = self.empty = True
         self._accepted = ""
         self.commit = self.fetched_at = self.error = self._news = ""
         self._asked = threading.Event()
         self._turn = threading.Condition()
         self._begun = self._ended = 0
-        """Fetches."""
+        """Numbers of fetches."""
 
     @property
     def root(self) -> Path:
-        """Where the manifests are."""
+        """The directory of the manifests."""
         return self.cache.tree / self.cache.followed.path
 
     def as_json(self) -> dict[str, Any]:
@@ -52,7 +51,7 @@ class GitSource:
     # -- what the loop's other threads call ------------------------------------------------------------------------
 
     def start(self) -> None:
-        """What is here already is in force at once, whoever can be reached."""
+        """Put what was fetched earlier into force immediately, even if nothing can be fetched now."""
         self._guarded(self._prepare)
         threading.Thread(target=self._run, name="git", daemon=True).start()
 
@@ -61,18 +60,18 @@ class GitSource:
         self.ask()
 
     def ask(self) -> None:
-        """Fetches soon."""
+        """Fetch soon."""
         self._asked.set()
 
     def fetch(self, patience: float) -> bool:
-        """Fetches, and waits for so many seconds; whether that has ended."""
+        """Fetch, and wait up to so many seconds; return whether the fetch has ended."""
         with self._turn:
             wanted = self._begun + 1
             self.ask()
             return self._turn.wait_for(lambda: self._ended >= wanted, patience)
 
     def folders(self) -> list[Path]:
-        """Directories of a local repository, in which it says what it is at. The first may not be there."""
+        """Directories in which a local repository writes what its branches are at. The first may be missing."""
         git = self.cache.followed.remote.git
         if git is None:
             return []
@@ -80,7 +79,7 @@ class GitSource:
         return [git, *(folder for _, folder in zip(range(MOST_FOLDERS), found, strict=False))]
 
     def ignores(self, path: str) -> bool:
-        """Whether a file in there says nothing of that."""
+        """Whether a file in there says nothing about that."""
         return path.endswith(".lock") or not ("/refs/" in path or path.endswith(("/HEAD", "/packed-refs")))
 
     # -- the thread ------------------------------------------------------------------------------------------------
@@ -97,7 +96,7 @@ class GitSource:
             self._asked.wait(self.poll)
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Whatever comes of it the next time comes."""
+        """Report what goes wrong; the next turn comes in any case."""
         kind, error = "git", ""
         try:
             work()
@@ -139,8 +138,8 @@ class GitSource:
         self._accepted = commit
 
     def take_news(self) -> str:
-        """The commit that has been brought since the last call, for people; empty without one. Whether it comes into
-        force is known once its manifests have been read."""
+        """The new commit since the last call, for people; empty if there is none. Whether it comes into force is known
+        only after its manifests are read."""
         news, self._news = self._news, ""
         return news
 
@@ -151,5 +150,5 @@ class GitSource:
         self._news = f"git: {commit[:10]}" + (f": {found.subject} ({found.author})" if found else "")
         self._in_force()
         if left := self.cache.submodules():
-            text = f"git: submodules are not followed, and their directories empty: {', '.join(left)}"
+            text = f"git: submodules are not followed, their directories are empty: {', '.join(left)}"
             self.tell("git-submodules", left, "git-submodules", text)

@@ -1,11 +1,12 @@
-"""What of every pass goes into the history: revisions with their standing, what outlives the loop, and what
-meta-services ask for. A pass that changes none of it writes nothing."""
+"""Writes what passes change into the history: revisions with their standing, the memory that survives a restart, and
+the requests of meta-services. A pass that changes none of these writes nothing."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
@@ -15,47 +16,48 @@ from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
 from rorg.core.standing import FAILED, GOOD, Standing, standing
-from rorg.daemon.outliving import outliving, remembered
+from rorg.daemon.saved_memory import remembered, saved_progress
 from rorg.daemon.tree import Tree
-from rorg.history.asked import Asked
 from rorg.history.database import Database
+from rorg.history.meta_requests import Asked
 from rorg.history.revisions import UNDER_WAY, Made, Revision, Revisions
 from rorg.history.runs import Runs
 from rorg.model.catalog import Catalog, Request
 
 
 class Historian:
-    """`wall` gives ISO 8601 in UTC. Nothing is written of what `masker` hides."""
+    """`wall` gives ISO 8601 in UTC. What `masker` hides is not written."""
 
     def __init__(self, database: Database, wall: Callable[[], str], masker: Masker) -> None:
         self.wall, self.masker = wall, masker
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
         self.standing: Standing | None = None
-        """Of the manifests in force, as of the last pass; None before it is known."""
+        """The standing of the manifests in force, as of the last pass; None before it is known."""
         self._revision: Revision | None = None
-        """The one in force."""
+        """The revision in force."""
         self._imageless: set[str] = set()
-        """Of its services, those of which it is not known what the engine calls their image."""
+        """Its services whose image id is not known yet."""
         self._looked = False
-        """Whether it is known what was in force before this rorg began."""
+        """Whether the revision that was in force before this rorg began has been looked up."""
         self._refused: Revision | None = None
-        """The last state of the manifests that was refused, while they are."""
+        """The last refused state of the manifests, while they are refused."""
         self._seen: tuple[object, ...] = ()
-        """Which tree the last pass was about."""
+        """The tree of the last pass."""
         self._images: Mapping[str, str] = {}
         self._progress: Mapping[str, Progress] = {}
         self._stale: set[str] = set()
-        """Services of which the disk has not taken the newest."""
+        """Services whose newest state the disk has not taken yet."""
         self._requests: tuple[Request, ...] | None = None
 
     def remembered(self, now: float, epoch: float, booted_at: float) -> Memory:
-        """What the last rorg passed on to this one: see outliving.py."""
+        """What the previous rorg left for this one: see saved_memory.py."""
         found = remembered(self.runs.read(), now, epoch, booted_at)
         self._progress = found.progress
         return found
 
     def note(self, decision: Decision, memory: Memory, tree: Tree, epoch: float) -> None:
-        """After a pass. `memory` is what it passes on; `epoch`: the time of day at which the loop's clock was at 0."""
+        """After a pass. `memory` is the one that it hands on; `epoch`: the time of day at which the loop's clock was at
+        0."""
         self._note_runs(memory.progress, epoch)
         settled = decision.settled.requests
         if settled is not self._requests:
@@ -74,22 +76,19 @@ class Historian:
         changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
         self._progress = progress
         if changed or gone:
-            texts = {name: self.masker.json(json.dumps(outliving(progress[name], epoch))) for name in changed}
+            texts = {name: self.masker.json(json.dumps(saved_progress(progress[name], epoch))) for name in changed}
             self._stale = set() if self.runs.write(texts, gone) else changed
 
     # -- revisions ---------------------------------------------------------------------------------------------
 
     def _refuse(self, tree: Tree) -> None:
-        """Writes a refused tree down, once for each set of errors."""
-        errors, commit = tuple(self.masker.text(str(e)) for e in tree.errors), tree.commit
+        """Record a refused tree, once for each set of errors."""
+        errors = tuple(self.masker.text(str(e)) for e in tree.errors)
         found = Revision(
             number=0,
             at=self.wall(),
             fingerprint="",
-            commit=commit.commit if commit else "",
-            author=commit.author if commit else "",
-            subject=commit.subject if commit else "",
-            dirty=commit is not None and commit.dirty,
+            **_of_commit(tree),
             standing="refused",
             reason=errors[0],
             errors=errors,
@@ -114,7 +113,7 @@ class Historian:
             self.revisions.settle(revision.number, found.code, self.masker.text(found.reason), self.wall())
 
     def _note_images(self, decision: Decision, number: int) -> None:
-        """What containers that are as declared were made from, as they come."""
+        """Record the images of containers that are as declared, as they appear."""
         there, digests = decision.situation.observed.by_service(), decision.situation.desired.digests
         found = {
             name: container.image
@@ -127,18 +126,15 @@ class Historian:
             self._imageless -= found.keys()
 
     def _begin(self, plan: Plan, memory: Memory, tree: Tree) -> None:
-        """Writes a state of the manifests down, unless it is the one in force."""
+        """Record a state of the manifests, unless it is the one in force."""
         if not self._looked:
             self._revision, self._looked = self.revisions.in_force(), True
-        last, commit = self._revision, tree.commit
+        last = self._revision
         found = Revision(
             number=0,
             at=self.wall(),
             fingerprint=tree.desired.catalog.fingerprint,
-            commit=commit.commit if commit else "",
-            author=commit.author if commit else "",
-            subject=commit.subject if commit else "",
-            dirty=commit is not None and commit.dirty,
+            **_of_commit(tree),
             robot=tree.robot,
         )
         if last is None or _identity(last) != _identity(found):
@@ -149,7 +145,7 @@ class Historian:
         self._imageless = {name for name, made in known.items() if not made.image_id}
 
     def _settle_failed(self, last: Revision | None, memory: Memory) -> None:
-        """One whose failure is found in the pass that finds the next one too has failed all the same."""
+        """Record a failure that is found in the same pass as the next revision."""
         if last is None or last.standing not in UNDER_WAY:
             return
         failed = {
@@ -162,12 +158,18 @@ class Historian:
             self.revisions.settle(last.number, FAILED, self.masker.text(reason), self.wall())
 
 
+def _of_commit(tree: Tree) -> dict[str, Any]:
+    """The fields of a Revision that git knows."""
+    commit = tree.commit
+    return {name: getattr(commit, name) for name in ("commit", "author", "subject", "dirty")} if commit else {}
+
+
 def _identity(revision: Revision) -> tuple[object, ...]:
     return revision.fingerprint, revision.commit, revision.dirty, revision.robot
 
 
 def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[str, Made]:
-    """What each service with a container is made from. `before`: as it was found for the revision before."""
+    """What each service with a container is made from. `before`: the same of the previous revision."""
     found = {}
     for name, service in desired.catalog.services.items():
         if service.spec is None:

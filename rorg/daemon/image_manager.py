@@ -1,5 +1,5 @@
-"""Has what services are made from: an image that is not on the machine is built or pulled beside the loop, which goes
-on meanwhile. Nothing that runs is touched before its new image is there."""
+"""Builds or pulls missing images beside the loop, which goes on meanwhile. A running container is not touched before
+its new image exists."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 
 from rorg.core.desired import Desired
-from rorg.core.missing import Missing
+from rorg.core.situation import MissingImage
 from rorg.daemon.recorder import Recorder
 from rorg.engines.protocol import Images
 from rorg.errors import RorgError, Unreachable
@@ -19,36 +19,36 @@ from rorg.model.catalog import Catalog
 from rorg.model.policy import ImagePolicy
 
 PATIENCE = 1.0
-"""Seconds that the end of the loop waits for a build to be ended."""
+"""Seconds that the end of the loop waits for a build to end."""
 SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
 AGAIN, MOST = 30.0, 3600.0
-"""Seconds until an image that could not be had is tried again; twice as long each time, up to MOST."""
-LOOKED_FOR = Missing("is being looked for")
-NOTHING: Mapping[str, Missing] = {}
+"""Seconds until a failed image is tried again; twice as long each time, up to MOST."""
+LOOKED_FOR = MissingImage("is being looked for")
+NOTHING: Mapping[str, MissingImage] = {}
 
 
 class ImageManager:
-    """A thread of its own. `wake` is called when something has become known."""
+    """Works in a thread of its own. `wake` is called when something new is known."""
 
     def __init__(self, engine: Images, supplier: Supplier, recorder: Recorder, wake: Callable[[], None]) -> None:
         self.engine, self.supplier, self.recorder, self.wake = engine, supplier, recorder, wake
         self.records = supplier.records
         self._changed = threading.Condition()
         self._halt = threading.Event()
-        """Set when what is being had is wanted no more."""
+        """Set when the images that are being made are no longer wanted."""
         self._desired: Desired | None = None
         self._content = Content()
         self._policy = ImagePolicy()
         self._asked = self._busy = self._stopping = False
         self._records: tuple[int, ...] = ()
-        """How what was built had been written down when it was last looked for."""
+        """The stamp of the record of builds at the last look."""
         self._there: set[str] = set()
-        self._missing: Mapping[str, Missing] = NOTHING
+        self._missing: Mapping[str, MissingImage] = NOTHING
         self._failures = 0
-        """Attempts in a row of which something failed."""
+        """Attempts in a row in which something failed."""
         self._pause: float | None = None
-        """Seconds until the next attempt; None for none."""
+        """Seconds until the next attempt; None if there is none."""
         self._thread = threading.Thread(target=self._run, name="images", daemon=True)
 
     def start(self) -> None:
@@ -60,12 +60,12 @@ class ImageManager:
             self._halt.set()
             self._changed.notify()
             busy = self._busy
-        if busy:  # what is being built ends with us
+        if busy:  # a build ends with this process
             self._thread.join(PATIENCE)
 
-    def look(self, desired: Desired, content: Content) -> Mapping[str, Missing]:
-        """Reference -> why nothing can be made from it now. Asks no engine: what is not known to be there is looked for
-        beside the loop."""
+    def look(self, desired: Desired, content: Content) -> Mapping[str, MissingImage]:
+        """Reference -> why nothing can be made from it now. Never asks the engine: what is not known to exist is looked
+        for in the background."""
         with self._changed:
             if desired is not self._desired:
                 self._adopt(desired, content)
@@ -82,11 +82,11 @@ class ImageManager:
         self._failures, self._policy = 0, desired.catalog.policy.images
         wanted = used(desired)
         self._missing = {r: self._missing.get(r, LOOKED_FOR) for r in sorted(wanted - self._there)}
-        # Without anything missing it is written down what this state of the manifests uses.
+        # If nothing is missing, this records which images the current manifests use.
         self._ask()
 
     def check(self) -> None:
-        """Looks anew for all that is wanted: something was built, pulled or removed by others."""
+        """Look for all wanted images again: someone built, pulled or removed some."""
         with self._changed:
             self._there.clear()
             self._failures = 0
@@ -127,7 +127,7 @@ class ImageManager:
             self._pause = SOON
         except (RorgError, OSError) as error:
             self._failed(str(error))
-        except Exception as bug:  # the loop goes on, and what is there already runs
+        except Exception as bug:  # the loop goes on, with the images that exist
             self._failed(f"internal error: {type(bug).__name__}: {bug}")
 
     def _found(self, there: set[str], missing: set[str], desired: Desired, content: Content) -> None:
@@ -144,9 +144,9 @@ class ImageManager:
     def step(self, order: Order, text: str) -> None: ...
 
     def ended(self, result: Result) -> None:
-        """Of an image that was wanted, or that such a one stands on."""
+        """Handle the result of a wanted image, or of one that it is built on."""
         had, reference = result.good, result.reference
-        if result.message == STOPPED:  # it is wanted no more, or rorg ends
+        if result.message == STOPPED:  # no longer wanted, or rorg ends
             return
         with self._changed:
             reason = "" if had else why(result, self._content.named(reference) == reference)
@@ -154,7 +154,7 @@ class ImageManager:
                 self._there.add(reference)
             if reference in self._missing:
                 rest = {r: m for r, m in self._missing.items() if r != reference}
-                self._missing = rest if had else {**rest, reference: Missing(reason, failed=True)}
+                self._missing = rest if had else {**rest, reference: MissingImage(reason, failed=True)}
         if result.outcome != "present":
             self._tell(result, reason)
         self.wake()
@@ -176,24 +176,26 @@ class ImageManager:
     def _failed(self, text: str) -> None:
         self._over(True)
         with self._changed:
-            self._missing = {r: Missing(f"cannot be had: {text}", failed=True) for r in self._missing}
+            self._missing = {r: MissingImage(f"is not available: {text}", failed=True) for r in self._missing}
         self.wake()
 
 
-def _reason(reference: str, catalog: Catalog, content: Content) -> Missing:
-    """What is done about a missing image. An import runs a command on this machine: a person says when."""
+def _reason(reference: str, catalog: Catalog, content: Content) -> MissingImage:
+    """What happens about a missing image. An import runs a command on this machine, so a person must start it."""
     policy, image = catalog.policy.images, catalog.images.get(content.named(reference))
     if image is None and policy.pull == "never":
-        return Missing("is not on this machine, and the Policy pulls nothing; try `docker pull`", failed=True)
+        return MissingImage(
+            "is not on this machine, and the Policy does not allow to pull it; try `docker pull`", failed=True
+        )
     if image is None:
-        return Missing("is being pulled")
+        return MissingImage("is being pulled")
     if image.import_command is not None or policy.build == "never":
-        return Missing(f"is not on this machine; try `rorg build {image.name}`", failed=True)
-    return Missing("is being built")
+        return MissingImage(f"is not on this machine; try `rorg build {image.name}`", failed=True)
+    return MissingImage("is being built")
 
 
 def why(result: Result, external: bool) -> str:
-    """Why an image was not had, in words."""
+    """Why an image is missing, in words."""
     if result.outcome == "skipped":
         return f"is not built: {result.message}"
     if external:

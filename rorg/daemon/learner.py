@@ -1,4 +1,4 @@
-"""Keeps what the loop learns of requests over its restarts."""
+"""Keeps what the loop learns about requests over its restarts."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from pathlib import Path
 from rorg.core.learning import learn
 from rorg.errors import Missing
 from rorg.history.journal import Journal
-from rorg.history.requested import requested
+from rorg.history.request_log import requested
 from rorg.model.learned import Learned
 from rorg.model.trace import TraceEvent
 from rorg.model.units import parse_time, stamp
 from rorg.store.learned_file import read_learned, write_learned
 
 EVERY = 60.0
-"""Seconds between two writes, at the least."""
+"""Seconds between two writes, at least."""
 BACK = 30 * 86_400.0
-"""Seconds of the journal that are looked at where nothing was kept."""
+"""Seconds of the journal that are read if no file exists."""
 
 
 class Learner:
-    """Over the file of a state directory; where there is none, over what the journal says of requests. `clock` gives
-    monotonic seconds, `now` is the time of day."""
+    """Uses the file of a state directory; if there is none, the requests in the journal. `clock` gives monotonic
+    seconds, `now` is the time of day."""
 
     def __init__(self, folder: Path, journal: Journal, clock: Callable[[], float], now: float) -> None:
         self.folder, self.clock = folder, clock
@@ -32,13 +32,13 @@ class Learner:
         self._at = clock()
 
     def note(self, learned: Learned) -> None:
-        """What is known after a pass."""
+        """Note what is known after a pass."""
         self._last = learned
         if self._last is not self._written and self.clock() - self._at >= EVERY:
             self.write()
 
     def write(self) -> None:
-        """A full disk loses what is new; it is written with what comes next."""
+        """Write what is new. If the disk is full, the next write has it too."""
         self._at = self.clock()
         if self._last is self._written:
             return
@@ -50,7 +50,7 @@ class Learner:
 
 
 def learnt_from(journal: Journal, now: float) -> Learned:
-    """What the journal teaches of the time before `now`, seconds since the epoch."""
+    """What the journal says about the time before `now`, seconds since the epoch."""
     try:
         found = requested(journal, stamp(now - BACK), stamp(now))
     except Missing:

@@ -1,4 +1,4 @@
-"""The loop's hand on the requests file: what it reads there, what it takes out again, and who renewed a lease."""
+"""Reads the requests file for the loop, removes from it what is over, and counts renewals of leases."""
 
 from __future__ import annotations
 
@@ -17,27 +17,29 @@ from rorg.store.requests_file import RequestsFile
 
 Key = tuple[str, str]
 """(requester, id)."""
-UNKNOWN = Hold(253402300799.0, "the requests file has a mistake, and what it said before is not known; try fixing it")
-"""While nothing is known of what this robot is asked for, what runs goes on running."""
+UNKNOWN = Hold(
+    253402300799.0, "the requests file has an error, and there is no earlier version to use; try `rorg diff` to see it"
+)
+"""While the requests are not known, everything that runs keeps running."""
 MANY = 1000
-"""Renewals to remember, beyond which those of requests that are gone are forgotten."""
+"""Renewals to remember; beyond that, those of requests that are gone are forgotten."""
 
 
 class Leases:
-    """Used by the loop; only renew() and note() are for other threads."""
+    """Only renew() and note() may be called from other threads than the loop's."""
 
     def __init__(self, path: Path, recorder: Recorder) -> None:
         self.file, self.recorder = RequestsFile(path), recorder
         self._lock = threading.Lock()
-        """What was renewed is not dropped, and what is being dropped not renewed."""
+        """Held so that no renewed request is dropped, and none that is being dropped is renewed."""
         self._renewals: dict[Key, int] = {}
-        """The number of the last renewal of each request through the API; none is ever used twice."""
+        """The number of the last renewal of each request through the API; no number is used twice."""
         self._numbers = itertools.count(1)
         self._ending: set[Key] = set()
         """Requests that are being dropped now."""
 
     def read(self) -> None:
-        """Looks at the file."""
+        """Read the file if it has changed."""
         try:
             self.file.read()
             self.file.keep()
@@ -64,9 +66,9 @@ class Leases:
     def renew(
         self, key: Key, committed: RequestsFile, allow: Callable[[Request], None] = lambda _: None
     ) -> Request | None:
-        """Counts a renewal of a request; None when there is none, or not any more. `committed` is the file as the last
-        acknowledged change left it, which the loop may not have read yet; while it is broken, what counts goes on.
-        `allow` raises where this request may not be renewed."""
+        """Count a renewal of a request; None if it does not exist any more. `committed` is the file after the last
+        acknowledged change, which the loop may not have read yet; while the file is broken, the last good content
+        counts. `allow` raises if this request may not be renewed."""
         with self._lock:
             document = self.file.document if self.file.diagnostics else committed.now()
             found = next((r for r in document.requests if r.key == key), None)
@@ -77,10 +79,9 @@ class Leases:
             return found
 
     def settle(self, decision: Decision, renewals: Mapping[Key, int]) -> None:
-        """Writes down which requests were dropped or bound, and which restarts and retries are
-        done. The file is the truth:
-        whoever changed an entry since it was read, or renewed it (`renewals` are those that the decision knew), has
-        the last word."""
+        """Write down which requests were dropped or bound, and which restarts and retries are done. The file has
+        precedence: an entry that was changed since it was read, or renewed (`renewals` are those that the decision
+        knew), stays."""
         settled = decision.settled
         if not (settled.dropped or settled.bound or decision.served or decision.retried or decision.confirmed):
             return
@@ -128,5 +129,5 @@ class Leases:
 
 
 def _same(one: Request, other: Request) -> bool:
-    """They say the same, wherever in the file."""
+    """Whether they say the same, wherever they are in the file."""
     return replace(one, where=other.where) == other

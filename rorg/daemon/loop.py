@@ -1,4 +1,4 @@
-"""The loop: one pass after another, level-triggered. A wake says only that it is worth looking."""
+"""The loop: one pass after another, level-triggered. A wake only says that a pass is worth it."""
 
 from __future__ import annotations
 
@@ -10,29 +10,27 @@ from dataclasses import replace
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
-from rorg.core.down import taken_down
 from rorg.core.inputs import Inputs
-from rorg.core.observed import Container
+from rorg.core.memory import Memory
 from rorg.core.outcomes import finish
-from rorg.core.pressure import Load, pressed
+from rorg.core.teardown import teardown
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
-from rorg.daemon.reclaiming import reclaim_paused
+from rorg.daemon.reporter import Reporter
 from rorg.host.devices import elsewhere
 from rorg.model.devices import Device, Plugged
 from rorg.model.objects import is_object
-from rorg.model.policy import Thresholds
 from rorg.model.units import parse_time
 from rorg.store.engine_record import EngineRecord, record_engine
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
 
 SOON = 0.05
-"""Seconds until a tree that was being written is looked at again."""
+"""Seconds until a tree that was being written is read again."""
 HANDOVER = 0.0003
-"""Seconds that the pass steps aside, so that a worker can make the call that somebody waits for."""
+"""Seconds that the pass sleeps so that a worker can make an urgent call."""
 GATHER = 0.005
-"""Seconds for which outcomes and events that nobody waits for are gathered before a pass."""
+"""Seconds for which outcomes and events are gathered before a pass, unless a request waits for one."""
 PATIENCE = 3.5
 """Seconds that the end of the loop waits for calls and probes under way."""
 AGAIN = 1.0
@@ -53,26 +51,38 @@ class Loop:
         self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
         self.learner = Learner(parts.state.path, self.recorder.journal, clock, wall())
         self.questions: dict[object, Mapping[str, float]] = {}
-        """What somebody asks or waits for: services, each with the time (`clock`) from which on its probe's answers
-        count. Without such an answer the probe is asked again."""
+        """Services that clients ask about or wait for, each with the time (`clock`) since when the answers of its probe
+        count. If there is no such answer the probe is asked again."""
         found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
         self.recorder.begin(found)
+        self.reporter = Reporter(self.recorder, self.engine, clock, found)
+        self.running, self.use = parts.running, parts.running.use
+        self.container_of = parts.running.container_of
         self.memory = replace(found, kept=read_kept(self.state.path))
         self.tree.masker.learn(self.memory.kept.catalog)
         self.dispatch = DispatchLimits()
-        """Where the Policy says nothing."""
+        """Used if the Policy sets none."""
         self.passes = 0
         self.decision: Decision | None = None
-        """Of the last pass."""
+        """The decision of the last pass."""
         self.inputs: Inputs | None = None
         """What it was made from."""
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
         self._down: tuple[Desired, Desired] | None = None
-        """What is desired of a robot that is taken down, beside what its tree asks for."""
+        """(what the tree asks for, what is desired instead while the robot is taken down)."""
         self._bound = False
-        """The state directory says on which engine its containers are."""
+        """Whether the state directory has the engine of its containers."""
         self._stopping = False
+
+    @property
+    def memory(self) -> Memory:
+        """What the last pass hands to the next one, and to the threads beside the loop."""
+        return self.running.memory
+
+    @memory.setter
+    def memory(self, memory: Memory) -> None:
+        self.running.memory = memory
 
     @property
     def epoch(self) -> float:
@@ -87,8 +97,8 @@ class Loop:
         self.wakes.wake()
 
     def run(self, until: Callable[[Decision], bool] | None = None) -> None:
-        """Passes until stop() is called, or `until` says of a pass that this was all. Without it a bug in one pass is
-        told, and does not end the next ones: a robot without its loop would be worse."""
+        """Make passes until stop() is called, or until `until` accepts one. Without `until`, a bug in a pass is
+        reported and the next pass follows: a robot without its loop would be worse off."""
         for thread in self.threads:
             thread.start()
         try:
@@ -107,12 +117,12 @@ class Loop:
 
     def _tell_bug(self, bug: Exception) -> None:
         text = "".join(traceback.format_exception(bug)).strip()
-        self.recorder.when_new("bug", text, "internal-error", f"internal error in a pass, tried again: {text}")
+        self.recorder.when_new("bug", text, "internal-error", f"internal error in a pass; trying again: {text}")
         self.wakes.clear()
         self.wakes.wait(AGAIN)
 
     def _sleep(self, decision: Decision) -> None:
-        """Until something woke the loop or is due. Publishing is no reason for another pass."""
+        """Sleep until something woke the loop or is due. Publishing needs no pass."""
         until = [] if decision.deadline is None else [decision.deadline]
         until += [self.clock() + SOON] if self.wakes.files else []
         publish = self.publisher.due()
@@ -134,7 +144,7 @@ class Loop:
         return self.wakes.wait(None if until is None else until - self.clock())
 
     def _drain(self) -> None:
-        """Stops the threads; the observer last, since calls under way tell it what they did."""
+        """Stop the threads; the observer last, because calls under way tell it their results."""
         for thread in reversed(self.threads):
             if thread is not self.observer:
                 thread.stop()
@@ -148,7 +158,7 @@ class Loop:
 
     @property
     def hung(self) -> int:
-        """Calls and probes that had not ended when it had: the interpreter would wait for their threads."""
+        """Number of calls and probes that have not ended: the interpreter would wait for their threads."""
         return len(self.workers.hung) + self.prober.hung
 
     # -- one pass ----------------------------------------------------------------------------------------------
@@ -170,18 +180,18 @@ class Loop:
         for action in decision.begin:
             self.workers.begin(action)
         if any(action.urgent for action in decision.begin):
-            # What is left of this pass can wait; a worker that has to share the interpreter with it begins later.
+            # The rest of this pass can wait. A worker that shares the interpreter with it would begin later.
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
         self.observer.look(decision.to_look)
-        if self.engine.local:  # who refuses connections on this machine is no node of another one
+        if self.engine.local:  # a refused connection on this machine says nothing about a node on another machine
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)
-        self.learner.note(decision.memory.foresight.learned)
-        if not document.down:  # nothing that is down says how its manifests do
+        self.learner.note(decision.memory.prediction.learned)
+        if not document.down:  # a robot that is down says nothing about its manifests
             self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.tree.standing = self.recorder.historian.standing
-        self.recorder.report(decision, self.tree, self.leases.file)
+        self.reporter.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
         self.decided()
         return decision
@@ -196,6 +206,7 @@ class Loop:
             memory=self.memory,
             now=self.clock(),
             owner=self.owner,
+            engine=self.engine.capabilities,
             removals=self.tree.removals,
             booted_at=self.booted_at,
             limits=self.dispatch.allowing(self.tree.desired.catalog.policy.bulk_workers),
@@ -220,26 +231,26 @@ class Loop:
         return self.devices.of(wanted) if self.engine.local else elsewhere(wanted)
 
     def _without_all(self, inputs: Inputs) -> Inputs:
-        """Of a robot that is taken down: nothing is asked for, and everything may go."""
+        """The inputs of a robot that is taken down: nothing is requested, and everything may be removed."""
         if self._down is None or self._down[0] is not inputs.desired:
-            self._down = inputs.desired, taken_down(inputs.desired, self.memory.kept.catalog)
+            self._down = inputs.desired, teardown(inputs.desired, self.memory.kept.catalog)
         return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
 
     @property
     def is_down(self) -> bool:
-        """Whether the robot has been taken down by now, and nothing of it is left. One that was down before stays so,
-        and this loop with it."""
+        """Whether the robot has been taken down and nothing of it is left. One that was down already stays down, and
+        this loop with it."""
         document = self.leases.document()
         if self.decision is None or not document.down or document.down_since:
             return False
         observed, memory = self.decision.situation.observed, self.decision.memory
-        # A network whose removal was refused stays: somebody else uses it.
+        # A network whose removal was refused stays, because others use it.
         going = any(is_object(action.service) for action in self.decision.plan.actions)
         return observed.complete and not (observed.containers or memory.in_flight or going)
 
     def _keep(self, decision: Decision) -> None:
-        """Writes down what is declared, and what was, before anything is done on the word of another tree; and on which
-        engine, before anything is made there."""
+        """Write down what is declared, and what was, before acting on another tree; and the engine, before anything is
+        made there."""
         before, kept = self.memory.kept, decision.memory.kept
         try:
             if not self._bound and (decision.begin or decision.situation.observed.containers):
@@ -251,7 +262,7 @@ class Loop:
             self.recorder.when_new("last-good", str(error), "last-good-not-written", str(error))
 
     def _asked_for(self) -> dict[str, float]:
-        """Service -> from when on an answer of its probe counts for all who ask."""
+        """Service -> since when an answer of its probe counts for everyone who asks."""
         found: dict[str, float] = {}
         for asked in list(self.questions.values()):
             found.update({name: max(since, found.get(name, since)) for name, since in asked.items()})
@@ -270,42 +281,3 @@ class Loop:
             self.memory = finish(self.memory, outcomes, self.clock())
             if self.images and any(o.missing for o in outcomes):
                 self.images.check()
-
-    # -- what the loop's parts ask -----------------------------------------------------------------------------
-
-    def container_of(self, service: str) -> Container | None:
-        return next(iter(self.observer.snapshot().by_service().get(service, [])), None)
-
-    def limits(self) -> Thresholds | None:
-        return self.tree.desired.catalog.policy.pressure
-
-    def load_matters(self, load: Load) -> bool:
-        """Whether a sample of the machine's load is worth a pass."""
-        limits = self.limits()
-        return limits is not None and bool(
-            self.memory.pressure.engaged or pressed(limits, self.tree.desired.catalog.policy.budget, load)
-        )
-
-    def use(self) -> dict[str, tuple[float, int]]:
-        """(CPU seconds since it began, bytes) of each service that is alive, all its containers together."""
-        alive = [c for c in self.observer.snapshot().containers if c.alive]
-        usage, found = self.engine.usage(alive), dict[str, tuple[float, int]]()
-        for container in alive:
-            if container.id in usage:
-                used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
-                found[container.service] = cpu + used.cpu, memory + used.memory
-        return found
-
-    def running(self) -> list[tuple[Container, float]]:
-        """Containers that run, each since when by `clock`."""
-        found = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"]
-        return [
-            (c, step.running_since)
-            for c, step in found
-            if step.running_since is not None and step.incarnation == c.incarnation
-        ]
-
-    def paused(self, service: str) -> None:
-        """A service was just paused."""
-        if self.engine.capabilities.isolation and self.engine.local:
-            reclaim_paused(self.tree.desired.catalog.services.get(service), self.container_of(service), self.recorder)

@@ -1,4 +1,4 @@
-"""The parts that the loop is handed (see wiring.py)."""
+"""The parts that the loop uses; wiring.py makes them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.running import Running
 from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
@@ -40,6 +41,7 @@ class Collaborators:
     observer: Observer
     prober: Prober
     sampler: Sampler
+    running: Running
     ros: RosWatch
     shm: ShmPurger
     workers: Workers
@@ -48,7 +50,7 @@ class Collaborators:
     publisher: Publisher
     devices: DeviceWatch
     images: ImageManager | None
-    """None where an image is no more than a name."""
+    """None if the engine needs no images."""
     generations: Generations
     wakes: Wakes
     threads: tuple[Thread, ...]

@@ -1,4 +1,4 @@
-"""Publishes how everything is, in a file that commands read where the API cannot be asked."""
+"""Publishes the state of everything in a file, which commands read if they cannot use the API."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
 AFTER = 0.025
-"""Seconds from a pass to its publication: writing at once would take the CPU from the calls that just began."""
+"""Seconds from a pass to its publication, so that it takes no CPU from the calls that just began."""
 EVERY = 0.05
-"""Seconds between two published states at the least."""
+"""Seconds between two published states, at least."""
 SHARE = 0.1
-"""Of the time, for publishing at the most: a robot of many services, all of which change, has other things to do."""
+"""Share of the time that publishing may take: a robot with many changing services has other work to do."""
 
 
 class Publisher:
-    """`about` says who runs; `tell` hears what keeps it from publishing; `clock` gives monotonic seconds. What `masker`
-    hides is not published."""
+    """`about` says which rorg this is; `tell` gets errors; `clock` gives monotonic seconds. What `masker` hides is not
+    published."""
 
     def __init__(
         self,
@@ -41,18 +41,18 @@ class Publisher:
         self._next: tuple[Decision, dict[str, Any]] | None = None
 
     def publish(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
-        """Keeps what is to be published until flush()."""
+        """Keep the state until flush()."""
         self._snapshots.note(decision)
         if self._next is None:
             self._due = max(self.clock() + AFTER, self._due)
         self._next = decision, {**self.about, **about_tree(tree, requests)}
 
     def due(self) -> float | None:
-        """When a held-back state is to be published; None without one."""
+        """When the kept state must be published; None if there is none."""
         return self._due if self._next is not None else None
 
     def flush(self) -> None:
-        """Writes it, where it says anything new."""
+        """Write the kept state if it has changed."""
         if self._next is None:
             return
         decision, about = self._next

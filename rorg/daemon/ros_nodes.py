@@ -1,4 +1,4 @@
-"""The nodes of one ROS 1 master: which service runs each, which are dead though registered, and which changed hands."""
+"""The nodes of one ROS 1 master: which service runs each, which are registered but dead, and which changed hands."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from rorg.core.ros_graph import RosGraph, Takeover, takeovers
-from rorg.host.asking import place_of
+from rorg.host.bounded_http import place_of
 from rorg.host.listeners import lineage, listeners, open_ports
 from rorg.probes.ros_state import RosState, read_state, refuses, unregister
 
 APART = 2.0
-"""Seconds between two looks that must both find a node dead before its registration is taken out."""
+"""Seconds between two looks that must both find a node dead before it is unregistered."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Of a service that uses a master."""
+    """The run of a service that uses a master."""
 
     incarnation: str
     pid: int
     nodes: frozenset[str]
-    """Those that its manifest names."""
+    """The nodes that its manifest names."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Runs:
-    """Of one master, as a pass of the loop saw them."""
+    """The runs of one master, as of a pass of the loop."""
 
     alive: Mapping[str, Run] = field(default_factory=dict)
     """By service: those that run or are paused."""
@@ -38,29 +38,29 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class _Owner:
-    """Who runs the program at a place."""
+    """The owner of the program at an address."""
 
     service: str
     incarnation: str
 
 
 class RosNodes:
-    """Keeps what is known of a master's nodes from one look to the next. `local` are names and addresses of this
-    machine. Not for several threads."""
+    """What is known of a master's nodes, from one look to the next. `local` are names and addresses of this machine.
+    For one thread."""
 
     def __init__(self, master: str, local: Collection[str]) -> None:
         self.master, self.local = master, local
         self._runs = Runs()
         self._owners: dict[tuple[str, str], _Owner] = {}
-        """By (node, its place)."""
+        """By (node, its address)."""
         self._last: dict[str, str] = {}
         """Node -> the service that ran it last, as long as that is active."""
         self._dead: dict[tuple[str, str], float] = {}
-        """(Node, its place) -> when it was first found dead."""
+        """(node, its address) -> when it was first found dead."""
         self._takeovers: tuple[Takeover, ...] = ()
 
     def look(self, runs: Runs) -> tuple[RosGraph, list[str]]:
-        """The graph, and the dead nodes whose turn it is to be taken out. Raises OSError when there is no master."""
+        """Return the graph, and the dead nodes that can be unregistered now. Raises OSError if there is no master."""
         state = read_state(self.master)
         self._state = state
         dead = self._find_dead(state)
@@ -71,16 +71,16 @@ class RosNodes:
         return _graph(state, nodes, self._takeovers), [node for node, long in dead.items() if long]
 
     def purge(self, node: str) -> bool:
-        """Takes out what a node has registered, as found by the last look; whether it was there still."""
+        """Unregister a node as the last look found it; return whether it was still registered."""
         with contextlib.suppress(LookupError, OSError):
             unregister(self.master, node, self._state)
             return True
         return False
 
     def _find_dead(self, state: RosState) -> dict[str, bool]:
-        """Nodes of this machine at whose places nobody is; with each, whether that was so some time ago too. A paused
-        node listens still. It is not connected to without need: its queue of connections is short, and is not emptied
-        before it is resumed."""
+        """Nodes of this machine at whose addresses nothing listens; with each, whether an earlier look found that too.
+        A paused node still listens. It is not connected to needlessly: its queue of connections is short, and is not
+        emptied before it is resumed."""
         ports, now = open_ports(), time.monotonic()
         found = {
             (node, uri)
@@ -91,14 +91,14 @@ class RosNodes:
         return {key[0]: now - since >= APART for key, since in self._dead.items()}
 
     def _port(self, uri: str) -> int:
-        """Of a place on this machine, else 0."""
+        """The port of an address on this machine, otherwise 0."""
         with contextlib.suppress(OSError):
             host, port = place_of(uri)
             return port if host in self.local else 0
         return 0
 
     def _who_runs(self, places: Mapping[str, str], runs: Runs) -> dict[str, str]:
-        """Node -> service. Looks for processes only where a node, or a run, is new."""
+        """Node -> service. Looks for processes only if a node or a run is new."""
         alive = {name: run.incarnation for name, run in runs.alive.items()}
         before, keys = self._owners, {(node, uri) for node, uri in places.items()}
         kept = {k: o for k, o in before.items() if k in keys and alive.get(o.service) == o.incarnation}
@@ -109,7 +109,8 @@ class RosNodes:
         return {node: self._owners[node, uri].service for node, uri in places.items()}
 
     def _find_owners(self, keys: Collection[tuple[str, str]], runs: Runs) -> dict[tuple[str, str], _Owner]:
-        """By the process that listens at a node's place; else by the manifest that names the node."""
+        """Find owners by the process that listens at a node's address; otherwise by the manifest that names the
+        node."""
         processes, found = listeners(), {}
         services = {run.pid: name for name, run in runs.alive.items() if run.pid}
         for node, uri in keys:

@@ -1,5 +1,4 @@
-"""Watches the graphs of ROS 1, and keeps them free of nodes that were killed: SIGKILL leaves a registration behind for
-ever."""
+"""Watches the graphs of ROS 1, and removes nodes that were killed: SIGKILL leaves a registration behind for ever."""
 
 from __future__ import annotations
 
@@ -19,17 +18,17 @@ from rorg.model.catalog import Catalog
 
 AFTER = (1.0, 3.0, 10.0)
 """Seconds from one look to the next since something changed: nodes register some time after their service has started.
-The last one is for as long as nothing changes."""
+The last one repeats."""
 GAP = 0.25
-"""Seconds between two looks at the least."""
+"""Seconds between two looks, at least."""
 AFTERWARDS = 15.0
-"""Seconds for which a master is looked at still when no service uses it any more: those that ended may have left
+"""Seconds for which a master that no service uses any more is still watched: those that ended may have left
 registrations."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Watched:
-    """What of a pass counts here: by master."""
+    """What matters here of a pass, by master."""
 
     runs: dict[str, Runs]
     purge: bool
@@ -37,15 +36,15 @@ class _Watched:
 
 class RosWatch:
     """Looks at the masters of services that are alive, in a thread of its own: when a service has started or ended, and
-    now and then. `purged` hears of each node that was taken out; `wake` is called when a graph is another one."""
+    now and then. `purged` is called with each node that was unregistered, `wake` when a graph has changed."""
 
     def __init__(self, purged: Callable[[str], None], wake: Callable[[], None]) -> None:
         self.purged, self.wake = purged, wake
         self.graphs: Graphs = {}
-        """As last seen; another object when anything is otherwise. A master that does not answer has none."""
+        """As last seen, by master; a different object after each change. A master that does not answer is left out."""
         self._watched = _Watched({}, False)
         self._seen: tuple[object, object, object] = (None, None, None)
-        """What the last pass that counted was about."""
+        """What the last pass that mattered was about."""
         self._changed = threading.Event()
         self._stopping = threading.Event()
         self._masters: dict[str, RosNodes] = {}
@@ -60,7 +59,7 @@ class RosWatch:
         self._changed.set()
 
     def look(self, situation: Situation) -> None:
-        """What a pass has found: never waits for a master."""
+        """Take over what a pass has found; never waits for a master."""
         seen = situation.observed, situation.wanted, situation.desired.catalog
         if not situation.observed.complete or all(a is b for a, b in zip(seen, self._seen, strict=True)):
             return
@@ -104,7 +103,7 @@ class RosWatch:
 
 
 def _runs(observed: Observed, wanted: Wanted, catalog: Catalog) -> dict[str, Runs]:
-    """By master, where any service that uses it is alive."""
+    """By master that a living service uses."""
     found: dict[str, dict[str, Run]] = {}
     for name, containers in observed.by_service().items():
         service, current = catalog.services.get(name), containers[0]

@@ -1,4 +1,4 @@
-"""Keeps /dev/shm free of what dead ROS 2 participants left: memory that nobody gives back, 0.6 MB for each."""
+"""Removes from /dev/shm what dead ROS 2 participants left: 0.6 MB each, which nothing else frees."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rorg.model.catalog import Catalog
 
 
 class ShmPurger:
-    """Looks, in a thread of its own, whenever the last participant of this robot has ended, and at the begin. `tell`
-    hears of what was removed; `wall` gives seconds since the epoch."""
+    """Looks, in a thread of its own, at the beginning and whenever the last participant of this robot has ended. `tell`
+    is called with what was removed; `wall` gives seconds since the epoch."""
 
     def __init__(
         self, tell: Callable[[Removed], None], wall: Callable[[], float] = time.time, folder: Path = SHM
@@ -25,9 +25,9 @@ class ShmPurger:
         self.tell, self.wall, self.folder = tell, wall, folder
         self._catalog: Catalog | None = None
         self._participants: frozenset[str] = frozenset()
-        """Of that catalog."""
+        """The participants in that catalog."""
         self._quiet = False
-        """No participant ran at the last pass."""
+        """Whether no participant ran at the last pass."""
         self._ends: queue.Queue[float | None] = queue.Queue()
 
     def start(self) -> None:
@@ -37,7 +37,7 @@ class ShmPurger:
         self._ends.put(None)
 
     def look(self, situation: Situation) -> None:
-        """Notices that no participant runs any more."""
+        """Notice that no participant runs any more."""
         catalog = situation.desired.catalog
         if catalog is not self._catalog:
             self._catalog, self._participants = catalog, participants(catalog.services)
@@ -52,7 +52,7 @@ class ShmPurger:
 
     def _run(self) -> None:
         while (ended := self._ends.get()) is not None:
-            with contextlib.suppress(OSError):  # without root's rights nothing can be said of others' files
+            with contextlib.suppress(OSError):  # without root's rights it is not known which files others use
                 removed = remove_unused(self.folder, group_of, ended)
                 if removed.files:
                     self.tell(removed)

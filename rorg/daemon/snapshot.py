@@ -1,4 +1,4 @@
-"""How everything is, as JSON: what the loop publishes, and what commands compute where no loop runs."""
+"""The state of everything as JSON: published by the loop, or computed by commands if no loop runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rorg.store.requests_file import RequestsFile
 
 
 def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
-    """Which tree is in force, and what is wrong with it and with the requests file."""
+    """Which tree is in force, and the errors in it and in the requests file."""
     return {
         "tree": {
             "root": str(tree.root),
@@ -43,12 +43,12 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
 
 
 def down_of(document: RequestsDocument) -> str:
-    """How far a robot is taken down: going, down, or empty for one that is not."""
+    """How far a robot is taken down: going, down, or empty if it is not."""
     return "" if not document.down else "down" if document.down_since else "going"
 
 
 def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
-    """`about` is put in front: who runs, on which tree."""
+    """`about` comes first: which rorg this is, on which tree."""
     situation = decision.situation
     return {
         **_of_all(decision, about),
@@ -59,8 +59,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class Snapshots:
-    """The same as text, decision after decision, where what is said of a service is written anew only when something
-    was found of it since."""
+    """Writes the same as text, decision after decision. Only services that were looked at since are written again."""
 
     def __init__(self) -> None:
         self._stale: set[str] | None = None
@@ -70,24 +69,24 @@ class Snapshots:
         self._progress: Mapping[str, Progress] = {}
         """What `_runs` was made from."""
         self._timed: set[str] = set()
-        """Services of whose run other things are said with time."""
+        """Services whose entry changes with time alone."""
         self._out: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {})
-        """Who was held, and who preempted, with what was said of it."""
+        """(held, preempted) services of the previous decision, with the reasons."""
         self._actions: dict[int, tuple[Action, str]] = {}
-        """By identity; what is kept here keeps its identity."""
+        """By identity, which is kept because the action is."""
 
     def note(self, decision: Decision) -> None:
-        """Every decision must be noted, whether a text of it is wanted or not."""
+        """Must be called with every decision, even if no text of it is needed."""
         before, self._out = self._out, (decision.holds, decision.situation.preempted)
         if decision.whole:
             self._stale = None
         elif self._stale is not None:
-            self._stale.update(decision.looked_at)
+            self._stale.update(decision.replanned)
             for was, out in zip(before, self._out, strict=True):
                 self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
 
     def text(self, decision: Decision, about: dict[str, Any]) -> str:
-        """Of the decision that was noted last."""
+        """The text of the decision that was noted last."""
         parts = {
             "plan": self._plan_text(decision.plan),
             "runs": _joined(self._run_texts(decision)),
@@ -139,7 +138,7 @@ def _joined(texts: Iterable[str]) -> str:
 
 
 def _of_all(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
-    """What is not said of each service by itself."""
+    """Everything that is not about a single service."""
     situation = decision.situation
     requests = (*situation.desired.catalog.requests, *decision.settled.requests)
     return {
@@ -167,7 +166,7 @@ def engine_json(observed: Observed) -> dict[str, Any]:
 
 
 def run_json(step: Progress, now: float) -> dict[str, Any]:
-    """`attempts` are times of the machine's monotonic clock: those to come after `now`."""
+    """`attempts` are times of the machine's monotonic clock; only those after `now`."""
     update = step.update
     more = {
         "edition": update.edition,
@@ -189,9 +188,9 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
 
 
 def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
-    """What of a loop's memory outlives it: on which runs of their needs services count, which runs it ended itself,
-    which changes failed, and what content a run has read. `view` is what it published; what is not as it should be is
-    passed over. With `now`, of the machine's monotonic clock, also what it waits for, with that as time 0."""
+    """What of a loop's memory survives it: on which runs of their needs services count, which runs rorg ended itself,
+    which changes failed, and what content a run has read. `view` is what the loop published; malformed entries are
+    ignored. With `now`, of the machine's monotonic clock, also its back-offs, with that as time 0."""
     runs = view.get("runs") if isinstance(view, Mapping) else None
     found = {}
     for name, known in runs.items() if isinstance(runs, Mapping) else ():
@@ -238,20 +237,12 @@ def _tries(known: Any, now: float) -> dict[str, Attempt]:
 
 def request_json(request: Request) -> dict[str, Any]:
     """A request as the API shows it."""
-    return {
-        "id": request.id,
-        "requester": request.requester,
-        "services": list(request.services),
-        "reason": request.reason,
-        "incarnation": request.incarnation,
-        "standing": request.standing,
-        "priority": request.priority,
-        "ttl": request.ttl,
-    }
+    names = ("id", "requester", "services", "reason", "incarnation", "standing", "priority", "ttl")
+    return {**{name: getattr(request, name) for name in names}, "services": list(request.services)}
 
 
 def pressure_json(decision: Decision) -> dict[str, Any]:
-    """Measures in force, mildest first, and what was shed; the budget that they keep to."""
+    """Measures in force, mildest first, and the services that were shed; and the budget."""
     state, budget = decision.memory.pressure, decision.situation.desired.catalog.policy.budget
     return {
         "reason": state.reason,

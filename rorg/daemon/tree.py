@@ -1,4 +1,5 @@
-"""The tree of manifests as the loop sees it: read when it changed, never half, the last good one kept."""
+"""The tree of manifests as the loop sees it: read again after a change, never half written. The last good one is
+kept."""
 
 from __future__ import annotations
 
@@ -17,8 +18,7 @@ from rorg.core.masking import Masker
 from rorg.core.standing import Standing
 from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
-from rorg.host.contents import Contents
-from rorg.host.file_stats import Stats, below, contexts, stats
+from rorg.host.contents import Contents, Stats, below, contexts, stats
 from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp, refusal
 from rorg.images.references import Content, References
 from rorg.manifest.documents import beside, manifest_files, manifest_folders, stray_files, tree_files, unexpected
@@ -29,18 +29,18 @@ from rorg.model.catalog import EMPTY, Catalog
 from rorg.model.diagnostics import Diagnostic, Where
 
 PATIENCE = 2.0
-"""Seconds for which a tree that changes while it is read is left for later; then it is taken as it can be had."""
+"""Seconds to wait for a tree that changes while it is read; after that it is read as it is."""
 CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
 MOUNTS_REST = 0.5
-"""Seconds for which what services mount must be left alone before its change counts: it may never be still."""
+"""Seconds without a change before a change of mounted files counts: some are written all the time."""
 Stamp = tuple[Stats, Stats, Stats]
 MOST_FOLDERS = 4000
-"""Directories that are watched: the kernel has few watches, and others need some too."""
+"""Directories that are watched: the kernel has few watches, and other programs need some too."""
 
 
 class Tree:
-    """`desired` is what the last good tree declares. While `errors` is not empty nothing is removed on its word."""
+    """`desired` is what the last good tree declares. While there are `errors` nothing is removed because of it."""
 
     def __init__(
         self,
@@ -54,41 +54,41 @@ class Tree:
         source: GitSource | None = None,
         adapt: Callable[[Catalog], Catalog] = lambda catalog: catalog,
     ) -> None:
-        """`named`: the robot whose overlay counts; without that the one called `host`, where there is one. `adapt`:
-        what is run in place of what is read, such as stand-ins of its programs."""
+        """`named`: the robot whose overlay is used; by default the one called `host`, if there is one. `adapt`: changes
+        what was read into what runs, such as stand-ins for its programs."""
         self.named, self.host = named, host
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.references, self.source, self.adapt = references, source, adapt
         self.masker = Masker()
-        """Knows the secrets of all that was read, refused trees included."""
+        """Knows the secrets of everything that was read, even of refused trees."""
         self.images = Content()
         """Of the last good tree."""
         self._catalog: Catalog | None = None
-        """It, as it was read."""
+        """The last good tree, as it was read."""
         self._records: tuple[int, ...] = ()
-        """How what was built had been written down then."""
+        """The stamp of the record of builds at that time."""
         self.desired: Desired = desire(EMPTY)
         self.errors: tuple[Diagnostic, ...] = ()
         self.warnings: tuple[Diagnostic, ...] = ()
         self._commit: tuple[object, Commit | None] | None = None
-        """How the repository's head was when git was asked, and what it said."""
+        """(the repository's head when git was asked, git's answer)."""
         self.refusal = ""
-        """Why git says nothing of it."""
+        """Why git refuses to answer."""
         self._moves: tuple[tuple[int, int], ...] = ()
-        """How the repository's head was when it was read last."""
+        """The repository's head at the last reading."""
         self.loaded = False
         """Whether any tree has been good yet."""
         self.standing: Standing | None = None
-        """Of what it declares, as the last pass has found it."""
+        """The standing of its revision, as of the last pass."""
         self._inputs = Inputs()
         self._stamp: Stamp | None = None
-        """Of what was read last."""
+        """The stamp of the last reading."""
         self._mounts: tuple[Stats, float] = (), 0.0
-        """How what is mounted was when last looked at, and since when it has been so."""
+        """(what is mounted, as of the last look; since when it has been so)."""
         self._since: float | None = None
         """Since when the tree has been too busy to be read."""
         self._seen: Stamp | None = None
-        """How it was then when last looked at."""
+        """The stamp at the last look since then."""
         self._contents = Contents()
 
     @cached_property
@@ -97,7 +97,7 @@ class Tree:
 
     @property
     def robot(self) -> str:
-        """Whose overlay is laid over the base; empty for the base alone."""
+        """The robot whose overlay is applied; empty for the base alone."""
         return robot_for(self.root, self.named, self.host)
 
     @property
@@ -107,7 +107,7 @@ class Tree:
 
     @property
     def commit(self) -> Commit | None:
-        """What git says of what was read last."""
+        """The commit of what was read last."""
         stamp = (self._stamp, self._moves)
         if self._commit is None or self._commit[0] != stamp:
             self._commit = stamp, head(self.root) if self._git else None
@@ -116,22 +116,22 @@ class Tree:
 
     @property
     def revision(self) -> str:
-        """What git calls it: the short commit, with `+` where files differ from it."""
+        """Its short name: the abbreviated commit, with `+` if files differ from it."""
         commit = self.commit if self.loaded else None
         return commit.commit[:7] + "+" * commit.dirty if commit else ""
 
     @property
     def busy(self) -> bool:
-        """Whether it is being written, and left for later."""
+        """Whether the tree is being written, so that reading it must wait."""
         return self._since is not None or (self.source is not None and self.source.writing)
 
     @property
     def _under_way(self) -> bool:
-        """Whether git writes it."""
+        """Whether git is writing it."""
         return checkout_under_way(self._git) or (self.source is not None and self.source.writing)
 
     def git_json(self) -> dict[str, Any] | None:
-        """The repository that is followed, and how that goes; or one that git does not trust; else None."""
+        """The repository that is followed, and its state; or one that git does not trust; otherwise None."""
         if self.source is not None:
             return self.source.as_json()
         if not self.refusal:
@@ -140,11 +140,11 @@ class Tree:
         return {"followed": False, "repository": str(self.root), **nothing, "error": self.refusal}
 
     def stamp(self) -> Stamp:
-        """Changes with every file that the tree is made of (names, times, sizes): manifests, what is read with them,
-        and what is mounted. Whatever else is below it does not count."""
+        """Changes with every file that belongs to the tree (names, times, sizes): manifests, what is read with them,
+        and what is mounted. Other files below it do not count."""
         manifests: list[Path] = []
         strays: list[Path] = []
-        with contextlib.suppress(OSError):  # load() says so
+        with contextlib.suppress(OSError):  # load() reports it
             manifests = tree_files(self.root, self.robot)
             strays = stray_files(self.root)
         return (
@@ -154,8 +154,8 @@ class Tree:
         )
 
     def folders(self) -> list[Path]:
-        """Directories to watch: whatever the stamp looks at lies in one of them. None that a link leads out to; what
-        images are built from may lie beside the tree."""
+        """Directories to watch: everything that the stamp covers is in one of them. Links that lead out of the tree are
+        not followed; image contexts may be outside of it."""
         top, found = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
             found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
@@ -176,8 +176,8 @@ class Tree:
         return contexts(self._inputs.contexts if self.references and self.references.by_content else ())
 
     def read(self) -> tuple[bool, bool]:
-        """(something new was learnt, look again soon). A checkout in progress, or a tree that changes while it is
-        read, is left for later; but not for ever."""
+        """Return (whether there is news, whether to look again soon). A checkout in progress, or a tree that changes
+        while it is read, is left for later, but not for ever."""
         if self.source is not None and (self.source.writing or self.source.empty):
             return self._without(self.source), False
         now, stamp, checkout = self.clock(), self.stamp(), self._under_way
@@ -201,27 +201,27 @@ class Tree:
         return True, not whole
 
     def _without(self, source: GitSource) -> bool:
-        """Whether there is something new to say of a repository that has not brought anything yet."""
+        """Whether there is news about a repository that has not delivered anything yet."""
         shown, why = source.cache.followed.remote.shown, source.error
-        errors = (Diagnostic(Where(shown), f"nothing of it is here yet: {why}"),)
+        errors = (Diagnostic(Where(shown), f"nothing was fetched yet: {why}"),)
         if source.writing or not why or self.errors == errors:
             return False
         self.errors = errors
         return True
 
     def _moved(self) -> bool:
-        """Whether it is at another commit, though all that it declares is the same."""
+        """Whether it is at another commit with the same declarations."""
         before, self._moves = self._moves, head_stamp(self._git)
         return before != self._moves
 
     def _built_anew(self) -> bool:
-        """Whether images that the tree declares have become others, though nothing that they are made from has."""
+        """Whether images that the tree declares are different now, though their sources have not changed."""
         if self.references is None or self._catalog is None or self.references.records.stamp == self._records:
             return False
         stamp = self.references.records.stamp
         try:
             changed = self.references.of(self._catalog) != self.images
-        except RorgError:  # a context cannot be read now: that is told when it is read with its tree
+        except RorgError:  # a context cannot be read now: the error is reported when it is read with its tree
             return False
         self._records = stamp
         if changed:
@@ -229,14 +229,14 @@ class Tree:
         return changed
 
     def read_now(self) -> None:
-        """Reads it as it is at this moment, whoever writes it."""
+        """Read it as it is at this moment, even if it is being written."""
         self._moves = head_stamp(self._git)
         self._stamp, loaded = self._load(self.stamp())
         self._take(loaded)
 
     def _rests(self, stamp: Stamp, now: float) -> bool:
-        """Whether what is mounted has been left alone for a while: a file that is written all the time, or half
-        written, restarts nobody."""
+        """Whether what is mounted has not changed for a while: a file that is written all the time, or half written,
+        must not restart anything."""
         if self._mounts[0] != stamp[2]:
             self._mounts = stamp[2], now
         return now - self._mounts[1] >= MOUNTS_REST
@@ -246,7 +246,7 @@ class Tree:
         return False, True
 
     def _load(self, stamp: Stamp) -> tuple[Stamp, Loaded]:
-        """The tree, with the stamp from before anything of it was read."""
+        """The tree, with the stamp from before it was read."""
         stamps = [stamp]
 
         def found(inputs: Inputs) -> None:
@@ -270,8 +270,8 @@ class Tree:
             self.desired, self.images, self.loaded = desired, images, True
 
     def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None, Content]:
-        """What a tree asks for, and from which images; None, with the reason, where it has errors, or where nobody
-        thought of what it says."""
+        """What a tree asks for, and from which images; None, with the reason as a diagnostic, if it has errors or if
+        rorg has a bug."""
         catalog, images = loaded.catalog, Content()
         if catalog is None:
             return loaded, None, images

@@ -1,4 +1,4 @@
-"""Measures what services use while they run: once a minute, and before they are ceased."""
+"""Measures what services use while they run: once a minute, and before a pause or stop."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rorg.history.usage import Measured, UsageTable
 EVERY = 60.0
 """Seconds between two looks at all."""
 LEAST = 0.5
-"""Seconds below which nothing is concluded: a run that was just seen to begin has used CPU before."""
+"""Seconds below which nothing is concluded: a run that has just been noticed used CPU before that."""
 Running = Sequence[tuple[Container, float]]
 """Containers that run, each with the time since when, by the clock."""
 
 
 class UsageRecorder:
-    """In a thread of its own. `running` says what runs now, `usage` what that has used since it began; nothing is
-    asked while nothing runs. `began` is the time of day (ISO 8601) at which this rorg did: what runs for longer is
-    known from the first look on. `clock` gives seconds, `wall` the time of day."""
+    """Works in a thread of its own. `running` returns what runs now, `usage` what it has used since it began; nothing
+    is asked while nothing runs. `began` is the time of day (ISO 8601) at which this rorg began: older runs are measured
+    only from the first look on. `clock` gives seconds, `wall` the time of day."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class UsageRecorder:
             self.look()
 
     def look(self, service: str = "") -> None:
-        """At all that runs, or at one service. An engine that does not answer is asked again the next time."""
+        """Measure everything that runs, or one service. If the engine does not answer, the next look asks again."""
         with self._lock, contextlib.suppress(Exception):
             everything = self.running()
             if not service:

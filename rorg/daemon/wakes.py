@@ -1,21 +1,21 @@
-"""What wakes the loop. A wake says only that it is worth looking; the two flags say which files to look at."""
+"""Wakes the loop. A wake only says that a pass is worth it; the two flags say which files to read."""
 
 from __future__ import annotations
 
 import threading
 
 LONGEST = 3600.0
-"""Seconds of sleep at the most: a deadline may be centuries away."""
+"""Seconds of sleep at most: a deadline may be centuries away."""
 
 
 class Wakes:
-    """Every method may be called from any thread but wait(), gather(), clear() and the take_ ones, which are the
-    loop's."""
+    """Any thread may call these methods, except wait(), gather(), clear() and the take_ ones, which are for the
+    loop."""
 
     def __init__(self) -> None:
         self._woken = threading.Event()
         self._urgent = threading.Event()
-        """Set with every wake that is not to wait for others."""
+        """Set with every wake that must not wait for others."""
         self._files, self._requests = True, True
         """Whether the tree, or the requests file, may have changed."""
 
@@ -24,7 +24,7 @@ class Wakes:
         self._woken.set()
 
     def wake_soon(self) -> None:
-        """For what may be gathered with others of its kind: outcomes, and events of the engine."""
+        """Wake for something that may be gathered with others: outcomes, and events of the engine."""
         self._woken.set()
 
     def files_changed(self) -> None:
@@ -40,12 +40,12 @@ class Wakes:
         return self._files
 
     def take_files(self) -> bool:
-        """Whether the tree may have changed; what comes after this counts for the next time."""
+        """Whether the tree may have changed; a change after this call counts for the next one."""
         found, self._files = self._files, False
         return found
 
     def again(self) -> None:
-        """The tree is to be looked at once more, soon."""
+        """Look at the tree again soon."""
         self._files = True
 
     def take_requests(self) -> bool:
@@ -54,11 +54,11 @@ class Wakes:
         return found
 
     def wait(self, seconds: float | None) -> bool:
-        """Until something woke the loop, or for so long; whether it was woken."""
+        """Wait until something wakes the loop, or so many seconds; return whether it was woken."""
         return self._woken.wait(None if seconds is None else min(LONGEST, max(0.0, seconds)))
 
     def gather(self, seconds: float) -> None:
-        """Waits for more, unless something is not to wait, so that one pass sees what comes at about the same time."""
+        """Wait for more, unless something is urgent, so that one pass handles what happens at about the same time."""
         if self._woken.is_set():
             self._urgent.wait(seconds)
 

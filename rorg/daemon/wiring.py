@@ -1,4 +1,4 @@
-"""Puts the parts together: which engine, which state directory, which clock."""
+"""Puts the parts of the loop together over the real clock: each gets what it needs, and none the loop itself."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from rorg.daemon.parts import Collaborators, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.running import Running
 from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.usage_recorder import UsageRecorder
@@ -42,7 +43,7 @@ from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
 
 JOBS = 2
-"""Images that are built at once beside a robot that does other things."""
+"""Images that are built at the same time: the robot needs the CPU for other things."""
 
 
 def make_loop(
@@ -53,14 +54,14 @@ def make_loop(
     robot: str = "",
     source: GitSource | None = None,
 ) -> Loop:
-    """A loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a line
-    for each thing that happens. `robot` and `source`: as of make_tree()."""
+    """Return a loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a
+    line for each event. `robot` and `source`: see make_tree()."""
     return loop_over(make_tree(root, state, engine.name, robot, source), state, engine, say)
 
 
 def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source: GitSource | None = None) -> Tree:
-    """A tree of this robot's, for the engine of this name, not read yet. `robot`: whose overlay counts; without that
-    the one called as this machine. `source`: what follows a repository for it."""
+    """Return this robot's tree for the engine of this name, not read yet. `robot`: whose overlay is used, by default
+    the one named after this machine. `source`: follows a repository for it."""
     references, host = references_for(engine, state.path), os.uname().nodename
     return Tree(
         root.resolve(), str(state.run), engine=engine, references=references, named=robot, host=host, source=source
@@ -68,30 +69,27 @@ def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source:
 
 
 def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
-    """What follows a repository, in the state directory; nothing is done yet."""
+    """Return what follows a repository, with its cache in the state directory; nothing is fetched yet."""
     return GitSource(GitCache(state.git.resolve(), followed, threading.Event()), poll, wall_clock)
 
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
-    """The same over a tree that may have been read."""
+    """The same over a tree that may have been read already."""
     owner, clock = state.instance(), time.monotonic
-    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, clock, engine, tree.masker)
+    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, tree.masker)
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
-    publisher = Publisher(state, clock, about, recorder.tell, tree.masker)
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
-    asker = ProbeRunner(engine, lambda service: loop.container_of(service), stopping, recorder.parameters_set)
+    running = Running(tree, engine, observer, recorder)
+    asker = ProbeRunner(engine, running.container_of, stopping, recorder.parameters_set)
     prober = Prober(clock, wakes.wake, asker, stopping)
-    sampler = _sampler(engine, lambda: loop, wakes)
-    ros, shm = RosWatch(recorder.purged, wakes.wake), ShmPurger(recorder.shm_purged)
-    devices = DeviceWatch(wakes.wake)
-    usage = UsageRecorder(UsageTable(recorder.history), lambda: loop.running(), engine.usage, clock, wall_clock)
-    workers = _workers(engine, observer, recorder, wakes, lambda: loop, usage)
+    sampler = Sampler(Meter(clock), running.sample_every, running.load_matters, running.use, wakes.wake)
+    ros, shm, devices = RosWatch(recorder.purged, wakes.wake), ShmPurger(recorder.shm_purged), DeviceWatch(wakes.wake)
+    usage = UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, clock, wall_clock)
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
-    bringers = [_maintenance(recorder, tree), *_bringers(tree.source, images, recorder, wakes)]
+    maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
+    bringers = [maintenance, *_bringers(tree.source, images, recorder, wakes)]
     notified = Wakeup(state.path, wakes.requests_changed)
-    beside = (prober, sampler, usage, ros, shm, devices, watcher, notified, observer)
-    # What outlives a restart of rorg is numbered by the time of day.
     parts = Collaborators(
         state=state,
         tree=tree,
@@ -99,39 +97,21 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         observer=observer,
         prober=prober,
         sampler=sampler,
+        running=running,
         ros=ros,
         shm=shm,
-        workers=workers,
+        workers=Workers(observer, recorder, wakes.wake_soon, running, usage.look, DispatchLimits().most),
         leases=Leases(state.requests, recorder),
         recorder=recorder,
-        publisher=publisher,
+        publisher=Publisher(state, clock, about, recorder.tell, tree.masker),
         images=images,
         devices=devices,
+        # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=(*bringers, *beside),
+        threads=(*bringers, prober, sampler, usage, ros, shm, devices, watcher, notified, observer),
     )
-    loop = Loop(parts, owner, clock, time.time, booted_at())
-    return loop
-
-
-def _workers(
-    engine: Engine,
-    observer: Observer,
-    recorder: Recorder,
-    wakes: Wakes,
-    loop: Callable[[], Loop],
-    usage: UsageRecorder,
-) -> Workers:
-    def paused(service: str) -> None:
-        loop().paused(service)
-
-    most = DispatchLimits().most
-    return Workers(engine, observer, recorder, time.monotonic, wakes.wake_soon, paused, usage.look, most)
-
-
-def _maintenance(recorder: Recorder, tree: Tree) -> Maintenance:
-    return Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
+    return Loop(parts, owner, clock, time.time, booted_at())
 
 
 def _retention(tree: Tree) -> Retention:
@@ -140,7 +120,7 @@ def _retention(tree: Tree) -> Retention:
 
 
 def _bringers(source: GitSource | None, images: ImageManager | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
-    """What brings manifests and images: what follows a repository, with a watch on one that lies on this machine."""
+    """What brings manifests and images: the follower of a repository, with a watch if that is on this machine."""
     found: list[Thread] = [images] if images else []
     if source is not None:
         source.tell, source.moved = recorder.when_new, wakes.files_changed
@@ -158,18 +138,7 @@ def _image_manager(
     return ImageManager(engine, supplier, recorder, wakes.wake)
 
 
-def _sampler(engine: Engine, loop: Callable[[], Loop], wakes: Wakes) -> Sampler:
-    """Measures this machine, which says nothing of an engine's on another one."""
-    return Sampler(
-        Meter(time.monotonic),
-        lambda: limits.step if engine.local and (limits := loop().limits()) else None,
-        lambda load: loop().load_matters(load),
-        lambda: loop().use(),
-        wakes.wake,
-    )
-
-
 def _own_files(state: StateDir) -> Callable[[str], bool]:
-    """Which files of the state directory this rorg writes itself: all but the requests file, and what was built."""
+    """Whether rorg itself writes a file: all of the state directory except requests and the record of builds."""
     others = (state.requests.name, RECORDS)
     return lambda path: path.startswith(str(state.path)) and path.rpartition("/")[2] not in others

@@ -1,8 +1,9 @@
-"""Workers carry out actions, one engine call each, off the pass. They decide nothing; every action has an outcome."""
+"""Workers make the engine calls of actions, one each, beside the loop. They decide nothing."""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
@@ -11,57 +12,54 @@ from rorg.core.operations import ObjectOperation, Pause, Remove
 from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
+from rorg.daemon.running import Running
 from rorg.engines.execute import failure, perform
 from rorg.engines.observe import Observer
-from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 
 WORDS = 4096
-"""Bytes of what a container said last that are noted."""
+"""Bytes of a failed container's last output that go into the journal."""
 
 
 class Workers:
-    """`wake` is called when there is an outcome; `paused` after every pause that went well,
-    `ceasing` before a pause or a stop. `clock` gives seconds."""
+    """`wake` is called after each outcome, `ceasing` before a pause or a stop. `most` calls run at the same time."""
 
     def __init__(
         self,
-        engine: Engine,
         observer: Observer,
         recorder: Recorder,
-        clock: Callable[[], float],
         wake: Callable[[], None],
-        paused: Callable[[str], None],
+        running: Running,
         ceasing: Callable[[str], None],
         most: int,
     ) -> None:
-        self.engine, self.observer, self.recorder = engine, observer, recorder
-        self.clock, self.wake, self.paused, self.ceasing = clock, wake, paused, ceasing
+        self.engine, self.observer, self.recorder = running.engine, observer, recorder
+        self.wake, self.paused, self.ceasing = wake, running.paused, ceasing
         self._pool = ThreadPoolExecutor(most, thread_name_prefix="worker")
         self._lock = threading.Lock()
         self._outcomes: list[Outcome] = []
         self._calls: set[Future[None]] = set()
         self.hung: set[Future[None]] = set()
-        """Calls that were still under way when the loop had ended."""
+        """Calls that were still under way when the loop ended."""
 
     def begin(self, action: Action) -> None:
-        """Hands an action to a worker. Whatever happens, an outcome comes of it."""
+        """Hand an action to a worker. It has an outcome, whatever happens."""
         try:
             call = self._pool.submit(self._work, action)
-        except RuntimeError as error:  # no thread can be started now
+        except RuntimeError as error:  # no more threads
             self._finished(Outcome(action, str(error)))
             return
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
 
     def take(self) -> list[Outcome]:
-        """Outcomes since the last time."""
+        """Outcomes since the previous call."""
         with self._lock:
             found, self._outcomes = self._outcomes, []
         return found
 
     def stop(self, patience: float) -> None:
-        """Calls under way are waited for, but no longer than `patience` seconds: what they do is observed next time."""
+        """Wait at most `patience` seconds for calls under way. The next rorg sees what the others did."""
         _, self.hung = wait(tuple(self._calls), timeout=patience)
         self._pool.shutdown(wait=False, cancel_futures=True)
 
@@ -71,7 +69,7 @@ class Workers:
         self.wake()
 
     def _work(self, action: Action) -> None:
-        began, made, outcome = self.clock(), "", Outcome(action)
+        began, made, outcome = time.monotonic(), "", Outcome(action)
         self._last_words(action)
         try:
             if action.operation.idles:
@@ -80,7 +78,7 @@ class Workers:
                 made = perform(self.engine, action.operation)
         except RorgError as failed:
             outcome = failure(action, failed)
-        except Exception as bug:  # a worker's bug must not lose the outcome, or the service stays in flight for ever
+        except Exception as bug:  # without an outcome the service would be in flight for ever
             outcome = Outcome(action, f"internal error: {type(bug).__name__}: {bug}")
         try:
             if isinstance(action.operation, ObjectOperation):
@@ -89,14 +87,14 @@ class Workers:
                 self.observer.done(action.container, action.operation.leaves)
             elif made or action.container:
                 self.observer.refresh(made or action.container)
-            self.recorder.outcome(action, outcome.error, self.clock() - began)
+            self.recorder.outcome(action, outcome.error, time.monotonic() - began)
         finally:
             self._finished(outcome)
         if isinstance(action.operation, Pause) and not outcome.error:
             self.paused(action.service)
 
     def _last_words(self, action: Action) -> None:
-        """What a container said that did not come up, before it is gone."""
+        """Record the last output of a container that failed, before it is removed."""
         if not (isinstance(action.operation, Remove) and action.operation.last_words):
             return
         with suppress(RorgError):

@@ -1,6 +1,1 @@
-"""What runs services: the Engine protocol, Docker, processes; observing and executing. No decisions here."""
-
-ENGINES = ("docker", "process")
-"""Names to choose from."""
-WITH_IMAGES = ("docker",)
-"""Those for which an image is more than a name."""
+"""Runs services: the Engine protocol, its engines, their observer and their caller. No decisions here."""

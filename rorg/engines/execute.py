@@ -1,4 +1,4 @@
-"""Performs one operation as one call of the engine. Decides nothing."""
+"""Makes the engine call of an operation. Decides nothing."""
 
 from __future__ import annotations
 
@@ -22,38 +22,19 @@ from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError
 
 STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
-"""Kinds of errors that tell of another state than was thought."""
-
-
-def said_no(error: RorgError) -> bool:
-    """Whether the engine refused what was asked; not that it gave no answer, or found another state than it thought."""
-    return isinstance(error, EngineError) and error.kind not in STATE
-
-
-def is_missing(error: RorgError) -> bool:
-    """Whether the image, or the program, that was to be run is not on this machine."""
-    return isinstance(error, EngineError) and error.kind == "missing_image"
-
-
-def is_spent(error: RorgError) -> bool:
-    """Whether the engine will never start that container again, though nothing is wrong with what it is made from."""
-    return isinstance(error, EngineError) and error.kind == "spent"
-
-
-def is_unsupported(error: RorgError) -> bool:
-    """Whether the engine lacks what was asked for, so that trying again does not help."""
-    return isinstance(error, EngineError) and error.kind == "unsupported"
+"""Kinds of errors that mean that the container was in a different state than expected; the engine did not refuse."""
 
 
 def failure(action: Action, error: RorgError) -> Outcome:
-    """What came of an action that failed."""
+    """The outcome of an action that failed."""
+    kind = error.kind if isinstance(error, EngineError) else "no answer"
     return Outcome(
         action,
         error.why + (f"; try {error.remedy}" if error.remedy else ""),
-        said_no(error),
-        is_missing(error),
-        is_spent(error),
-        is_unsupported(error),
+        refused=kind not in (*STATE, "no answer"),
+        missing=kind == "missing_image",
+        spent=kind == "spent",
+        unsupported=kind == "unsupported",
     )
 
 

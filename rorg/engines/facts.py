@@ -1,4 +1,4 @@
-"""What an engine says of itself, for checks of manifests and of the installation."""
+"""What an engine says about itself, for checks of manifests and of the installation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from typing import Any
 
-from rorg.engines.docker.client import Client, engine_host
+from rorg.engines.docker.client import Client
+from rorg.engines.docker.connect import engine_host
 from rorg.engines.docker.errors import NoAnswer, reason
 from rorg.errors import EngineError
 
@@ -16,23 +17,23 @@ PATIENCE = 5.0
 
 @dataclass(frozen=True, slots=True)
 class EngineFacts:
-    """`error` says why nothing is known; empty where it answers."""
+    """`error` says why nothing is known; empty if the engine answered."""
 
     host: str
     error: str = ""
     denied: bool = False
-    """It is there, and this user may not use it."""
+    """The engine is there, but this user may not use it."""
     version: str = ""
     runtimes: frozenset[str] = frozenset()
     cgroup: str = ""
     root: str = ""
     """The directory of its images and containers."""
     live_restore: bool = False
-    """Containers go on while the engine itself is started again."""
+    """Containers keep running while the engine itself restarts."""
 
 
 def engine_facts(host: str | None = None) -> EngineFacts:
-    """Asks the engine at `host` (or DOCKER_HOST, or Docker's own place) once."""
+    """Ask the engine at `host` (by default DOCKER_HOST, or Docker's own address) once."""
     where = engine_host(host)
     client = Client(where.removeprefix("http+"))
     try:

@@ -1,5 +1,5 @@
-"""Whether the engine answers: a ping now and then, on a connection of its own. Calls say nothing about that, since some
-rightly take minutes."""
+"""Checks whether the engine answers: a ping twice a second on a connection of its own. Other calls cannot tell, because
+some rightly take minutes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ EVERY = 0.5
 
 
 class Heartbeat:
-    """Pings in a thread of its own. `tell` is called there when the engine falls silent, and with None when it answers
-    again; `heard` after each answer that somebody has asked for."""
+    """Pings in a thread of its own, which calls `tell` when the engine falls silent, and with None when it answers
+    again; and `heard` after each answer to ask()."""
 
     def __init__(self, engine: Daemon, tell: Callable[[Silence | None], None], heard: Callable[[], None]) -> None:
         self.engine, self.tell, self.heard = engine, tell, heard
@@ -34,7 +34,7 @@ class Heartbeat:
         self._asked.set()
 
     def ask(self) -> None:
-        """Pings soon."""
+        """Ping soon."""
         self._asked.set()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""Lines of a container's log, and somebody who reads them until it is enough."""
+"""Lines of a container's log, and the reader that can be ended."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ class LogLine(NamedTuple):
     """A line, or a piece of a long one."""
 
     time: str
-    """When the engine took it, RFC 3339 in UTC with nine digits after the second; empty where the engine keeps no
+    """When the engine received it: RFC 3339 in UTC with nine digits after the second; empty if the engine keeps no
     times."""
     text: bytes
-    """With its line end; a piece that the line goes on after has none."""
+    """With its line end; a piece that is not the last of its line has none."""
     place: str
-    """Where to go on reading after it."""
+    """Where to continue after it."""
 
 
 class Reading:
-    """Goes on until it is ended, from any thread."""
+    """A reader of a log, until any thread ends it."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()
@@ -33,11 +33,11 @@ class Reading:
         return self._ended.is_set()
 
     def wait(self, seconds: float) -> bool:
-        """Waits so long at the most; whether it is ended."""
+        """Wait up to that long; return whether it has ended."""
         return self._ended.wait(seconds)
 
     def end(self) -> None:
-        """Ends it, and whatever it waits for."""
+        """End it, and the calls that it waits for."""
         self._ended.set()
         with self._lock:
             closers = tuple(self._closers)
@@ -46,7 +46,7 @@ class Reading:
 
     @contextlib.contextmanager
     def closing(self, close: Callable[[], None]) -> Iterator[None]:
-        """Has `close` called where it ends within the block, which may be at once."""
+        """Call `close` if the reading ends within the block, or has ended before."""
         with self._lock:
             self._closers.append(close)
         try:

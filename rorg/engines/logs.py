@@ -1,5 +1,5 @@
-"""The logs of several services at once: what they have printed, merged by time; then what comes, from run to run and
-from container to container, each line once."""
+"""The logs of several services: past lines merged by time, then new lines, each exactly once, across runs and
+containers."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from rorg.engines.protocol import Engine
 from rorg.errors import EngineError, Invalid, RorgError, Unreachable
 
 HELD = 1000
-"""Lines that are kept for who takes them slowly; readers wait."""
+"""Lines that are kept for a slow reader; then the threads that read the logs wait."""
 LOOK = 0.2
-"""Seconds between two looks whether a service runs again."""
+"""Seconds between two checks whether a service runs again."""
 
 Find = Callable[[str], Container | None]
-"""The container of a service that counts now."""
+"""Returns the current container of a service."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Which lines."""
+    """Which lines to read."""
 
     services: Sequence[str]
     follow: bool = False
@@ -35,11 +35,11 @@ class Asked:
     since: float | None = None
     """Seconds since the epoch."""
     after: Mapping[str, str] = field(default_factory=dict)
-    """Service -> the cursor of the last line that is known: it goes on from there."""
+    """Service -> the cursor of the last line that the caller has: only later ones are read."""
 
 
 class Entry(NamedTuple):
-    """A line of a service; or, without text, where its log stands; or why it cannot be read."""
+    """A line of a service. Without text it only says where the log ends, or why it cannot be read."""
 
     service: str
     cursor: str = ""
@@ -50,7 +50,7 @@ class Entry(NamedTuple):
 
 
 class Entries:
-    """What threads have found, for one who takes it. `tell` is called, in any thread, when there is something."""
+    """Lines that threads have read, for one consumer. `tell` is called, from any thread, when there are some."""
 
     def __init__(self, tell: Callable[[], None]) -> None:
         self.reading = Reading()
@@ -60,7 +60,7 @@ class Entries:
         self._over = False
 
     def put(self, entry: Entry) -> bool:
-        """Waits while there is no room. False once nobody takes anything."""
+        """Add an entry; wait while there is no room. False if the consumer has gone."""
         with self._room:
             self._room.wait_for(lambda: len(self._found) < HELD or self.reading.ended)
             self._found.append(entry)
@@ -68,12 +68,12 @@ class Entries:
         return not self.reading.ended
 
     def finish(self) -> None:
-        """There is no more to come."""
+        """Nothing more will come."""
         self._over = True
         self._tell()
 
     def take(self) -> tuple[list[Entry], bool]:
-        """(what there is, whether no more comes)."""
+        """Return (new entries, whether these are the last)."""
         with self._room:
             over, found = self._over, list(self._found)
             self._found.clear()
@@ -81,14 +81,14 @@ class Entries:
         return found, over
 
     def end(self) -> None:
-        """Nobody takes anything any more."""
+        """The consumer has gone."""
         self.reading.end()
         with self._room:
             self._room.notify_all()
 
 
 def check(engine: Engine, asked: Asked) -> None:
-    """Raises Invalid for what this engine cannot know."""
+    """Raises Invalid if this engine cannot answer the question."""
     if asked.since is not None and not engine.capabilities.log_times:
         raise Invalid(
             "show lines by their time", f"the {engine.name} engine keeps no times of lines", "-n 100 for the last ones"
@@ -96,7 +96,7 @@ def check(engine: Engine, asked: Asked) -> None:
 
 
 def gather(engine: Engine, find: Find, asked: Asked, tell: Callable[[], None]) -> Entries:
-    """Begins to read, in threads of its own. Raises Invalid."""
+    """Start to read in threads. Raises Invalid."""
     check(engine, asked)
     entries = Entries(tell)
     threading.Thread(target=_gather, args=(engine, find, asked, entries), name="logs", daemon=True).start()
@@ -126,7 +126,7 @@ def _gather(engine: Engine, find: Find, asked: Asked, entries: Entries) -> None:
 
 
 def _past(engine: Engine, find: Find, asked: Asked) -> Iterator[Entry]:
-    """What is there, by time; where there are no times, one service after the other."""
+    """Past lines by time, or service by service if the engine has no times."""
     streams = [_of_one(engine, name, find(name), asked) for name in asked.services if name not in asked.after]
     return heapq.merge(*streams, key=lambda entry: entry.time)
 
@@ -147,7 +147,7 @@ def _entry(service: str, container: Container, line: LogLine) -> Entry:
 
 
 def _follow(engine: Engine, find: Find, name: str, cursor: str, entries: Entries) -> None:
-    """What comes of one service, in whatever containers, until nobody reads it."""
+    """Follow one service through its runs and containers, until the consumer goes."""
     reading, followed, told = entries.reading, "", ""
     while not reading.ended:
         try:

@@ -1,4 +1,4 @@
-"""A cache of what the engine says: fed by its events, checked by a full list now and then."""
+"""A cache of the engine's containers: fed by its events, and checked by a full list now and then."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from dataclasses import replace
 
 from rorg.core.observed import Container, Observed, Silence
 from rorg.engines.heartbeat import Heartbeat
+from rorg.engines.looks import Looks, retry_after
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.engines.protocol import Daemon, Objects, Observation
 from rorg.errors import RorgError, Unreachable
 
 REMEDY = "`systemctl status docker`, or `rorg doctor`"
-RETRY = (0.2, 0.5, 1.0, 2.0)
-"""Seconds between attempts to reach an engine that does not answer; the last one repeats."""
 PROMPT = 1.0
-"""Seconds for an answer that tells how things are: an engine that took longer may have stood still, and have answered
-before it noticed what happened meanwhile."""
+"""Seconds for a current answer. An engine that took longer may have been frozen, and answered before it noticed what
+happened meanwhile."""
 
 
 class Observer:
-    """Keeps the cache in a thread of its own, so that a pass never waits for the engine."""
+    """Keeps the cache in threads of its own, so that a pass never waits for the engine."""
 
     def __init__(
         self,
@@ -34,67 +33,62 @@ class Observer:
         clock: Callable[[], float] = time.monotonic,
         heard: Callable[[], None] = lambda: None,
     ) -> None:
-        """`clock` is the loop's, in seconds. `heard` is called when the engine has answered a caller that waits."""
+        """`clock` is the loop's, in seconds. `heard` is called after an answer that ask() wanted."""
         self.engine, self.wake, self.resync, self.clock = engine, wake, resync, clock
         self.heartbeat = Heartbeat(engine, self._heard, heard) if isinstance(engine, Daemon) else None
         """None for an engine that cannot fall silent."""
         self._answering = threading.Event()
-        """Cleared while the engine is silent: then nothing is asked of it."""
+        """Cleared while the engine is silent: then rorg asks it nothing."""
         self._answering.set()
         self.objects = ObjectObserver(engine, wake, self._answering) if isinstance(engine, Objects) else None
-        """Of networks and volumes; None where the engine makes none."""
+        """Of networks and volumes; None for an engine without them."""
         self._lock = threading.Lock()
         self._containers: dict[str, Container] = {}
         self._clock = itertools.count(1)
         self._began: dict[str, int] = {}
-        """When, by that clock, the look at each container began that the cache shows: answers may overtake."""
+        """When, by that clock, the look began whose result the cache shows. Answers can overtake each other."""
         self._looked: dict[str, float] = {}
-        """When, by the loop's clock, the last look at each container began that was answered promptly."""
-        self._looks: dict[str, float] = {}
-        """Containers to look at, each until a look began after that moment."""
-        self._to_look = threading.Event()
+        """When, by the loop's clock, the last look began that the engine answered promptly."""
+        self._looks = Looks(self.refresh, self._last_look, wake, self._answering)
         self._acting: dict[str, list[str]] = {}
-        """Containers with a call under way, and the states that events told of them meanwhile."""
+        """Containers with a call under way, with the states in events about them meanwhile."""
         self._snapshot = Observed(complete=False)
         self._changed = False
-        """The cache is ahead of the snapshot, which is made when it is asked for."""
+        """The cache is ahead of the snapshot, which is made on demand."""
         self._silence: Silence | None = None
         self._stop, self._doubt = threading.Event(), threading.Event()
         self._stream_end = threading.Event()
-        """Set when the stream of events that is followed now is to end."""
-        self._threads: list[threading.Thread] = []
+        """Set to end the current stream of events."""
         self.lists = 0
         """Full lists made so far."""
 
     def start(self) -> None:
-        for target in (self._follow, self._resync_now_and_then, self._look_as_told):
-            thread = threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True)
-            thread.start()
-            self._threads.append(thread)
-        for part in (self.objects, self.heartbeat):
+        for target in (self._follow, self._resync_now_and_then):
+            threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True).start()
+        for part in (self.objects, self.heartbeat, self._looks):
             if part:
                 part.start()
 
     def stop(self) -> None:
         self._stop.set()
-        for part in (self.objects, self.heartbeat):
+        for part in (self.objects, self.heartbeat, self._looks):
             if part:
                 part.stop()
-        for event in (self._doubt, self._stream_end, self._answering, self._to_look):
+        for event in (self._doubt, self._stream_end, self._answering):
             event.set()
 
     def ask(self) -> None:
-        """Asks whether the engine answers, and wakes the loop when it has."""
+        """Check whether the engine answers, and wake the loop when it has."""
         if self.heartbeat:
             self.heartbeat.ask()
 
     def heard_since(self, asked: float) -> bool:
-        """Whether the engine has answered a ping that was sent after `asked` (monotonic)."""
+        """Whether the engine answered a ping that was sent after `asked` (monotonic)."""
         return self.heartbeat is None or self.heartbeat.answered >= asked
 
     def _heard(self, silence: Silence | None) -> None:
-        """The engine has fallen silent; or, without one, it answers again. Then all is looked at anew, and events are
-        followed on another stream: the old one may have ended without a word."""
+        """The engine fell silent, or answers again (None). In the second case everything is listed again, and events
+        are followed on a new stream, because the old one may have ended unnoticed."""
         with self._lock:
             self._silence = silence
             self._publish(False, str(silence or ""))
@@ -107,7 +101,7 @@ class Observer:
         self.wake()
 
     def snapshot(self) -> Observed:
-        """Complete once both are known: containers, and networks and volumes where the engine makes any."""
+        """Complete once the containers are known, and the networks and volumes if the engine has any."""
         objects = self.objects.snapshot() if self.objects else None
         with self._lock:
             if self._changed or self._snapshot.objects is not objects:
@@ -118,12 +112,12 @@ class Observer:
         return replace(found, complete=False) if objects and not objects.complete else found
 
     def look_for(self, keys: Collection[str]) -> None:
-        """Networks and volumes that are to be found by their names."""
+        """Also find networks and volumes with these names."""
         if self.objects:
             self.objects.look_for(keys)
 
     def refresh_objects(self) -> None:
-        """Asks for networks and volumes now, so that the next pass sees what an action did."""
+        """Look at networks and volumes immediately, so that the next pass sees the result of an action."""
         if self.objects:
             try:
                 self.objects.sync()
@@ -132,8 +126,8 @@ class Observer:
                 self._doubt.set()
 
     def refresh(self, container: str) -> None:
-        """Asks for one container now, so that the next pass sees what an action did. Without an answer nothing is
-        known of it, and so of all, until a full list has been made."""
+        """Look at one container immediately, so that the next pass sees the result of an action. If the engine does not
+        answer, the whole snapshot is incomplete until the next full list."""
         began, since = next(self._clock), self.clock()
         try:
             found = self.engine.inspect(container)
@@ -143,7 +137,7 @@ class Observer:
             return
         with self._lock:
             if self._began.get(container, 0) > began:
-                return  # another look, begun after this one, has already told
+                return  # a later look has answered already
             self._began[container] = began
             old = self._containers.get(container)
             if found is None:
@@ -155,8 +149,8 @@ class Observer:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
     def _told(self, container: str, state: str) -> None:
-        """Takes note of an event. It may be older than what is known by now (the stream lags behind the calls), so a
-        state that is news is asked for, not believed."""
+        """Handle an event. It may be older than the cache, because the stream lags behind the calls: so a state that
+        differs is looked up, not believed."""
         with self._lock:
             if container in self._acting:
                 self._acting[container].append(state)
@@ -169,7 +163,7 @@ class Observer:
 
     @contextlib.contextmanager
     def acting(self, container: str) -> Iterator[None]:
-        """While the block runs, events of this container are left to done(), which the caller calls afterwards."""
+        """Leave events of this container to done(), which the caller calls after the block."""
         with self._lock:
             self._acting[container] = []
         try:
@@ -180,8 +174,8 @@ class Observer:
             raise
 
     def done(self, container: str, state: str) -> None:
-        """A call has ended well, after which a container that was alive is in this state, the same run; "" where only a
-        look can tell. Anything that happened beside the call is looked at too."""
+        """A call succeeded. A container that was alive is now in this state and the same run, or only a look can tell
+        (""). Events of other changes meanwhile lead to a look too."""
         with self._lock:
             beside = [told for told in self._acting.pop(container, []) if told != state]
             known = self._containers.get(container)
@@ -194,8 +188,8 @@ class Observer:
         self.refresh(container)
 
     def sync(self, anew: bool = True) -> None:
-        """One full list. A look at one container that began after it knows better. Unless all is to be seen `anew`,
-        containers are taken as they were seen where the engine has nothing new to say of them. Raises Unreachable."""
+        """Make one full list. Looks at single containers that began later take precedence. Unless `anew`, containers of
+        which the engine has nothing new to say are not inspected again. Raises Unreachable."""
         if silence := self._silence:
             raise Unreachable("look at the engine", str(silence), REMEDY)
         if self.objects:
@@ -218,7 +212,7 @@ class Observer:
                 if c in found or self._began[c] > began
             }
             changed = found != self._containers or not self._snapshot.complete
-            # What is as it was stays the same object, by which a pass tells that it has nothing to look at.
+            # Unchanged containers stay the same object, which is how a pass recognizes them.
             found = {c: known if (known := self._containers.get(c)) == new else new for c, new in found.items()}
             self._containers = found
             self._looked = {c: at for c, at in self._looked.items() if c in found}
@@ -228,41 +222,22 @@ class Observer:
             self.wake()
 
     def _note_look(self, containers: Collection[str], since: float) -> None:
-        """These were looked at: the engine was asked then, and has answered just now."""
+        """Note that the engine was asked about these containers then, and has answered now."""
         if self.clock() - since <= PROMPT:
             self._looked.update((c, since) for c in containers if since > self._looked.get(c, 0.0))
             self._changed = self._changed or bool(containers)
 
     def look(self, looks: Mapping[str, float]) -> None:
-        """Each of these containers is looked at, unless a look at it began after that moment. Looks that are not told
-        any more are not taken."""
-        with self._lock:
-            self._looks = {c: at for c, at in looks.items() if self._looked.get(c, -1.0) < at}
-            if self._looks:
-                self._to_look.set()
+        """See Looks.ask()."""
+        self._looks.ask(looks)
 
-    def _look_as_told(self) -> None:
-        attempt = 0
-        while not self._stop.is_set():
-            self._to_look.wait()
-            self._to_look.clear()
-            self._answering.wait()
-            with self._lock:
-                looks = {**self._looks}
-            for container in looks:
-                self.refresh(container)
-            with self._lock:
-                left = {c for c in looks if c in self._looks and self._looked.get(c, -1.0) < looks[c]}
-            if len(left) < len(looks):
-                attempt = 0
-                self.wake()
-            if left and not self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
-                attempt += 1
-                self._to_look.set()
+    def _last_look(self, container: str) -> float:
+        with self._lock:
+            return self._looked.get(container, -1.0)
 
     def _seen(self, found: Container, before: Mapping[str, Container]) -> Container:
-        """A container of which the engine told no more than its state, or nothing new, is still the one that was seen
-        before."""
+        """If the engine reported only the state of a container, or nothing new, combine that with what is known of
+        it."""
         known = self._containers.get(found.id)
         if found is before.get(found.id):
             return known or found
@@ -271,7 +246,7 @@ class Observer:
         return replace(known, state=found.state) if known.alive and found.alive else known
 
     def _publish(self, complete: bool, error: str) -> None:
-        """What was found while the engine is silent proves nothing."""
+        """Publish a change. As long as the engine is silent the snapshot stays incomplete."""
         self._changed = True
         if self._silence:
             complete, error = False, str(self._silence)
@@ -298,10 +273,10 @@ class Observer:
                         self._told(container, state)
                     else:
                         self.sync()
-            except Exception as error:  # whatever it is, without this thread nothing would be seen any more
+            except Exception as error:  # without this thread no change would be noticed any more
                 self._lost(error)
             ended.set()
-            self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)])
+            self._stop.wait(retry_after(attempt))
             attempt += 1
 
     def _resync_now_and_then(self) -> None:
@@ -311,7 +286,7 @@ class Observer:
             if not self._answering.is_set():
                 self._answering.wait()
                 attempt = 0
-            if doubted and self._stop.wait(RETRY[min(attempt, len(RETRY) - 1)]):
+            if doubted and self._stop.wait(retry_after(attempt)):
                 return
             self._doubt.clear()
             last = time.monotonic()

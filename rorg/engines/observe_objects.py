@@ -1,5 +1,5 @@
-"""A cache of the networks and volumes that are there: fed by the engine's events, and checked with every full list of
-containers. A robot without any costs one look when rorg begins, and nothing after that."""
+"""A cache of networks and volumes: fed by the engine's events, and checked with every full list of containers. A robot
+without any needs one look when rorg begins, and none later."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from rorg.engines.protocol import Objects
 from rorg.errors import RorgError, Unreachable
 
 RETRY = 1.0
-"""Seconds until the engine is asked again that did not answer."""
+"""Seconds until an engine that did not answer is asked again."""
 
 
 class ObjectObserver:
-    """Keeps the cache in threads of its own. `wake` is called when it has changed. The engine is asked nothing until
+    """Keeps the cache in threads of its own. `wake` is called when it has changed. The engine is only asked while
     `answering` is set."""
 
     def __init__(self, engine: Objects, wake: Callable[[], None], answering: threading.Event | None = None) -> None:
@@ -43,7 +43,8 @@ class ObjectObserver:
             return self._found
 
     def look_for(self, keys: Collection[str]) -> None:
-        """What is to be found by its name, besides all of ours. Costs nothing where that is known already."""
+        """Also find those with these names, besides all of this owner. Costs nothing if their state is known
+        already."""
         with self._lock:
             new = not self._keys.issuperset(keys)
             if new:
@@ -52,7 +53,8 @@ class ObjectObserver:
             self._doubt.set()
 
     def sync(self) -> None:
-        """One look, at once: the next pass sees what an action did. One after another, so that none overtakes."""
+        """Look at them immediately, so that the next pass sees the result of an action. One look at a time, so that no
+        answer overtakes another."""
         with self._one:
             with self._lock:
                 keys = self._keys
@@ -72,19 +74,19 @@ class ObjectObserver:
             self.wake()
 
     def check(self) -> None:
-        """A look, where there was none yet, or anything is there to be looked for."""
+        """Look at them if nobody has yet, or if there are any."""
         if self._matters.is_set() or not self.snapshot().complete:
             self.sync()
 
     def _look(self) -> None:
-        """Looks for what a new tree names."""
+        """Look at them when a new tree has new names."""
         while not self._stop.is_set():
             self._doubt.wait()
             self._doubt.clear()
             self.answering.wait()
             try:
                 self.sync()
-            except Exception:  # what is unreachable is told by whoever looks at containers
+            except Exception:  # the observer of containers reports an engine that does not answer
                 self._doubt.set()
                 self._stop.wait(RETRY)
 
@@ -95,5 +97,5 @@ class ObjectObserver:
             try:
                 for _ in self.engine.object_events(self._stop):
                     self.sync()
-            except Exception:  # without this thread nothing would be seen any more
+            except Exception:  # without this thread no change would be noticed any more
                 self._stop.wait(RETRY)

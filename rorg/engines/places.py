@@ -12,15 +12,15 @@ from rorg.errors import Invalid
 
 
 def place_of(source: str, place: Path, is_directory: bool, of_directory: bool) -> Path:
-    """What a copy is to be called. `is_directory`: the place is one, and gets the copy by its own name; `DIR/.` is what
-    is in a directory (`of_directory`), and goes right into it."""
+    """The name of the copy. If `place` is a directory, the copy goes into it under its own name; the content of a
+    directory (`DIR/.`, with `of_directory`) goes directly into it."""
     content = of_directory and os.path.basename(source) in ("", ".", "..")
     return place if content or not is_directory else place / os.path.basename(source.rstrip("/"))
 
 
 @contextlib.contextmanager
 def refused(what: str) -> Iterator[None]:
-    """What the disk or an archive says, as Invalid."""
+    """Turn errors of the disk or of an archive into Invalid."""
     try:
         yield
     except tarfile.FilterError as error:

@@ -1,5 +1,12 @@
-"""What every engine speaks, by use: Lifecycle, Observation and Inspection, which are an Engine, and Images where it has
-any. One with real programs is a RealEngine, which has Access too."""
+"""What rorg asks of an engine: Engine, which an engine with real programs extends to RealEngine.
+
+An engine must have create, start, stop, signal and remove, list and inspect. Everything else is optional:
+`capabilities` says what it lacks, and an engine that inherits from Engine gets methods that refuse what it does not
+define. Images, networks and volumes, and a server that may be down, are protocols of their own, because only some
+engines have them.
+"""
+
+# ruff: noqa: ARG002 - what refuses everything uses no argument
 
 from __future__ import annotations
 
@@ -13,28 +20,17 @@ from typing import Any, Protocol, runtime_checkable
 from rorg.core.found_objects import FoundObjects
 from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
+from rorg.errors import EngineError
+from rorg.model.engines import Capabilities
 from rorg.model.objects import Kind
 
-
-@dataclass(frozen=True, slots=True)
-class Capabilities:
-    """What an engine can do. What it cannot is said to the user, never passed over in silence."""
-
-    isolation: bool
-    """Containers with namespaces and images; else plain processes of this machine."""
-    live_update: bool
-    """Options can be changed in place."""
-    events: str
-    """`all` changes arrive as events; or only `exits`, other drift being found at the next resync."""
-    log_times: bool = True
-    """The engine knows when a line of a log was printed."""
-    ignored_options: frozenset[str] = frozenset()
-    """Container options that have no meaning here."""
+LIST_EVERY = 1.0
+"""Seconds between two lists of an engine without events."""
 
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Since the container began: CPU seconds; and the memory in use now, bytes, without the page cache."""
+    """CPU seconds since the container began, and bytes of memory in use now, without the page cache."""
 
     cpu: float
     memory: int
@@ -46,6 +42,9 @@ NONE: Mapping[str, Container] = {}
 class Lifecycle(Protocol):
     """Making, changing and ending containers."""
 
+    name: str
+    capabilities: Capabilities
+
     def create(
         self,
         name: str,
@@ -54,60 +53,77 @@ class Lifecycle(Protocol):
         before: str = "",
         defaults: Collection[str] = (),
     ) -> str:
-        """Makes a container, not started, and returns its id. It gets the unnamed volumes of `before`, an older
-        container of the service. `defaults` are options of the spec that nobody asked for: what an image says itself
-        goes before them."""
+        """Make a container without starting it, and return its id. It takes over the unnamed volumes of `before`, an
+        older container of the service. `defaults` are options of the spec that no manifest sets: an image's own value
+        has precedence over them."""
+        ...
 
     def start(self, container: str) -> None: ...
-    def pause(self, container: str) -> None: ...
-    def resume(self, container: str) -> None: ...
+
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """The signal, `grace` seconds, SIGTERM, 2 seconds, SIGKILL; returns when it has ended."""
+        """Send the signal, after `grace` seconds SIGTERM, after 2 more seconds SIGKILL; return when it has ended."""
 
     def signal(self, container: str, name: str) -> None:
-        """Sends a signal to the program of a running container, nothing more."""
+        """Send a signal to the program of a running container, and do nothing else."""
 
     def remove(self, container: str, volumes: bool = False) -> None:
-        """`volumes`: with those that nobody named, since the service ends with it."""
+        """Remove a container; `volumes`: with its unnamed volumes, because the service ends with it."""
 
-    def rename(self, container: str, name: str) -> None: ...
+    def pause(self, container: str) -> None:
+        raise unsupported(self.name, "pause", container)
+
+    def resume(self, container: str) -> None:
+        raise unsupported(self.name, "resume", container)
+
+    def rename(self, container: str, name: str) -> None:
+        raise unsupported(self.name, "rename", container)
+
     def update(self, container: str, options: Mapping[str, Any]) -> None:
-        """Sets live options in place."""
+        """Set live options in place."""
+        raise unsupported(self.name, "update", container)
 
 
 class Observation(Protocol):
-    """What is there, how it changes, and what it uses."""
+    """The containers, their changes, and what they use."""
 
     def ping(self) -> str:
-        """The engine's version. Raises Unreachable."""
+        """Return the engine's version. Raises Unreachable."""
+        return "built in"
 
     def list(self, known: Mapping[str, Container] = NONE) -> builtins.list[Container]:
-        """All containers of ours. Of `known`, by id, as they were seen while events were followed, those of which the
-        engine has nothing new to say may be given as they are."""
+        """Return all containers of this owner. `known` has, by id, containers as they were seen while events were
+        followed: the engine may return those of which it has nothing new to say as they are."""
+        ...
 
     def inspect(self, container: str) -> Container | None:
-        """One container of ours; None when it is gone or not ours."""
+        """Return one container; None if it is gone or has another owner."""
+        ...
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        """Our containers as they change: (id, its new state, or "" where only a look can tell), and once ("", "") when
-        the stream stands. Ends when `stop` is set; raises Unreachable when the stream breaks."""
+        """Yield the changes of our containers as (id, new state), with "" for a state that only inspect() can tell, and
+        ("", "") when everything must be listed: at the beginning of the stream, or every LIST_EVERY seconds from an
+        engine without events. Ends when `stop` is set; raises Unreachable when the stream breaks."""
+        yield "", ""
+        while not stop.wait(LIST_EVERY):
+            yield "", ""
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        """By container id; those that do not run are left out, and all where the engine is on another machine."""
+        """By container id, without those that do not run; empty for an engine on another machine."""
+        return {}
 
 
 class Pinger(Protocol):
     """Asks an engine whether it answers; for one thread."""
 
     def ask(self) -> None:
-        """Returns within seconds. Raises Unreachable."""
+        """Return within seconds. Raises Unreachable."""
 
     def close(self) -> None: ...
 
 
 @runtime_checkable
 class Daemon(Protocol):
-    """An engine that is a program of its own, which may be stopped or stuck."""
+    """An engine that is a program of its own, which can be stopped or stuck."""
 
     address: str
 
@@ -116,86 +132,100 @@ class Daemon(Protocol):
 
 @runtime_checkable
 class Images(Protocol):
-    """What containers are made from, where that is more than a name."""
+    """An engine that makes containers from images."""
 
     def missing_images(self, references: Collection[str]) -> set[str]:
-        """Those of these from which no container can be made, since they are not on the engine's machine."""
+        """Return those of these that are not on the engine's machine, so that no container can be made from them."""
 
 
 @runtime_checkable
 class Objects(Protocol):
-    """Networks and volumes, where the engine makes any. Errors as those of Engine."""
+    """An engine that makes networks and volumes. Errors as those of Engine."""
 
     def find_objects(self, keys: Collection[str]) -> FoundObjects:
-        """All of ours, and whatever is called as one of these `keys`."""
+        """Return all of this owner, and everything whose name is one of these `keys`."""
 
     def object_events(self, stop: threading.Event) -> Iterator[None]:
-        """One for each network or volume that comes or goes, and one when the stream stands, as of events()."""
+        """Yield once when the stream begins, and for each network or volume that comes or goes; see events()."""
 
     def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
-        """Makes a network or volume. Raises EngineError where one of that name is there."""
+        """Make a network or volume. Raises EngineError if one with this name exists."""
 
     def remove_object(self, kind: Kind, name: str) -> None:
-        """Removes one of ours; what is gone is fine. Raises EngineError of kind `in_use` while anything uses it, and of
-        kind `foreign` for what is not ours."""
+        """Remove one of this owner, if it still exists. Raises EngineError of kind `in_use` while anything uses it, and
+        of kind `foreign` if it has another owner."""
 
 
 class Inspection(Protocol):
-    """What is inside one container."""
+    """The inside of one container: its log, and commands."""
+
+    name: str
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        """Output of the container, standard error included; the last `tail` lines, then what comes when following. In
-        pieces of 1 MiB at the most."""
+        """Yield the output of the container with standard error: the last `tail` lines, then new ones if `follow`. A
+        piece has at most 1 MiB."""
+        raise unsupported(self.name, "read the logs of", container)
 
-    def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
-        """The last `tail` lines that were printed `since` (seconds since the epoch), the last of them perhaps without
-        text: it says where the log stands. `whole`: without a last line that is being written."""
+    def log_lines(
+        self,
+        container: str,
+        tail: int | None,
+        since: float | None,
+        whole: bool,
+    ) -> Iterator[LogLine]:
+        """Yield the last `tail` lines printed `since` (seconds since the epoch). The last one may have no text: then it
+        only says where the log ends. `whole`: without a last line that is not complete yet."""
+        raise unsupported(self.name, "read the logs of", container)
 
     def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
-        """Lines from a place on ("" for the beginning of what is kept), as they come, until the run of now is over or
-        the reading is ended."""
+        """Yield lines from a place on ("" for the oldest that is kept), as they come, until the current run is over or
+        the reading ends."""
+        raise unsupported(self.name, "read the logs of", container)
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
-        """Output of the run of now from a place on ("" for its beginning) to what there is now: in pieces of some 64
-        KiB, of whole lines where these are shorter, each with the place after it."""
+        """Yield the output of the current run so far, from a place on ("" for its beginning), in pieces of some 64 KiB,
+        each with the place after it. Lines that are shorter than a piece are whole."""
+        raise unsupported(self.name, "read the logs of", container)
 
     def exec(
-        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
+        self,
+        container: str,
+        command: Sequence[str],
+        timeout: float,
+        stop: threading.Event | None = None,
     ) -> tuple[int, bytes]:
-        """Runs a command inside and returns its exit code and output. One that takes longer than `timeout` seconds,
-        prints more than MOST_OUTPUT bytes, or still runs when `stop` is set, is ended with all that it began: it gives
-        124, as timeout(1) does, or 137, and a last line that says why."""
+        """Run a command inside and return its exit code and output. A command that takes longer than `timeout` seconds,
+        prints more than MOST_OUTPUT bytes, or still runs when `stop` is set, is ended with everything that it started:
+        then the code is 124, as of timeout(1), or 137, and the last line of the output says why."""
+        raise unsupported(self.name, "run a command in", container)
 
 
 class Access(Protocol):
-    """A person inside one container: with a terminal, and with files. Paths inside that are not absolute begin at its
-    working directory."""
+    """A person inside one container: with a terminal, and with files. Relative paths inside begin at its working
+    directory."""
 
     def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
-        """Runs a command inside with this process's standard outputs, and with its standard input if `stdin`; returns
-        its exit code, 127 where there is no such program. `terminal`: it has one, which is ours in raw mode. It ends
-        with this process. Called from the main thread."""
+        """Run a command inside with this process's standard outputs, and its standard input if `stdin`. Return its exit
+        code, 127 if there is no such program. `terminal`: it gets a terminal, and ours is in raw mode. The command ends
+        with this process. Must be called from the main thread."""
 
     def fetch(self, container: str, path: str, place: Path) -> None:
-        """Copies a file or a directory out of it, as cp -r: into `place` where that is a directory, else to that name.
-        Modes and links are kept, and nothing is written beside `place`. Raises Invalid."""
+        """Copy a file or directory out of it like cp -r: into `place` if that is a directory, otherwise to that name.
+        Keeps modes and links, and writes nothing outside of `place`. Raises Invalid."""
 
     def put(self, container: str, source: Path, path: str) -> None:
-        """Copies a file or a directory into it, likewise. Raises Invalid."""
+        """Copy a file or directory into it, likewise. Raises Invalid."""
 
 
 class Engine(Lifecycle, Observation, Inspection, Protocol):
-    """Every method may be called from any thread. They raise Unreachable when the engine does not answer, and
-    EngineError (with a stable `kind`) when it says no. Only containers with our owner label are ever returned."""
+    """Any thread may call any method. All raise Unreachable if the engine does not answer, and EngineError (with a
+    stable `kind`) if it refuses. Only containers with our owner label are ever returned."""
 
-    name: str
-    capabilities: Capabilities
     local: bool
-    """Its processes are those of this machine. Where they are not, no Container has a pid, and nothing of this machine
-    may be taken for the container's: no process, no file, no port."""
-
+    """Its processes are those of this machine. Otherwise no Container has a pid, and no process, file or port of this
+    machine may be taken for one of the container."""
     address: str
-    """Where it is, in the form of DOCKER_HOST; empty for one that is built in."""
+    """Its address in the form of DOCKER_HOST; empty for one that is built in."""
 
     def close(self) -> None: ...
 
@@ -207,13 +237,19 @@ class RealEngine(Engine, Access, Protocol):
     """The instance whose containers these are."""
 
 
+def unsupported(engine: str, what: str, container: str) -> EngineError:
+    """The error of an operation that an engine does not have."""
+    return EngineError(f"{what} {container[:12]}", f"the {engine} engine cannot do that", kind="unsupported")
+
+
 TERM_GRACE = 2.0
 """Seconds between SIGTERM and SIGKILL."""
 
 
 def stop_sequence(signal: str, grace: float) -> list[tuple[str, float]]:
-    """Signals to send with the seconds to wait after each. roscpp as PID 1 ignores SIGTERM, and a shell in between
-    swallows SIGINT, so one signal alone costs the whole grace period or leaves a stale registration."""
+    """Return the signals to send, each with the seconds to wait after it. One signal is not enough: roscpp as PID 1
+    ignores SIGTERM, and a shell in between swallows SIGINT, so the stop would take the whole grace period, or leave a
+    stale registration."""
     if signal in ("SIGTERM", "SIGKILL"):
         return [(signal, grace), ("SIGKILL", 10.0)]
     return [(signal, grace), ("SIGTERM", TERM_GRACE), ("SIGKILL", 10.0)]

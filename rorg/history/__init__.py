@@ -1,1 +1,2 @@
-"""What has happened to this robot: events, revisions of its manifests, and what outlives a restart of rorg."""
+"""The history of this robot: events, revisions of its manifests, and the memory that survives a restart of
+rorg."""

@@ -1,12 +1,12 @@
-"""Checkpoints: what was written is brought to the disk, and from the write-ahead log into the database file, by a
-thread that may wait for it.
+"""Checkpoints bring what was written to the disk, and from the write-ahead log into the database file, in a thread that
+may wait for it.
 
-The writer never waits for the disk: its connection syncs nothing (synchronous=OFF). SQLite has it sync in one case
-only: where it begins the log anew from the front, over frames that are in the database already, the new header must be
-on the disk before the frames (https://sqlite.org/src/info/ff5be73dee), or a power loss could bring old frames back. So
-the writer is kept from doing that. As long as a reader (`_guard`) holds a mark in the log, SQLite does not begin it
-anew; only a checkpoint that has brought all of it into the database and to the disk, with no writer meanwhile, cuts it
-to nothing. A log of no length has no old frames, and a file system orders a cut before what is written after it.
+The writer never waits for the disk: its connection syncs nothing (synchronous=OFF). SQLite needs a sync in one case
+only: if it restarts the log from the front, over frames that are in the database already, the new header must be on the
+disk before the frames (https://sqlite.org/src/info/ff5be73dee). Otherwise a power loss could bring old frames back. So
+the writer must not restart it. As long as a reader (`_guard`) holds a mark in the log, SQLite does not; only a
+checkpoint that has brought all of it into the database and to the disk, with no writer meanwhile, truncates the log. A
+log of length zero has no old frames, and a file system orders the truncation before later writes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pathlib import Path
 
 
 class Checkpoints:
-    """Of the file at `path`, which is a database already. `quiet()`: nobody writes in the block; it gives the number of
-    transactions so far. All methods raise sqlite3.Error."""
+    """Of the file at `path`, which is a database already. `quiet()`: no writes during the block; it yields the number
+    of transactions so far. All methods raise sqlite3.Error."""
 
     def __init__(self, path: Path, quiet: Callable[[], AbstractContextManager[int]]) -> None:
         self._quiet = quiet
@@ -33,7 +33,7 @@ class Checkpoints:
             raise
 
     def make(self) -> None:
-        """The disk has all that was written before this was called."""
+        """Bring everything that was written before this call to the disk."""
         with self._quiet() as before:
             _hold(self._guard)
         _, log, done = self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
@@ -42,17 +42,17 @@ class Checkpoints:
         with self._quiet() as after:
             if after == before:
                 self._guard.execute("ROLLBACK")
-                with contextlib.suppress(sqlite3.OperationalError):  # somebody reads it: next time
+                with contextlib.suppress(sqlite3.OperationalError):  # someone reads it: next time
                     self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
                 _hold(self._guard)
 
     def damage(self) -> str:
-        """What SQLite finds wrong with the file; empty where it finds nothing."""
+        """What SQLite finds wrong with the file; empty if it finds nothing."""
         found = self._connection.execute("PRAGMA quick_check(1)").fetchone()
         return "" if found == ("ok",) else str(found and found[0])
 
     def close(self) -> None:
-        """The last connection that is closed makes a checkpoint: one that syncs."""
+        """Closing the last connection makes a checkpoint, which syncs."""
         for connection in (self._guard, self._connection):
             with contextlib.suppress(sqlite3.Error):
                 connection.close()
@@ -63,7 +63,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _hold(guard: sqlite3.Connection) -> None:
-    """Reads what is newest, and goes on holding it."""
+    """Begin to read the newest state, and hold it."""
     if guard.in_transaction:
         guard.execute("ROLLBACK")
     guard.execute("BEGIN")

@@ -1,5 +1,5 @@
 """The file of the history: one SQLite database in the state directory, in WAL mode. One rorg writes it, the owner of
-the directory; whoever may read the directory reads it at the same time."""
+the directory. Everyone who may read the directory can read it at the same time."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import sqlite3
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -24,41 +25,40 @@ WAITING = 2000
 PAGE = 1024
 """Bytes of a page. Each change writes the pages that it touches, so small ones spare the disk."""
 PATIENCE = 0.2
-"""Seconds for which a change waits for another process that holds the file, as a tool of SQLite's may."""
+"""Seconds for which a change waits for another process that holds the file, such as an SQLite tool."""
 DAMAGED = "journal.damaged-*.db"
 KEPT_DAMAGED = 2
-"""Files that were moved aside, of which the newest stay."""
+"""Damaged files that are kept, the newest ones."""
 SPOILT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 Change = Callable[[sqlite3.Connection], None]
-"""What a transaction does. It may be called again, where the disk refused it."""
+"""The content of a transaction. It may be called again if the disk refused it."""
 
 
 class Database:
-    """`wall` gives ISO 8601 in UTC, to the owner, who alone writes; without it the file is only read.
+    """`wall` gives ISO 8601 in UTC. Only the owner passes it, and writes; others only read.
 
-    A change is in the file, for every reader, when write() returns, and survives the end of this process; the disk has
-    it after the next checkpoint (see maintenance.py), for which no writer ever waits. While the disk is full or refuses
-    writing, changes wait in memory, the last WAITING of them. A file that is damaged is moved aside, and a new one
-    begun.
+    When write() returns, a change is in the file for every reader and survives the end of this process. The disk has it
+    after the next checkpoint (see maintenance.py), for which no writer waits. While the disk is full or refuses writes,
+    the last WAITING changes are kept in memory. A damaged file is moved aside, and a new one begun.
     """
 
     def __init__(self, path: Path, wall: Callable[[], str] | None = None) -> None:
         self.path, self.wall = path, wall
         self.trouble = ""
-        """Why nothing is written now; empty while all is."""
+        """Why nothing can be written now; empty if it can."""
         self.changes = 0
-        """So many transactions were written."""
+        """Number of transactions that were written."""
         self.changed = threading.Event()
-        """Set when there is something for maintenance to do."""
+        """Set when there is work for maintenance."""
         self.generation = 0
-        """Another one with every new file: what was written is not in it."""
+        """Increases with every new file, which does not have what was written before."""
         self._lock = threading.RLock()
-        """Who needs the reader's too takes this one first."""
+        """If the reader's lock is needed too, this one must be taken first."""
         self._writer: sqlite3.Connection | None = None
         self._reader = Reader(path)
         self._checkpoints: Checkpoints | None = None
         self._at_work = False
-        """Whether they are being used."""
+        """Whether the checkpoints are in use."""
         self._done = 0
         """The number of transactions at the last checkpoint."""
         self._inode = 0
@@ -68,8 +68,8 @@ class Database:
     # -- writing -----------------------------------------------------------------------------------------------
 
     def write(self, change: Change, keep: bool = True) -> bool:
-        """One transaction. False where the disk refuses it: nothing of it is there then, and it is tried again later if
-        it is to be kept."""
+        """Make one transaction. False if the disk refuses it: then nothing of it is in the file, and with `keep` it is
+        tried again later."""
         with self._lock:
             if not self.trouble and self._carry_out([change]):
                 return True
@@ -79,7 +79,7 @@ class Database:
             return False
 
     def retry(self) -> bool:
-        """Writes what waits; False where the disk refuses it still."""
+        """Write what waits; False if the disk still refuses it."""
         with self._lock:
             if not self.trouble:
                 return True
@@ -134,7 +134,7 @@ class Database:
     def _open_writer(self) -> sqlite3.Connection:
         if self.wall is None:
             raise OSError(errno.EBADF, "it was opened for reading")
-        self.close()  # locks of ours on the file end with every descriptor of it that we close
+        self.close()  # closing any descriptor of the file would end our locks on it
         check_regular(self.path)
         os.close(open_private(self.path, os.O_RDWR))
         try:
@@ -152,7 +152,7 @@ class Database:
         try:
             connection.execute(f"PRAGMA page_size = {PAGE}")
             connection.execute("PRAGMA journal_mode = WAL")
-            # The disk is waited for by checkpoints alone: see there.
+            # Only checkpoints wait for the disk: see there.
             connection.execute("PRAGMA wal_autocheckpoint = 0")
             connection.execute("PRAGMA synchronous = OFF")
             version = connection.execute("PRAGMA user_version").fetchone()[0]
@@ -167,7 +167,7 @@ class Database:
         return connection
 
     def _set_aside(self, why: str) -> None:
-        """Moves the file away. Raises OSError."""
+        """Move the file away. Raises OSError."""
         self.close()
         stamp = (self.wall() if self.wall else "").replace(":", "")
         aside = self.path.with_name(f"journal.damaged-{stamp}.db")
@@ -183,7 +183,7 @@ class Database:
         self._notes.append((kind, message))
 
     def take_notes(self) -> list[tuple[str, str]]:
-        """What happened to the file since this was asked last: kinds and messages of events."""
+        """Events about the file since the last call: kinds and messages."""
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
@@ -191,10 +191,10 @@ class Database:
     # -- what may wait for the disk ----------------------------------------------------------------------------
 
     def checkpoint(self) -> None:
-        """The disk has all that was written before this was called, unless it refuses."""
+        """Bring everything that was written before to the disk, unless it refuses."""
         with self._lock:
             if self._writer and not self._in_place():
-                self.close()  # somebody took the file away: the next change begins a new one
+                self.close()  # the file was removed: the next change begins a new one
             if self._writer is None or self.changes == self._done:
                 return
             self._checkpoints = self._checkpoints or Checkpoints(self.path, self._quiet)
@@ -203,7 +203,7 @@ class Database:
             self._done = upto
 
     def check(self) -> None:
-        """Moves the file aside where SQLite finds it damaged."""
+        """Move the file aside if SQLite finds it damaged."""
 
         def look(checkpoints: Checkpoints) -> None:
             if found := checkpoints.damage():
@@ -212,7 +212,7 @@ class Database:
         self._use(look)
 
     def _use(self, use: Callable[[Checkpoints], None]) -> bool:
-        """False where the disk refuses it. It is closed afterwards where the file was closed meanwhile."""
+        """False if the disk refuses. If the file was closed meanwhile, the checkpoints are closed afterwards."""
         with self._lock:
             checkpoints, self._at_work = self._checkpoints, True
         try:
@@ -245,8 +245,8 @@ class Database:
     # -- reading -----------------------------------------------------------------------------------------------
 
     def rows(self, sql: str, args: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
-        """What the file answers; nothing where there is none. The owner is answered nothing as well where it cannot be
-        read, others are told: raises Invalid."""
+        """Rows of the file; none if it is missing. If it cannot be read, the owner gets none either; others get
+        Invalid."""
         if self.wall is not None:
             self._make()
         try:
@@ -260,7 +260,7 @@ class Database:
             raise Invalid("read the journal", f"{self.path}: {error}", f"fixing or moving {self.path}") from error
 
     def _make(self) -> None:
-        """Its tables are there, where the disk allows it."""
+        """Create its tables, if the disk allows it."""
         with self._lock:
             if self._writer is None and not self.trouble:
                 self._carry_out([])
@@ -268,15 +268,15 @@ class Database:
     # -- the end -----------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Until it is used again."""
+        """Close it until the next use."""
         with self._lock:
             self._reader.close()
             writer, self._writer = self._writer, None
             checkpoints, self._checkpoints = self._checkpoints, None
             with contextlib.suppress(sqlite3.Error):
                 if writer:
-                    # The last one that is closed brings everything into the file, and that must be on the disk before
-                    # the log goes.
+                    # Closing the last one brings everything into the file, which must be on the disk before the log
+                    # goes.
                     writer.execute("PRAGMA synchronous = NORMAL")
                     writer.close()
             if checkpoints and not self._at_work:
@@ -284,18 +284,13 @@ class Database:
 
 
 class _Spoilt(sqlite3.DatabaseError):
-    """Nothing more can be written to this file."""
+    """This file can no longer be written."""
 
 
 def _spoilt(error: Exception) -> bool:
     return isinstance(error, _Spoilt) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
 
 
-@contextlib.contextmanager
-def reading(path: Path) -> Iterator[Database]:
-    """The history in a file, for as long as the block runs."""
-    database = Database(path)
-    try:
-        yield database
-    finally:
-        database.close()
+def reading(path: Path) -> AbstractContextManager[Database]:
+    """The history in a file, during the block."""
+    return contextlib.closing(Database(path))

@@ -1,4 +1,4 @@
-"""The journal: an entry for everything that happened, numbered."""
+"""The journal: a numbered entry for everything that happened."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rorg.history.asked import Asked
 from rorg.history.database import Database
+from rorg.history.meta_requests import Asked
 from rorg.model.catalog import Request
 
 RECENT = 2000
-"""Entries kept in memory, for those who follow, and while the disk refuses them."""
+"""Entries in memory, for followers, and while the disk refuses them."""
 ALL = 1 << 62
 COLUMNS = "seq, at, kind, message, more"
 NAMING = ("services", "shed")
-"""What of an entry names services, beside `service`."""
+"""Fields of an entry that name services, besides `service`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """Which entries are meant: those that are like each of these that is not empty. Times are ISO 8601 in UTC."""
+    """Selects entries that match all fields that are not empty. Times are ISO 8601 in UTC."""
 
     kinds: frozenset[str] = frozenset()
     services: frozenset[str] = frozenset()
-    """An entry about any of these."""
+    """About any of these."""
     since: str = ""
     until: str = ""
     text: str = ""
-    """Part of its message; letters of either case."""
+    """Part of the message, ignoring case."""
     after: int = 0
-    """Its number is greater."""
+    """The number is greater."""
 
     def matches(self, entry: dict[str, Any]) -> bool:
-        """The same of an entry that is at hand."""
+        """Whether an entry in memory matches."""
         return (
             entry["seq"] > self.after
             and (not self.kinds or entry["kind"] in self.kinds)
@@ -48,7 +48,7 @@ class Filter:
         )
 
     def condition(self) -> tuple[str, list[Any]]:
-        """The same for SQL: a condition over the table `entry`, and its arguments."""
+        """The same for SQL: a condition on the table `entry`, and its arguments."""
         parts: list[tuple[str, list[Any]]] = [("seq > ?", [self.after])]
         if self.kinds:
             parts.append((f"kind IN ({_marks(self.kinds)})", sorted(self.kinds)))
@@ -66,7 +66,7 @@ class Filter:
 
 
 class Journal:
-    """`seq` numbers entries without a gap as long as they are kept, across restarts of rorg."""
+    """`seq` numbers entries without gaps as long as they are kept, across restarts of rorg."""
 
     def __init__(self, database: Database) -> None:
         self.database = database
@@ -76,8 +76,8 @@ class Journal:
         self._followers: list[Callable[[], None]] = []
 
     def append(self, at: str, kind: str, message: str, person: bool = False, **more: Any) -> None:
-        """`at` is ISO 8601 in UTC; `kind` a stable word; `person` says that a person did it. A full disk loses the
-        entry, never the robot."""
+        """`at` is ISO 8601 in UTC; `kind` a stable word; `person`: a person did it. A full disk loses the entry, but
+        never stops the robot."""
         with self._lock:
             self._seq += 1
             entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
@@ -90,7 +90,7 @@ class Journal:
             tell()
 
     def follow(self, tell: Callable[[], None]) -> Callable[[], None]:
-        """Has `tell` called after every entry, in the thread that wrote it, until what this returns is called."""
+        """Call `tell` after every entry, in the thread that wrote it, until the returned function is called."""
         with self._lock:
             self._followers.append(tell)
 
@@ -107,19 +107,19 @@ class Journal:
             return self._seq
 
     def after(self, seq: int, most: int) -> list[dict[str, Any]]:
-        """The next entries after a number, so many at the most."""
+        """The next entries after a number, at most so many."""
         return self.select(Filter(after=seq), most)
 
     def since(self, seq: int) -> list[dict[str, Any]]:
-        """All entries after a number, as far as they are kept."""
+        """All entries after a number that are still kept."""
         return self.after(seq, ALL)
 
     def asked_at(self, time: str) -> tuple[Request, ...]:
-        """What meta-services asked for at a time (ISO 8601 in UTC)."""
+        """Requests of meta-services at a time (ISO 8601 in UTC)."""
         return Asked(self.database).at(time)
 
     def select(self, filter: Filter, most: int, newest: bool = False) -> list[dict[str, Any]]:
-        """The first entries that are meant, or the newest ones; in their order."""
+        """The first matching entries, or the newest ones; in their order."""
         with self._lock:
             recent = list(self._recent)
         near = [e for e in recent if filter.matches(e)]
@@ -143,7 +143,7 @@ def named(entry: dict[str, Any]) -> list[str]:
 
 
 def named_in(more: str) -> list[str]:
-    """The same of an entry as it is stored."""
+    """The same for a stored entry."""
     try:
         found = json.loads(more)
     except (ValueError, TypeError, RecursionError):
@@ -157,7 +157,7 @@ def _insert(connection: sqlite3.Connection, row: tuple[Any, ...], about: list[tu
 
 
 def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:
-    """None for what nobody could have written."""
+    """None if it is malformed."""
     seq, at, kind, message, more = row
     try:
         rest = json.loads(more)
@@ -171,5 +171,5 @@ def _marks(values: frozenset[str]) -> str:
 
 
 def _sound(text: str) -> str:
-    """What of a text can be written as UTF-8."""
+    """The text without what cannot be written as UTF-8."""
     return text.encode(errors="replace").decode()

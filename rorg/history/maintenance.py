@@ -1,5 +1,5 @@
-"""The thread that does for the history what may take long: it waits for the disk, tries again what that refused, and
-takes out what is too old."""
+"""The thread for slow work on the history: it waits for the disk, tries again what the disk refused, and removes old
+entries."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rorg.history.retention import Retention, trim
 from rorg.model.units import stamp
 
 EVERY = 1.0
-"""Seconds from a change until the disk has it, and between two tries to write what it refused."""
+"""Seconds from a change until the disk has it, and between two attempts to write what it refused."""
 TRIM = 1000
-"""Changes after which what is too old is looked for."""
+"""Changes after which old entries are looked for."""
 REST = 0.005
-"""Seconds between two batches of what is taken out."""
+"""Seconds between two batches of removals."""
 DAY = 86_400.0
 
 
 class Maintenance:
-    """`tell` gets the kind and the message of what happened to the file; `wall` gives seconds since the epoch."""
+    """`tell` gets the kind and the message of events about the file; `wall` gives seconds since the epoch."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class Maintenance:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="history", daemon=True)
         self._trimmed: int | None = None
-        """The number of changes when what is too old was taken out last."""
+        """The number of changes at the last removal of old entries."""
 
     def start(self) -> None:
         self._thread.start()
@@ -53,7 +53,7 @@ class Maintenance:
         self._stop.wait(REST)
 
     def look(self) -> None:
-        """Does what is to be done."""
+        """Do what there is to do."""
         self.database.changed.clear()
         self.database.retry()
         self.database.checkpoint()

@@ -1,4 +1,4 @@
-"""What a revision is called on a command line and in the API."""
+"""Names of revisions, on a command line and in the API."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ from rorg.errors import Invalid
 from rorg.history.revisions import Revision
 
 NUMBER = re.compile(r"[0-9]{1,6}")
-"""Of `rorg history`. Git shortens no commit to fewer than seven digits by itself."""
+"""Numbers as in `rorg history`. git never abbreviates a commit to fewer than seven digits by default."""
 
 
 class Numbered(Protocol):
-    """What has revisions by their numbers."""
+    """Has revisions by number."""
 
     def get(self, number: int) -> Revision | None:
         """With its services."""
 
 
 def parse(text: str, revisions: Numbered) -> Revision | str:
-    """The revision of that number, where there is one; else the text, for git to understand: a commit, a tag, a branch,
-    HEAD~2."""
+    """The revision of that number, if there is one; otherwise the text, for git: a commit, a tag, a branch, HEAD~2."""
     found = revisions.get(int(text)) if text.isascii() and NUMBER.fullmatch(text) else None
     return found or text
 
 
 def for_git(text: str, revisions: Numbered) -> str:
-    """The same as git understands it: of a revision its commit. Raises Invalid for one that no commit has."""
+    """The same for git: of a revision its commit. Raises Invalid if no commit has that revision."""
     found = parse(text, revisions)
     if not isinstance(found, Revision):
         return found

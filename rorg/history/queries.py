@@ -1,4 +1,4 @@
-"""What is told of the history: by the running rorg through its API, and by commands that read its database."""
+"""Answers questions about the history: for the API of the running rorg, and for commands that read its database."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from functools import cache
 from operator import itemgetter
 from typing import Any
@@ -16,31 +17,31 @@ from rorg.core.masking import masked
 from rorg.errors import Missing
 from rorg.history.journal import Filter, Journal
 from rorg.history.names import parse
-from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.revisions import FIELDS, Made, Revision, Revisions
 from rorg.history.timeline import Author, spans
 
 COMMIT = re.compile(r"[0-9a-f]{7,40}")
 SLICE = 500
-"""Entries that are read at once."""
+"""Entries that are read at a time."""
 MOST_SPANS = 10_000
-"""Entries from which a timeline is made: the newest ones."""
+"""Entries that a timeline is made from: the newest ones."""
 MOST_ASKED = 2000
 """Entries about one request."""
 TELLING = frozenset({"state", "found", "done", "crashed", "restart", "hold"})
-"""Kinds of entries from which a timeline is made."""
+"""Kinds of entries that a timeline is made from."""
 
 
 def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) -> Revision:
-    """The revision that somebody names, with its services. `commit_of` gives git's commit of a name, empty without one.
-    Raises Missing."""
+    """The revision of a name, with its services. `commit_of` returns git's commit of a name, or an empty text. Raises
+    Missing."""
     found = parse(text, revisions)
     if isinstance(found, Revision):
         return found
     commit = commit_of(text) or (text if COMMIT.fullmatch(text) else "")
     known = revisions.of_commit(commit) if commit else None
     if known is None:
-        why = f"nothing of {commit[:12]} was ever applied here" if commit else "there is no such number, nor commit"
-        raise Missing(f"find the revision '{text}'", why, "`rorg history` for all")
+        why = f"nothing of {commit[:12]} was ever applied here" if commit else "no revision has this number or commit"
+        raise Missing(f"find the revision '{text}'", why, "`rorg history` for the list")
     return known
 
 
@@ -50,42 +51,24 @@ def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, A
 
 
 def brief(revision: Revision) -> dict[str, Any]:
-    """What is told of a revision in a list."""
-    return {
-        "number": revision.number,
-        "at": revision.at,
-        "fingerprint": revision.fingerprint,
-        "commit": revision.commit,
-        "author": revision.author,
-        "subject": revision.subject,
-        "dirty": revision.dirty,
-        "robot": revision.robot,
-        "standing": revision.standing,
-        "reason": revision.reason,
-        "settled_at": revision.settled_at,
-        "errors": list(revision.errors),
-    }
+    """A revision as it is in a list."""
+    found = {name: getattr(revision, name) for name in FIELDS if name != "plan"}
+    return {**found, "errors": list(revision.errors)}
 
 
 def full(revision: Revision) -> dict[str, Any]:
-    """All of a revision; what may be secret is masked."""
+    """All of a revision; possible secrets are masked."""
     services = {name: _made(made) for name, made in sorted(revision.services.items())}
     return {**brief(revision), "plan": revision.plan, "services": services}
 
 
 def _made(made: Made) -> dict[str, Any]:
     shown = {name: masked(name, value) for name, value in sorted(declared_of(made.declared).items())}
-    return {
-        "digest": made.digest,
-        "declared": json.dumps(shown),
-        "image": made.image,
-        "image_id": made.image_id,
-        "edition": made.edition,
-    }
+    return {**asdict(made), "declared": json.dumps(shown)}
 
 
 def compared(old: Revision, new: Revision) -> dict[str, Any]:
-    """Which services the one revision has otherwise than the other, with the fields."""
+    """The services that differ between two revisions, with the fields."""
     names = sorted({*old.services, *new.services})
     changes = [_change(name, old.services.get(name), new.services.get(name)) for name in names]
     return {"old": brief(old), "new": brief(new), "services": [c for c in changes if c]}
@@ -98,7 +81,7 @@ def _change(name: str, old: Made | None, new: Made | None) -> dict[str, Any] | N
     fields = list(_fields(old, new)) if old and new else []
     if word == "changed" and not fields:
         if old and new and old.edition == new.edition:
-            return None  # all that differs is that the engine's id of its image became known
+            return None  # only the image id has become known
         fields = [Change("content", None, None)]
     return _told(name, word, fields)
 
@@ -114,7 +97,7 @@ def _fields(old: Made, new: Made) -> Iterator[Change]:
 
 
 def timeline(journal: Journal, service: str, since: str, until: str) -> dict[str, Any]:
-    """What a service went through in a time, from ISO 8601 to ISO 8601. Empty where nothing is on record of it."""
+    """The states of a service in a time, from ISO 8601 to ISO 8601. Empty if nothing is on record."""
     services = frozenset({service})
     before = journal.select(Filter(kinds=frozenset({"state", "found"}), services=services, until=since), 1, newest=True)
     entries = journal.select(Filter(TELLING, services, since=since, until=until), MOST_SPANS, newest=True)
@@ -139,7 +122,7 @@ def _authors(journal: Journal, end: str) -> Author:
 
 
 def records(journal: Journal, revisions: Revisions) -> Iterator[dict[str, Any]]:
-    """All that is on record: revisions, then entries of the journal, each kind in the order of its numbers."""
+    """Everything on record: revisions, then entries of the journal, each in the order of their numbers."""
     newest = next(iter(revisions.list(1)), None)
     for number in range(1, newest.number + 1 if newest else 1):
         found = revisions.get(number)

@@ -1,4 +1,4 @@
-"""Questions to the file of the history, beside whoever writes it."""
+"""Reads the file of the history while another process may write it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 PATIENCE = 5.0
-"""Seconds for which a question waits for another process that holds the file."""
+"""Seconds to wait for another process that holds the file."""
 
 
 class Reader:
@@ -26,8 +26,8 @@ class Reader:
         self._connection: sqlite3.Connection | None = None
 
     def rows(self, sql: str, args: Sequence[Any]) -> list[tuple[Any, ...]]:
-        """What the file answers. Raises FileNotFoundError where there is none, or none with tables; OSError and
-        sqlite3.Error where it cannot be read."""
+        """Rows of the file. Raises FileNotFoundError if it is missing or has no tables yet; OSError and sqlite3.Error
+        if it cannot be read."""
         with self._lock:
             self._connection = self._connection or self._open()
             return self._connection.execute(sql, args).fetchall()
@@ -35,17 +35,17 @@ class Reader:
     def _open(self) -> sqlite3.Connection:
         check_regular(self.path)
         os.stat(self.path)
-        # Without a WAL nobody writes it; then it is read as it is, which needs no right to write beside it.
+        # Without a WAL there is no writer. Then it is read as it is, without the right to write beside it.
         alone = not os.path.exists(f"{self.path}-wal")
         place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
         connection = sqlite3.connect(place, timeout=PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
         if not connection.execute("PRAGMA user_version").fetchone()[0]:
             connection.close()
-            raise FileNotFoundError(errno.ENOENT, "whoever writes it has just begun", str(self.path))
+            raise FileNotFoundError(errno.ENOENT, "it has no tables yet", str(self.path))
         return connection
 
     def close(self) -> None:
-        """Until the next question."""
+        """Close it until the next question."""
         with self._lock:
             connection, self._connection = self._connection, None
             if connection is not None:
@@ -54,7 +54,7 @@ class Reader:
 
 
 def check_regular(path: Path) -> None:
-    """Raises OSError where something else lies in the place of one of its files: to open a pipe would wait."""
+    """Raises OSError if one of its files is not regular: opening a pipe would wait."""
     for end in ("", "-wal", "-shm"):
         with contextlib.suppress(FileNotFoundError):
             if not stat.S_ISREG(os.stat(f"{path}{end}").st_mode):

@@ -1,4 +1,4 @@
-"""What of the history is kept: bounded by age, by number, and by the size of the file."""
+"""Limits the history by age, by number, and by the size of the file."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from rorg.history.journal import named_in
 from rorg.history.usage import HOUR
 
 BATCH = 50
-"""Entries that are taken out at once: whoever writes waits for no more."""
+"""Entries that are removed at a time: a writer waits for no more."""
 MOST_BYTES = 256 << 20
-"""Of the file. Above it the oldest entries go that are not people's, but for the last LEAST."""
+"""Of the file. Above it, the oldest entries that are not of people go, except for the last LEAST."""
 LEAST = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """How much is kept. The last entry, and what was good or in force last, always are."""
+    """How much is kept. The last entry, and the revisions that were good or in force last, always are."""
 
     days: float = 400.0
     events: int = 100_000
     people: int = 20_000
-    """Entries of what people did, which are counted apart: no service that does much pushes them out."""
+    """Entries of what people did. They are counted separately, so that a busy service does not displace them."""
     revisions: int = 1000
     requests: int = 10_000
     """States of the requests file."""
     usage: int = 50_000
-    """Hours of runs of which it is known what they used."""
+    """Hours of runs with measured use."""
 
 
 def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[], object]) -> None:
-    """Takes out what need not be kept. `oldest`: the time (ISO 8601 in UTC) before which nothing is; `rest()` is called
-    between two batches, so that others write meanwhile."""
+    """Remove what need not be kept. `oldest`: the time (ISO 8601 in UTC) before which nothing is kept; `rest()` is
+    called between two batches, so that others can write."""
     for person, most in ((0, retention.events), (1, retention.people)):
         excess = _number(database, person) - most
         while gone := [row for n, row in enumerate(_oldest(database, person)) if n < excess or row[1] < oldest]:
@@ -55,14 +55,14 @@ def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[
 
 
 def _number(database: Database, person: int) -> int:
-    """Of the entries of a sort."""
+    """The number of entries, of people or not."""
     people = "(SELECT count(*) FROM entry WHERE person)"
     sql = f"SELECT {people if person else f'(SELECT count(*) FROM entry) - {people}'}"
     return next((number for (number,) in database.rows(sql)), 0)
 
 
 def _oldest(database: Database, person: int) -> list[tuple[Any, ...]]:
-    """Number, time and rest of the oldest entries of a sort, but never of the last entry."""
+    """Number, time and rest of the oldest entries, of people or not, but never the last entry."""
     which = f"{'' if person else 'NOT '}person AND seq < (SELECT max(seq) FROM entry)"
     return database.rows(f"SELECT seq, at, more FROM entry WHERE {which} ORDER BY seq LIMIT {BATCH}")
 
@@ -84,7 +84,7 @@ def _without(gone: list[tuple[Any, ...]]) -> Callable[[sqlite3.Connection], None
 
 
 def _trim_revisions(connection: sqlite3.Connection, most: int, oldest: str) -> None:
-    """But the last ones of each sort: what is in force, and what a rollback goes back to."""
+    """Except the last ones of each sort: the one in force, and the one that a rollback returns to."""
     connection.execute(
         "DELETE FROM revision WHERE (at < ? OR number <= (SELECT max(number) FROM revision) - ?) AND number NOT IN"
         " (SELECT max(number) FROM revision UNION SELECT max(number) FROM revision WHERE standing = 'good'"
@@ -96,7 +96,7 @@ def _trim_revisions(connection: sqlite3.Connection, most: int, oldest: str) -> N
 
 
 def _trim_requests(connection: sqlite3.Connection, most: int, oldest: str) -> None:
-    """But the last one."""
+    """Except the last one."""
     connection.execute(
         "DELETE FROM asked WHERE (at < ? OR number <= (SELECT max(number) FROM asked) - ?)"
         " AND number < (SELECT max(number) FROM asked)",

@@ -1,4 +1,4 @@
-"""Revisions: the states of the manifests that were applied or refused, with what each made of the services."""
+"""Revisions: the states of the manifests that were applied or refused, with what each service was made from."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from typing import Any
 
 from rorg.history.database import Database
 
-STANDINGS = ("applying", "baking", "good", "failed", "superseded", "refused")
 UNDER_WAY = ("applying", "baking")
-"""Standings that another one follows."""
+"""Standings that are not final."""
 LONGEST_PLAN = 1 << 18
 """Characters of a plan that are kept."""
 COLUMNS = "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, plan, errors"
 FIELDS = tuple(COLUMNS.replace("git", "commit").split(", "))
-"""`commit` is a word of SQL's."""
+"""`commit` is a keyword of SQL."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +27,11 @@ class Made:
     digest: str
     """Of its rendered spec, as in the label rorg.io/spec."""
     declared: str
-    """The rendered spec as in the label rorg.io/declared: of the environment there are only hashes."""
+    """The rendered spec as in the label rorg.io/declared: only hashes of environment values."""
     image: str = ""
     """The reference."""
     image_id: str = ""
-    """What the engine calls the image; empty where that was never known."""
+    """The engine's id of the image; empty if it was never known."""
     edition: str = ""
 
 
@@ -41,7 +40,7 @@ class Revision:
     """One state of the manifests. Times are ISO 8601 in UTC."""
 
     number: int
-    """1, 2, ...; 0 for one that is not written down yet."""
+    """1, 2, ...; 0 before it is written."""
     at: str
     """When it was begun."""
     fingerprint: str
@@ -54,16 +53,16 @@ class Revision:
     dirty: bool = False
     """Files differed from the commit."""
     robot: str = ""
-    """Whose overlay was laid over the tree."""
+    """The robot whose overlay was applied."""
     standing: str = "applying"
     reason: str = ""
     settled_at: str = ""
     plan: str = ""
-    """The canonical text of the first plan on its word."""
+    """The canonical text of its first plan."""
     errors: tuple[str, ...] = ()
     """Of a refused one."""
     services: Mapping[str, Made] = field(default_factory=dict)
-    """Of those with a container. list() and at() leave them out: get() has them."""
+    """Services with a container. list() and at() leave them out; get() has them."""
 
 
 class Revisions:
@@ -79,8 +78,7 @@ class Revisions:
     # -- writing -----------------------------------------------------------------------------------------------
 
     def begin(self, revision: Revision) -> Revision:
-        """Writes a revision down under the next number; one that is under way is superseded by it, unless this one is
-        refused."""
+        """Write a revision with the next number. It supersedes one that is under way, unless it is refused."""
         with self._lock:
             number = self._next()
             new = replace(revision, number=number, plan=revision.plan[:LONGEST_PLAN])
@@ -92,13 +90,13 @@ class Revisions:
         return new
 
     def settle(self, number: int, standing: str, reason: str, at: str) -> None:
-        """What has become of it."""
+        """Record a new standing."""
         row = (standing, reason, at, number)
         sql = "UPDATE revision SET standing = ?, reason = ?, settled_at = ? WHERE number = ?"
         self.database.write(lambda connection: _execute(connection, sql, row))
 
     def note_images(self, number: int, images: Mapping[str, str]) -> None:
-        """Service -> what the engine calls its image, once that is known."""
+        """Record the engine's image ids of services, once they are known."""
         rows = [(image, service, number, number) for service, image in images.items()]
         sql = (
             "UPDATE made SET image_id = ?"
@@ -130,7 +128,7 @@ class Revisions:
         return replace(found[0], services=self._made("first <= ? AND (last IS NULL OR last >= ?)", (number, number)))
 
     def last(self, standing: str = "") -> Revision | None:
-        """The last one, or the last of a standing, with its services."""
+        """The last one, or the last one with a standing, with its services."""
         found = self._select("? IN ('', standing)", (standing,), 1)
         return self.get(found[0].number) if found else None
 
@@ -140,15 +138,15 @@ class Revisions:
         return self.get(found[0].number) if found else None
 
     def list(self, most: int, before: int = 0) -> Sequence[Revision]:
-        """The newest ones, the newest first; with `before` those that are older than that number."""
+        """The newest ones first; with `before`, only those older than that number."""
         return self._select("number < ?" if before else "number > ?", (before,), most)
 
     def at(self, time: str) -> Revision | None:
-        """Which was in force at a time (ISO 8601 in UTC); None before the first one."""
+        """The one in force at a time (ISO 8601 in UTC); None before the first one."""
         return next(iter(self._select("at <= ? AND standing <> 'refused'", (time,), 1)), None)
 
     def of_commit(self, commit: str) -> Revision | None:
-        """The last one of a commit of git, in full or shortened, with its services."""
+        """The last one of a git commit, in full or abbreviated, with its services."""
         found = self._select("git LIKE ? AND standing <> 'refused'", (f"{commit}%",), 1)
         found = found or self._select("git LIKE ?", (f"{commit}%",), 1)
         return self.get(found[0].number) if found else None
@@ -172,7 +170,7 @@ def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, M
         _execute(
             connection,
             f"UPDATE revision SET standing = 'superseded', reason = ?, settled_at = ? WHERE standing IN {UNDER_WAY}",
-            (f"revision {new.number} came before it was proven", new.at),
+            (f"revision {new.number} replaced it before it was proven", new.at),
         )
         _make(connection, new, before)
     _execute(
@@ -181,7 +179,7 @@ def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, M
 
 
 def _make(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
-    """Only services that are made otherwise than before are written anew."""
+    """Write only the services that are made differently than before."""
     gone = [name for name, made in before.items() if new.services.get(name) != made]
     made = [(name, of) for name, of in new.services.items() if before.get(name) != of]
     _execute_many(

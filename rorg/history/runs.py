@@ -1,4 +1,4 @@
-"""What of the loop's memory outlives it: a JSON object for each service."""
+"""The part of the loop's memory that survives a restart: a JSON object for each service."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Runs:
     def __init__(self, database: Database) -> None:
         self.database = database
         self._written: dict[str, str] = {}
-        """What is in the table, as far as this object wrote it."""
+        """The rows that this object wrote."""
         self._generation = database.generation
 
     def read(self) -> dict[str, Any]:
-        """What is kept of each service. What is no JSON, whoever wrote it, is passed over."""
+        """What is kept of each service. Rows that are not JSON are ignored."""
         found = {}
         for service, text in self.database.rows("SELECT service, text FROM run"):
             try:
@@ -30,8 +30,8 @@ class Runs:
         return found
 
     def write(self, texts: Mapping[str, str], gone: Collection[str]) -> bool:
-        """Writes what is new of services, and forgets those that are gone. False where the disk refuses it: then it is
-        to be tried again, with what is new by then."""
+        """Write what is new of services, and remove those that are gone. False if the disk refuses: then the caller
+        must try again, with what is new by then."""
         if self._generation != self.database.generation:
             texts, self._written, self._generation = self._written | dict(texts), {}, self.database.generation
         new = {name: text for name, text in texts.items() if self._written.get(name) != text}

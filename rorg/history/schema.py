@@ -1,5 +1,5 @@
-"""The tables of the history, with as few indices as answer in time: each one is written with every entry. Each step
-leads from one `user_version` to the next; a step that was released is never changed."""
+"""The tables of the history, with as few indices as are needed for speed, since each is written with every entry. Each
+step leads from one `user_version` to the next; a released step is never changed."""
 
 STEPS = (
     """
@@ -33,5 +33,5 @@ CREATE TABLE usage (
 """,
 )
 """entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
-first..last (NULL: up to the last one). run: what of the loop's memory outlives it. asked: the requests file as it was
-from a time on. usage: what each run of a service used in an hour."""
+first..last (NULL: up to the last one). run: the memory that survives a restart. asked: the requests file since a time.
+usage: what each run of a service used in an hour."""

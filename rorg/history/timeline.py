@@ -1,4 +1,4 @@
-"""What a service went through, from entries of the journal: spans of time, each with a state, why, and who asked."""
+"""Makes a timeline of a service from entries of the journal: spans of time, each with a state, why, and who asked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rorg.model.units import parse_time
 ENDED = {"exited": "stop", "paused": "pause", "none": "remove"}
 """States, and the actions that end in them."""
 Author = Callable[[str, str, str], str]
-"""(requester, id, time) -> who was the last to make or release that request by then; empty where none is known."""
+"""(requester, id, time) -> who last made or released that request by then; empty if that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Span:
     why: str = ""
     who: str = ""
     open: bool = False
-    """It goes on."""
+    """Whether it is not over yet."""
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -38,8 +38,8 @@ class Span:
 
 
 def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: str, author: Author) -> list[Span]:
-    """Of the time from `begin` to `end`, as far as a state is on record. `entries` are those about the service, with
-    the one by which its state at the beginning is known."""
+    """Spans from `begin` to `end`, as far as states are on record. `entries` are about the service, with the one that
+    tells its state at the beginning."""
     found, told = list[Span](), _Told()
     for entry in entries:
         state = _state(service, entry)
@@ -54,20 +54,20 @@ def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: s
 
 
 def _state(service: str, entry: Mapping[str, Any]) -> str:
-    """That an entry tells of the service; empty where it tells none."""
+    """The state that an entry reports of the service; empty if it reports none."""
     if entry["kind"] == "found":
         return str(entry.get("states", {}).get(service, ""))
     return str(entry.get("state", "")) if entry["kind"] == "state" and entry.get("service") == service else ""
 
 
 class _Told:
-    """What the entries before a state say of why it came."""
+    """What the entries before a state say about its cause."""
 
     def __init__(self) -> None:
         self.asked = ""
         """Who restarted or held the service, until it is ready again."""
         self.requests: list[str] = []
-        """For which it was in the state before."""
+        """Those that it was in the previous state for."""
         self.crashed = False
         self.done: Mapping[str, Any] = {}
         """The last action."""
@@ -82,8 +82,8 @@ class _Told:
 
     def why(self, entry: Mapping[str, Any], state: str) -> str:
         if entry["kind"] == "found":
-            return "found so when rorg began"
-        # Of what an action ended, the reason of that says more than why the service is wanted.
+            return "already so when rorg began"
+        # The reason of the action that ended a state says more than why the service is wanted.
         ended = self.done.get("verb") == ENDED.get(state, "") and not self.crashed
         return str((self.done if ended else entry).get("reason", ""))
 

@@ -1,4 +1,4 @@
-"""What services used while they ran: hour by hour and run by run, summed up as it is measured."""
+"""What services used while they ran: by hour and run, added up as it is measured."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ TOTALS = (
     " WHERE hour >= ? GROUP BY service ORDER BY service"
 )
 HOUR = 13
-"""Characters of a time (ISO 8601) that say the hour."""
+"""Characters of a time (ISO 8601) up to the hour."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A service that ran for some seconds, paused time left out."""
+    """A service that ran for some seconds, without paused time."""
 
     service: str
     run: str
@@ -43,7 +43,7 @@ class UsageTable:
         self.database = database
 
     def note(self, at: str, found: Sequence[Measured]) -> None:
-        """Adds what was measured up to a time (ISO 8601 in UTC). What the disk refuses is lost: more comes."""
+        """Add what was measured up to a time (ISO 8601 in UTC). What the disk refuses is lost: more will follow."""
         rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in found]
 
         def change(connection: sqlite3.Connection) -> None:
@@ -53,8 +53,8 @@ class UsageTable:
             self.database.write(change, keep=False)
 
     def since(self, time: str) -> list[dict[str, Any]]:
-        """Of each service, since the hour of a time: how many runs, seconds in all, cores and bytes in the mean over
-        these, and the most bytes that were seen. Nothing of a file of before, which has no such table."""
+        """For each service since the hour of a time: the number of runs, seconds in all, average cores and bytes, and
+        the most bytes seen. Empty for an older file without that table."""
         if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
             return []
         return [

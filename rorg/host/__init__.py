@@ -1,1 +1,1 @@
-"""The machine: cgroup files, git, file watching, image building, probes."""
+"""The machine that rorg runs on: cgroups, devices, git, files, sockets, processes."""

@@ -1,16 +1,21 @@
-"""CPU and memory of a container from cgroup files, v1 and v2. The engine's own figures cost 1-2 s a container."""
+"""A container's processes by its cgroup, v1 and v2: what they use, and ending those that are left. The engine's own
+figures take 1-2 s for each container."""
 
 from __future__ import annotations
 
 import contextlib
 from pathlib import Path
 
+import psutil
+
 ROOT = Path("/sys/fs/cgroup")
+PATIENCE = 3.0
+"""Seconds to end after SIGTERM, before SIGKILL."""
 
 
 def container_usage(pid: int) -> tuple[float, int] | None:
-    """(CPU seconds since it began, bytes of memory without page cache) of the cgroup of a process; None when gone. One
-    that is just ending is in the root already, whose figures are those of the machine."""
+    """(CPU seconds since it began, bytes of memory without page cache) of the cgroup of a process; None if it is gone.
+    A process that is just ending is in the root already, whose figures are those of the machine."""
     try:
         paths = _paths(pid)
         v1 = "memory" in paths and "cpuacct" in paths
@@ -28,13 +33,13 @@ def _paths(pid: int) -> dict[str, str]:
 
 
 def has_swap() -> bool:
-    """Whether memory could be pushed out anywhere."""
+    """Whether memory could be swapped out."""
     return len(Path("/proc/swaps").read_text().splitlines()) > 1
 
 
 def reclaim(pid: int) -> int:
-    """Asks the kernel to push the memory of a process's cgroup out to swap, and returns how many bytes left. A limit is
-    never lowered for that: without room in swap it would invite the OOM killer."""
+    """Ask the kernel to push the memory of a process's cgroup out to swap, and return the number of bytes. A lower
+    limit would do that too, but without room in swap it would invite the OOM killer."""
     before = container_usage(pid)
     if before is None or not has_swap():
         return 0
@@ -60,3 +65,28 @@ def _v2(path: str) -> tuple[float, int]:
 
 def _stat(file: Path, key: str) -> int:
     return next(int(line.split()[1]) for line in file.read_text().splitlines() if line.split()[0] == key)
+
+
+def end_processes(container: str) -> bool:
+    """End processes of a container (its whole id) that its engine does not know, because it was killed during a start.
+    They are found by the name of their cgroup. False if there are none on this machine, or if they do not end."""
+    found = [process for process in psutil.process_iter() if _belongs(process, container)]
+    for process in found:
+        _signal(process, kill=False)
+    _, alive = psutil.wait_procs(found, PATIENCE)
+    for process in alive:
+        _signal(process, kill=True)
+    return bool(found) and not psutil.wait_procs(alive, PATIENCE)[1]
+
+
+def _belongs(process: psutil.Process, container: str) -> bool:
+    try:
+        with open(f"/proc/{process.pid}/cgroup", encoding="utf-8", errors="replace") as file:
+            return container in file.read()
+    except OSError:
+        return False
+
+
+def _signal(process: psutil.Process, kill: bool) -> None:
+    with contextlib.suppress(psutil.Error):
+        process.kill() if kill else process.terminate()

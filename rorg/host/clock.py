@@ -1,7 +1,8 @@
-"""What time it is, and when this machine booted."""
+"""What time it is, and when this machine and its processes began."""
 
 from __future__ import annotations
 
+import os
 import time
 
 from rorg.model.units import stamp
@@ -17,3 +18,11 @@ def booted_at() -> str:
     with open("/proc/stat", encoding="ascii") as file:
         seconds = next(int(line.split()[1]) for line in file if line.startswith("btime "))
     return stamp(seconds)
+
+
+def process_start(pid: int) -> float:
+    """When a process began, seconds since the epoch. The engine's own time is later: the program may have written a
+    file before."""
+    with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
+        ticks = int(file.read().rpartition(")")[2].split()[19])
+    return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")

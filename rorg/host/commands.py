@@ -1,4 +1,4 @@
-"""Commands that rorg runs for an answer: how long one may take, and how much it may print, before it is ended."""
+"""Limits commands that rorg runs for an answer: how long one may take, and how much it may print."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import threading
 from rorg.host.deadline import Deadline
 
 MOST_OUTPUT = 256 << 10
-"""Bytes that are read of one command. What prints more is none to ask (`cat /dev/zero`): it is ended."""
+"""Bytes that are read of one command. One that prints more (`cat /dev/zero`) is no sensible question, and is ended."""
 TURN = 0.2
-"""Seconds until a command is ended after its `stop` is set."""
+"""Seconds until a command ends after its `stop` is set."""
 ENDING = 2.0
-"""Seconds for which a command that was told to end is waited for."""
+"""Seconds to wait for a command that was told to end."""
 CHUNK = 1 << 16
 
 
 class Exceeded(Exception):
-    """A command may not go on: what its exit code is, and why."""
+    """A command must end: with this exit code, for this reason."""
 
     def __init__(self, code: int, why: str) -> None:
         self.code, self.why = code, why
@@ -29,22 +29,22 @@ class Exceeded(Exception):
 
 
 class Output:
-    """What a command has printed, and what it may still take: `timeout` seconds from now on, MOST_OUTPUT bytes, and no
-    more once `stop` is set."""
+    """The output of a command, and what it may still take: `timeout` seconds from now on, MOST_OUTPUT bytes, and
+    nothing once `stop` is set."""
 
     def __init__(self, timeout: float, stop: threading.Event | None = None) -> None:
         self.timeout, self.stop = timeout, stop
         self._deadline, self._read = Deadline.within(timeout), bytearray()
 
     def left(self) -> float:
-        """Seconds. Raises Exceeded."""
+        """Seconds that are left. Raises Exceeded."""
         try:
             return self._deadline.left()
         except TimeoutError:
             raise Exceeded(124, f"no end within {self.timeout:g} s") from None
 
     def turn(self) -> float:
-        """Seconds to wait for more, before this is asked again. Raises Exceeded."""
+        """Seconds to wait for more, before calling this again. Raises Exceeded."""
         if self.stop is not None and self.stop.is_set():
             raise Exceeded(137, "rorg is being stopped")
         return min(TURN, self.left())
@@ -57,12 +57,12 @@ class Output:
             raise Exceeded(137, f"it prints more than {MOST_OUTPUT >> 10} KiB")
 
     def text(self, why: Exceeded | None = None) -> bytes:
-        """All that was read; for one that was ended, with a line that says why."""
+        """All output; if the command was ended, with a last line that says why."""
         return bytes(self._read) if why is None else b"\n".join([*self._read.splitlines(), why.why.encode()])
 
 
 def listen(child: subprocess.Popen[bytes], output: Output) -> int:
-    """Reads what it prints until nobody holds that pipe any more and it has ended; its exit code. Raises Exceeded."""
+    """Read the output until its pipe is closed and the command has ended; return its exit code. Raises Exceeded."""
     assert child.stdout is not None
     waiting, pipe = select.poll(), child.stdout.fileno()
     waiting.register(pipe, select.POLLIN)
@@ -79,9 +79,9 @@ def listen(child: subprocess.Popen[bytes], output: Output) -> int:
 
 
 def end(child: subprocess.Popen[bytes], number: int) -> None:
-    """Signals a command that leads a session of its own, and all of its group; SIGKILL once it does not end by that."""
+    """Send a signal to the group of a command that leads a session, and SIGKILL if that does not end it."""
     for each in (number, signal.SIGKILL):
-        if child.returncode is None:  # not waited for yet, so the number is still its own
+        if child.returncode is None:  # not waited for yet, so the pid is still its own
             os.killpg(child.pid, each)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 child.wait(ENDING)

@@ -1,29 +1,37 @@
-"""What is in the files of the tree that services mount, as digests: a change of them is seen, and its revert."""
+"""Detects changes of files: by what stat says of them, and by digests of their content, which also show a revert."""
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from rorg.host.file_digests import FileDigests
 from rorg.model.catalog import Catalog, Spec
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
-"""Of one mount. What is bigger is data, not configuration: its changes are the service's own affair."""
+"""Of one mount. What is larger is data, not configuration: then changes are the service's own business."""
+Facts = tuple[int, int, int, int]
+Known = dict[str, tuple[Facts, str]]
+Stats = tuple[tuple[str | int, ...], ...]
+"""Of files: name, time, size and inode."""
+MOST_CONTEXT_FILES = 20_000
+"""Files of all image contexts together that are checked for changes. Changes of later files are found with the next
+change of these."""
 
 
 class Contents:
-    """Remembers digests of files by what stat says of them, so that only what changed is read again."""
+    """Digests of the files that services mount. Remembers them by what stat says, so that only changed files are read
+    again."""
 
     def __init__(self) -> None:
         self.files = FileDigests()
 
     def of(self, catalog: Catalog, root: Path) -> dict[str, dict[str, str]]:
-        """Service -> path below the tree -> digest of what is there. Services that do not care are left out."""
+        """Service -> path below the tree -> digest of what is there. Services with `on_change: none` are left out."""
         base, found, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
         self.files.begin()
         for name, service in catalog.services.items():
@@ -38,7 +46,7 @@ class Contents:
         return found
 
     def _digest(self, source: str) -> str:
-        """ "" for what cannot be told."""
+        """ "" if it is too large."""
         files, size = [], 0
         for path, facts in walk(source):
             files.append((path, facts))
@@ -54,7 +62,7 @@ class Contents:
 
 
 def mounted(spec: Spec, base: str) -> list[str]:
-    """What of the tree below `base` a container gets to read. What it may write is its own."""
+    """Paths below `base` that a container can read but not write. What it can write is its own."""
     found = []
     for volume in spec.get("volumes", ()):
         if isinstance(volume, Mapping):
@@ -68,8 +76,7 @@ def mounted(spec: Spec, base: str) -> list[str]:
 
 
 def walk(source: str) -> Iterator[tuple[str, os.stat_result]]:
-    """Regular files and links of a mount that count. Hidden ones belong to editors and version control, not to the
-    service."""
+    """Files and links of a mount that count. Hidden ones belong to editors and version control, not to the service."""
     if not os.path.isdir(source):
         yield from _one(source)
     for folder, folders, files in os.walk(source):
@@ -87,3 +94,68 @@ def _one(path: str) -> Iterator[tuple[str, os.stat_result]]:
         return
     if stat.S_ISREG(facts.st_mode) or stat.S_ISLNK(facts.st_mode):
         yield path, facts
+
+
+class FileDigests:
+    """Between two calls of begin(), of() must be called for every file that matters; the others are forgotten."""
+
+    def __init__(self) -> None:
+        self._known: Known = {}
+        self._before: Known = {}
+        self.read = 0
+        """Number of files that were read."""
+
+    def begin(self) -> None:
+        self._before, self._known = self._known, {}
+
+    def of(self, path: str, facts: os.stat_result) -> str:
+        """Of a link its target, of a regular file 64 hexadecimal digits, of what cannot be read the reason."""
+        try:
+            return os.readlink(path) if stat.S_ISLNK(facts.st_mode) else self._file(path, facts)
+        except OSError as error:
+            return f"unreadable: {error.errno}"
+
+    def _file(self, path: str, facts: os.stat_result) -> str:
+        key = (facts.st_mtime_ns, facts.st_ctime_ns, facts.st_size, facts.st_ino)
+        found = self._known.get(path) or self._before.get(path)
+        if found is None or found[0] != key:
+            self.read += 1
+            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            with open(descriptor, "rb") as file:
+                found = key, hashlib.file_digest(file, "sha256").hexdigest()
+        self._known[path] = found
+        return found[1]
+
+
+def below(places: Iterable[Path]) -> Iterator[Path]:
+    """The places, and everything below those that are directories."""
+    for place in places:
+        yield place
+        for folder, folders, files in os.walk(place):
+            folders[:] = sorted(f for f in folders if not f.startswith("."))
+            yield from (Path(folder, name) for name in (*folders, *sorted(files)))
+
+
+def contexts(places: Iterable[Path]) -> Iterator[Path]:
+    """The files that images are built from, up to MOST_CONTEXT_FILES, without version control."""
+    return itertools.islice((path for place in sorted(places) for path in _context(place)), MOST_CONTEXT_FILES)
+
+
+def _context(place: Path) -> Iterator[Path]:
+    yield place
+    for folder, folders, files in os.walk(place):
+        folders[:] = sorted(f for f in folders if not (f == ".git" and folder == str(place)))
+        yield from (Path(folder, name) for name in (*folders, *sorted(files)))
+
+
+def stats(paths: Iterable[Path]) -> Stats:
+    """Of the files that exist."""
+    found = []
+    for path in paths:
+        try:
+            # A dangling link belongs to the tree too.
+            stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
+        except OSError:
+            continue
+        found.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
+    return tuple(found)

@@ -1,5 +1,5 @@
-"""One end for a whole attempt. A time-out of a socket is that of one read: an answer of one byte a second never runs
-into it."""
+"""One deadline for a whole attempt. A socket's timeout is for a single read, so an answer of one byte a second never
+reaches it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """`at` is a time of the monotonic clock, seconds."""
+    """`at` is a time of the monotonic clock, in seconds."""
 
     at: float
 
@@ -18,12 +18,12 @@ class Deadline:
         return cls(time.monotonic() + seconds)
 
     def left(self) -> float:
-        """Seconds, more than 0. Raises TimeoutError once there are none."""
+        """Seconds that are left, more than 0. Raises TimeoutError if none are."""
         left = self.at - time.monotonic()
         if left <= 0:
             raise TimeoutError("timed out")
         return left
 
     def sooner(self, seconds: float) -> Deadline:
-        """This one, or the one after so many seconds if that comes first."""
+        """The earlier one of this deadline and the one in so many seconds."""
         return min(self, Deadline.within(seconds), key=lambda deadline: deadline.at)

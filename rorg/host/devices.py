@@ -1,4 +1,5 @@
-"""Which node of this machine a device has now. Directory entries and attributes in /sys say so; nothing is opened."""
+"""Finds the current node of a device on this machine, from directory entries and attributes in /sys; opens no
+device."""
 
 from __future__ import annotations
 
@@ -11,19 +12,20 @@ from pathlib import Path
 from rorg.model.devices import Device, Plugged
 
 AGAIN = 1.0
-"""Seconds between two looks whether directories of nodes have changed: a few microseconds each."""
+"""Seconds between two checks whether directories of nodes have changed, which take a few microseconds each."""
 WHOLE = 10.0
-"""Seconds after which everything is looked at anew whatever those say."""
+"""Seconds after which everything is checked, even if no directory has changed."""
 GONE = "is not there"
 
 
 def look(devices: Collection[Device], root: str = "/") -> dict[Device, Plugged]:
-    """What there is of each now. `root` holds `dev` and `sys`."""
+    """What there is of each device now. `root` contains `dev` and `sys`."""
     return {device: _by_path(device.path, root) if device.path else _by_udev(device, root) for device in devices}
 
 
 def elsewhere(devices: Collection[Device]) -> dict[Device, Plugged]:
-    """The same where containers run on another machine: it finds paths itself, and nothing else."""
+    """The same if containers run on another machine: the engine finds paths there itself, but cannot find devices by
+    udev attributes."""
     why = "cannot be looked for: the engine is on another machine"
     return {device: Plugged(problem=why) for device in devices if device.udev}
 
@@ -37,7 +39,7 @@ def _by_path(path: str, root: str) -> Plugged:
     if stat.S_ISDIR(found.st_mode):
         return Plugged(path)
     if not (stat.S_ISCHR(found.st_mode) or stat.S_ISBLK(found.st_mode)):
-        return Plugged(problem="is no device")
+        return Plugged(problem="is not a device")
     base = os.path.realpath(root)
     return Plugged("/" + os.path.relpath(os.path.realpath(place), base), _number(found))
 
@@ -48,7 +50,7 @@ def _number(found: os.stat_result) -> str:
 
 
 def _by_udev(device: Device, root: str) -> Plugged:
-    """Of several nodes of one piece of hardware the first one; several pieces cannot be told apart."""
+    """The first of several nodes of one piece of hardware; several pieces cannot be told apart."""
     wanted, found = dict(device.udev), dict[str, list[str]]()
     for folder in _all(root):
         name = _attribute(folder / "uevent", "DEVNAME=")
@@ -59,7 +61,7 @@ def _by_udev(device: Device, root: str) -> Plugged:
         return Plugged(problem=GONE)
     if len(found) > 1:
         names = ", ".join(sorted(min(nodes, key=_natural) for nodes in found.values()))
-        return Plugged(problem=f"cannot be told from others: {names}")
+        return Plugged(problem=f"is ambiguous: {names} match")
     (nodes,) = found.values()
     own = [n for n in nodes if "subsystem" in wanted or not n.startswith("/dev/bus/")] or nodes
     return _by_path(min(own, key=_natural), root)
@@ -70,14 +72,14 @@ def _natural(name: str) -> tuple[int, str]:
 
 
 def _all(root: str) -> Iterator[Path]:
-    """Directories in /sys of all nodes."""
+    """The directories in /sys of all nodes."""
     for kind in ("char", "block"):
         folder = Path(root, "sys/dev", kind)
         yield from (sorted(folder.iterdir()) if folder.is_dir() else ())
 
 
 def _owner(folder: Path, wanted: Mapping[str, str], root: str) -> Path | None:
-    """The piece of hardware that a node belongs to, where that is what is wanted: the nearest one above it that has a
+    """The piece of hardware that a node belongs to, if it is the wanted one: the nearest directory above with a
     vendor."""
     if "subsystem" in wanted and _name(folder / "subsystem") != wanted["subsystem"]:
         return None
@@ -101,7 +103,7 @@ def _name(link: Path) -> str:
 
 
 def _attribute(path: Path, prefix: str = "") -> str:
-    """The line of an attribute that begins so, without that; empty where there is none."""
+    """The line of an attribute that begins with `prefix`, without that; empty if there is none."""
     try:
         lines = path.read_text(encoding="utf-8", errors="replace")[:4096].splitlines()
     except OSError:
@@ -110,8 +112,9 @@ def _attribute(path: Path, prefix: str = "") -> str:
 
 
 class DeviceWatch:
-    """Looks at devices in a thread of its own, and wakes the loop when one has come, or gone. Nothing tells of every
-    change of a node, so the directories are asked, which costs next to nothing while they are as they were."""
+    """Checks devices in a thread of its own, and wakes the loop when one has come or gone. The kernel does not report
+    every change of a node, so their directories are checked, which costs almost nothing as long as they are
+    unchanged."""
 
     def __init__(self, wake: Callable[[], None], root: str = "/") -> None:
         self.wake, self.root = wake, root
@@ -119,7 +122,7 @@ class DeviceWatch:
         self._found: Mapping[Device, Plugged] = {}
         self._seen: tuple[tuple[str, int], ...] = ()
         self._moving = False
-        """At the last look a directory had changed."""
+        """Whether a directory had changed at the last check."""
         self._lock = threading.Lock()
         self._asked, self._stop = threading.Event(), threading.Event()
 
@@ -131,7 +134,7 @@ class DeviceWatch:
         self._asked.set()
 
     def of(self, devices: tuple[Device, ...]) -> Mapping[Device, Plugged]:
-        """What there is of these, at most a second ago. The same value as before where nothing is otherwise."""
+        """What there is of these, at most a second ago; the same object as long as nothing has changed."""
         if devices != self._devices:
             self._devices = devices
             self._look()
@@ -153,7 +156,7 @@ class DeviceWatch:
                     self.wake()
 
     def _moved(self) -> bool:
-        """Whether a directory of nodes has changed. Times are coarse, so one that has changed is looked at twice."""
+        """Whether a directory of nodes has changed. Times are coarse, so a changed one is checked twice."""
         folders = {os.path.join(self.root, "dev")}
         for device in self._devices:
             path = os.path.dirname(os.path.join(self.root, device.path.lstrip("/")))
@@ -164,7 +167,7 @@ class DeviceWatch:
         return moved or again
 
     def _look(self) -> bool:
-        """Whether anything is otherwise."""
+        """Whether any device has changed."""
         with self._lock:
             found = look(self._devices, self.root)
             if found == self._found:

@@ -1,4 +1,4 @@
-"""What git says of a tree. The git revision is information; nothing is decided by it but when to read."""
+"""What git says about a tree. The git revision is information: the only decision that depends on it is when to read."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from pathlib import Path
 
 import psutil
 
-from rorg.host.git_process import PATIENCE, owner_of, repository, run_git
+from rorg.host.git_process import PATIENCE, ask_git, repository, run_git
 from rorg.model.units import stamp
 
 COMMIT_PATIENCE = 60.0
 """Seconds for a commit: a hook may run."""
 STALE = 600.0
-"""Seconds after which index.lock is one that a killed git left behind."""
+"""Seconds after which index.lock must be of a killed git."""
 AGAIN = 0.1
-"""Seconds between two looks at a lock."""
+"""Seconds between two checks of a lock."""
 LONGEST = 200
-"""Characters of what is told of a commit."""
+"""Characters of an author or subject that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Commit:
-    """What git says of the state of a tree."""
+    """A commit that a tree is at."""
 
     commit: str
-    """Its whole hash."""
+    """The whole hash."""
     author: str
     """Who wrote it, by name."""
     subject: str
@@ -38,22 +38,18 @@ class Commit:
     """Whether files of the tree differ from it."""
 
 
-def _git(directory: Path, *args: str, patience: float = PATIENCE, home: str = "") -> str | None:
-    """What it says; None when it says no, too much, or nothing in time. It runs as whose repository it is. `home`: of
-    the person whose configuration counts."""
-    found = repository(directory)
-    owner = owner_of(found) if found and not home else None
-    said = run_git(["-C", str(directory), *args], owner, patience, {"HOME": home} if home else None)
+def _git(directory: Path, *words: str, patience: float = PATIENCE) -> str | None:
+    """git's output; None if git refuses, prints too much, or takes too long."""
+    said = ask_git(directory, *words, patience=patience)
     return said.text if said.yes else None
 
 
 def identity(home: str) -> dict[str, str]:
-    """Name and address of the person with this home, as git's variables for whoever commits where no ~/.gitconfig
-    says so."""
+    """Name and address of the person with this home, as git's variables for a committer without a ~/.gitconfig."""
     found: dict[str, str] = {}
     for key, what in (("user.name", "NAME"), ("user.email", "EMAIL")) if home else ():
-        value = _git(Path(home), "config", "--global", "--get", key, home=home)
-        found |= {f"GIT_{who}_{what}": value for who in ("AUTHOR", "COMMITTER")} if value else {}
+        said = run_git(["-C", home, "config", "--global", "--get", key], environment={"HOME": home})
+        found |= {f"GIT_{who}_{what}": said.text for who in ("AUTHOR", "COMMITTER")} if said.yes and said.text else {}
     return found
 
 
@@ -64,7 +60,7 @@ def git_dir(directory: Path) -> Path | None:
 
 
 def revision(directory: Path) -> str:
-    """Short commit of the tree, with `+` when files differ from it; empty outside of a repository."""
+    """The short commit of the tree, with `+` if files differ from it; empty outside of a repository."""
     commit = _git(directory, "rev-parse", "--short", "HEAD")
     if not commit:
         return ""
@@ -72,16 +68,15 @@ def revision(directory: Path) -> str:
 
 
 def commit_of(directory: Path, name: str) -> str:
-    """The commit that git means by a name (HEAD~2, a tag, a branch); empty where it knows none."""
+    """The commit that git understands by a name (HEAD~2, a tag, a branch); empty if there is none."""
     asked = f"{name}^{{commit}}"
     return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
 
 
 def refusal(directory: Path) -> str:
-    """Why git says nothing of a repository that belongs to another user, and what helps; empty when it does."""
+    """Why git refuses to answer about another user's repository, and what helps; empty if it does answer."""
     found = repository(directory)
-    said = run_git(["-C", str(directory), "rev-parse"], owner_of(found), errors=True) if found else None
-    if found is None or said is None or "safe.directory" not in said.text:
+    if found is None or "safe.directory" not in ask_git(directory, "rev-parse", errors=True).text:
         return ""
     return (
         f"git does not trust {found.parent}, since it is another user's: its revision is not known, and nothing is "
@@ -90,7 +85,7 @@ def refusal(directory: Path) -> str:
 
 
 def head(directory: Path) -> Commit | None:
-    """The commit that a tree is at; None outside of a repository, before its first commit, and where git refuses."""
+    """The commit of a tree; None outside of a repository, before its first commit, and if git refuses."""
     words = ("log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%H%n%ct%n%an%n%s%n.")
     lines = (_git(directory, *words) or "").split("\n")
     if len(lines) != 5:
@@ -105,7 +100,7 @@ def head(directory: Path) -> Commit | None:
 
 
 def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
-    """Changes when another commit is checked out, or made, in the repository's folder `git`."""
+    """Changes when another commit is checked out or made in the repository's folder `git`."""
     found = []
     for name in ("HEAD", "logs/HEAD"):
         with contextlib.suppress(OSError):
@@ -115,7 +110,7 @@ def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
 
 
 def checkout_under_way(git: Path | None) -> bool:
-    """git holds index.lock while it writes a work tree (checkout, merge, revert, reset): half is not to be read."""
+    """Whether git is writing a work tree (checkout, merge, revert, reset): it holds index.lock meanwhile."""
     try:
         return git is not None and time.time() - (git / "index.lock").stat().st_mtime < STALE
     except OSError:
@@ -123,13 +118,13 @@ def checkout_under_way(git: Path | None) -> bool:
 
 
 def committed(root: Path, path: Path) -> bool:
-    """Whether git has nothing left to commit of a file; also where there is no repository."""
+    """Whether git has nothing to commit for a file; also true outside of a repository."""
     return git_dir(root) is None or _git(root, "status", "--porcelain", "--", str(path)) == ""
 
 
 def wait_for_locks(root: Path, since: float) -> None:
-    """Waits for a git that was begun by an rorg that was killed, and goes on. Where it was killed too, its locks are
-    taken away: those from after `since` (seconds since the epoch) that no git is old enough to have made."""
+    """Wait for a git that a killed rorg has started and that still runs. If it was killed too, remove its locks: those
+    made after `since` (seconds since the epoch) that no running git is old enough to have made."""
     git, deadline = git_dir(root), time.monotonic() + COMMIT_PATIENCE
     while git and (left := _locks(git, since)) and time.monotonic() < deadline:
         begun = [
@@ -144,7 +139,7 @@ def wait_for_locks(root: Path, since: float) -> None:
 
 
 def _locks(git: Path, since: float) -> dict[Path, float]:
-    """Each with the time when it was made."""
+    """Each lock with the time when it was made."""
     found = {}
     for lock in (*git.glob("*.lock"), *git.glob("refs/**/*.lock")):
         with contextlib.suppress(OSError):
@@ -153,19 +148,11 @@ def _locks(git: Path, since: float) -> dict[Path, float]:
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:
-    """Commits one file, alone, whatever else is staged; False outside of a repository, or when git says no."""
+    """Commit one file alone, whatever else is staged; False outside of a repository, or if git refuses."""
     if git_dir(root) is None:
         return False
-    who = (
-        "-c",
-        "commit.gpgSign=false",
-        "-c",
-        f"user.name={author}",
-        "-c",
-        f"user.email={author.replace(' ', '.')}@rorg.local",
-    )
+    address = f"{author.replace(' ', '.')}@rorg.local"
+    who = ("-c", "commit.gpgSign=false", "-c", f"user.name={author}", "-c", f"user.email={address}")
     _git(root, "add", "--all", "--", str(path))
-    return (
-        _git(root, *who, "commit", "--quiet", "--message", message, "--only", "--", str(path), patience=COMMIT_PATIENCE)
-        is not None
-    )
+    words = ("commit", "--quiet", "--message", message, "--only", "--", str(path))
+    return _git(root, *who, *words, patience=COMMIT_PATIENCE) is not None

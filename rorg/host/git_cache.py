@@ -1,5 +1,5 @@
-"""A repository that is followed, as it is kept on this machine: a store of its commits, and the files of the one in
-force, always at the same place. Whatever is killed when, the next prepare() makes it whole again."""
+"""The local copy of a repository that is followed: a store of its commits, and the files of the commit in force, always
+in the same place. If a process is killed at any point, the next prepare() repairs it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ import psutil
 from rorg.host.commands import MOST_OUTPUT
 from rorg.host.git_process import PATIENCE, Said, run_git
 from rorg.host.git_remote import Remote, without_user
-from rorg.host.git_signers import signed
 
 FETCH_PATIENCE = 600.0
-"""Seconds for a fetch: the first one brings everything."""
+"""Seconds for a fetch: the first one fetches everything."""
 WRITE_PATIENCE = 120.0
-"""Seconds for writing the files of a commit, and for tidying up."""
+"""Seconds for writing the files of a commit, and for packing."""
 FETCHED, TARGET = "refs/rorg/fetched", "refs/rorg/target"
-"""What the repository was last seen at; what is in force, or is being written."""
+"""References: the last fetched commit; the commit that is in force, or being written."""
 LEFT = ("*.lock", "refs/**/*.lock", "logs/**/*.lock", "objects/pack/tmp_*", "objects/*/tmp_obj_*")
 """What a killed git leaves behind."""
 PASSED_ON = (
@@ -32,41 +31,41 @@ PASSED_ON = (
     *("GIT_SSL_CAINFO", "GIT_SSL_NO_VERIFY", "SSL_CERT_FILE", "GIT_CONFIG_GLOBAL", "GIT_CONFIG_SYSTEM"),
     *("http_proxy", "https_proxy", "all_proxy", "no_proxy", "HTTPS_PROXY", "ALL_PROXY", "NO_PROXY"),
 )
-"""Of our own environment, for whatever lets us in: ssh, helpers for credentials, proxies."""
+"""Variables of our own environment that give access: for ssh, credential helpers, proxies."""
 BOUNDED = ("-c", "http.lowSpeedLimit=100", "-c", "http.lowSpeedTime=60", "-c", "fetch.unpackLimit=1")
-"""A server that says nothing more is left; what comes is one pack, which git writes to the disk before it counts."""
+"""Give up on a server that stops sending. Fetch into one pack, which git writes to the disk before it counts."""
 
 
 class Unreachable(Exception):
-    """The repository cannot be asked, or the cache cannot be written: it is tried again."""
+    """The repository cannot be asked, or the cache cannot be written: try again later."""
 
 
 class Unacceptable(Exception):
-    """A commit that does not come into force, and why."""
+    """A commit that must not come into force, and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What is followed, and which commits of it count."""
+    """What is followed, and which of its commits are accepted."""
 
     remote: Remote
     path: str = "."
     """Where its manifests are."""
     signers: Path | None = None
-    """Of whom one must have signed each: a file of ssh signers, or a GnuPG home."""
+    """One of these must have signed each commit: a file of ssh signers, or a GnuPG home."""
     forward: bool = True
-    """Only what has the commit in force among its ancestors."""
+    """Accept only commits that have the commit in force among their ancestors."""
 
     @property
     def shown(self) -> str:
-        """As people read it."""
+        """Its name for people."""
         remote = self.remote
         inner = "" if self.path == "." else f", {self.path}"
         return f"{remote.shown}{f'@{remote.branch}' if remote.branch else ''}{inner}"
 
     @property
     def identity(self) -> str:
-        """Of the repository and the branch, without what they are called."""
+        """Identifies the repository and the branch, without showing them."""
         return hashlib.sha256(f"{self.remote.url}\n{self.remote.branch}".encode()).hexdigest()
 
 
@@ -78,11 +77,11 @@ class GitCache:
         self.folder, self.followed, self.stop = folder.absolute(), followed, stop
         self.store, self.tree = self.folder / "store", self.folder / "tree"
         self._writing = self.folder / "writing"
-        """Is there while files may be half of one commit and half of another."""
+        """Exists while files may be half of one commit and half of another."""
 
     @property
     def commit(self) -> str:
-        """What is in force; empty where that is not known."""
+        """The commit in force; empty if it is not known."""
         return self._hash(TARGET)
 
     @property
@@ -91,8 +90,8 @@ class GitCache:
         return not any(path.name != ".git" for path in self.tree.iterdir())
 
     def prepare(self) -> None:
-        """Makes it, or repairs what was left half done: the files are those of the commit in force. What was of
-        another repository goes."""
+        """Create it, or repair what was left half done, so that the files are those of the commit in force. Remove what
+        is of another repository."""
         source, identity = self.folder / "source", self.followed.identity
         if self.folder.exists() and _text(source) != identity:
             shutil.rmtree(self.folder)
@@ -115,7 +114,7 @@ class GitCache:
                 self._begin()
 
     def _end_orphans(self) -> None:
-        """What a killed rorg left running: nobody bounds it any more, and it holds locks."""
+        """End git processes that a killed rorg left: nothing limits them any more, and they hold locks."""
         for process in psutil.process_iter(["cmdline"]):
             words = process.info["cmdline"] or []
             if words[:1] == ["git"] and str(self.store) in words:
@@ -124,7 +123,7 @@ class GitCache:
                     process.wait(PATIENCE)
 
     def _begin(self) -> None:
-        """A new store. Files that were whole are in force until it has more."""
+        """A new store. Complete files stay in force until it has more."""
         shutil.rmtree(self.store, ignore_errors=True)
         self._must("init", "--quiet", "--template=", "--initial-branch", self.followed.remote.branch or "main")
         if self._writing.exists():
@@ -132,7 +131,7 @@ class GitCache:
             self._writing.unlink()
 
     def fetch(self) -> str:
-        """Brings what is new; the commit that the repository is at."""
+        """Fetch what is new; return the commit that the repository is at."""
         remote = self.followed.remote
         uploads = [f"--upload-pack={remote.upload_pack}"] if remote.upload_pack else []
         said = run_git(
@@ -151,20 +150,20 @@ class GitCache:
         return self._hash(FETCHED)
 
     def check(self, commit: str) -> None:
-        """Raises Unacceptable for a commit that may not come into force."""
+        """Raises Unacceptable for a commit that must not come into force."""
         before, short, path = self.commit, commit[:10], self.followed.path
         if self.followed.forward and before and not self._git("merge-base", "--is-ancestor", before, commit).yes:
             raise Unacceptable(
-                f"{short} does not follow {before[:10]}: its history is another one; try pushing a commit that follows "
-                f"it (`git merge`), or starting anew: stop rorg and remove {self.folder}"
+                f"{short} does not follow {before[:10]}: its history is a different one; try to push a commit that "
+                f"follows it (`git merge`), or to start again: stop rorg and remove {self.folder}"
             )
         if self.followed.signers and (why := signed(self.store, commit, self.followed.signers)):
             raise Unacceptable(f"{short} is not signed by any of {self.followed.signers}: {why}")
-        if self._git("cat-file", "-t", f"{commit}:{'' if path == '.' else path}").text != "tree":  # through no link
+        if self._git("cat-file", "-t", f"{commit}:{'' if path == '.' else path}").text != "tree":  # not through a link
             raise Unacceptable(f"{short} has no directory {path}; try --path DIR")
 
     def advance(self, commit: str) -> None:
-        """Writes the files of a commit, and it is in force; where that fails the one before stays, and its files."""
+        """Write the files of a commit and put it into force; on failure restore the previous one."""
         before = self.commit
         try:
             self._write(commit)
@@ -174,22 +173,22 @@ class GitCache:
             raise
 
     def _write(self, commit: str) -> None:
-        """From the moment on at which TARGET says so, whoever prepares the cache ends what is begun here."""
+        """Once TARGET is set, the next prepare() completes what is begun here."""
         self._must("update-ref", TARGET, commit)
         self._writing.touch()
         known = (self.store / "index").exists()
         self._must("reset", "--hard", "--quiet", commit)
-        if not known:  # nobody can tell what of the files was of another commit
+        if not known:  # unknown which files are of another commit
             self._must("clean", "-ffdxq")
         self._writing.unlink()
 
     def submodules(self) -> list[str]:
-        """Directories of the commit in force in which other repositories would be; they stay empty."""
+        """Directories of submodules in the commit in force; they stay empty."""
         words = ("config", "--blob", f"{TARGET}:.gitmodules", "--get-regexp", r"^submodule\..*\.path$")
         return [line.partition(" ")[2] for line in self._git(*words).text.splitlines()]
 
     def tidy(self) -> None:
-        """Packs what came, once there is much of it."""
+        """Pack what was fetched, once there is much of it."""
         self._git("-c", "gc.autoDetach=false", "gc", "--auto", "--quiet", patience=WRITE_PATIENCE)
 
     def _must(self, *words: str) -> None:
@@ -198,12 +197,12 @@ class GitCache:
             raise Unreachable(_reason(said))
 
     def _hash(self, name: str) -> str:
-        """Of a commit; empty where there is none."""
+        """The hash of a commit; empty if there is none."""
         said = self._git("rev-parse", "--verify", "--quiet", f"{name}^{{commit}}")
         return said.text if said.yes else ""
 
     def _git(self, *words: str, patience: float = PATIENCE, errors: bool = False) -> Said:
-        """In the store, where nobody's own configuration counts: what is committed passes no filter, and no hook."""
+        """Run git in the store without any user's configuration: no filters, no hooks."""
         places = ("--git-dir", str(self.store), "--work-tree", str(self.tree))
         nobody = {"HOME": str(self.folder), "GIT_CONFIG_GLOBAL": "/dev/null"}
         return run_git([*places, *words], None, patience, nobody, errors, self.stop)
@@ -216,7 +215,31 @@ def _text(path: Path) -> str:
 
 
 def _reason(said: Said) -> str:
-    """What git says of why not, in one line."""
+    """git's reason for a failure, in one line."""
     lines = [line.strip() for line in said.text.splitlines() if line.strip()]
     told = [line for line in lines if line.startswith(("fatal:", "error:", "ssh:"))] or lines[-1:]
     return without_user("; ".join(told))[:500] or f"git ended with exit code {said.code}"
+
+
+SSH = ("-c", "gpg.program=false", "-c", "gpg.x509.program=false", "-c", "gpg.minTrustLevel=fully")
+"""Accept no signature of another kind."""
+PGP = ("-c", "gpg.ssh.program=false", "-c", "gpg.x509.program=false")
+
+
+def signed(git: Path, commit: str, signers: Path) -> str:
+    """Why a commit does not verify; empty if it does. git asks ssh-keygen or gpg, and only the named signers count.
+    `git` is the repository's directory. `signers` is a file for ssh-keygen (ALLOWED SIGNERS in its manual: only keys in
+    it count), or a GnuPG home: every key in it counts unless it is expired or revoked."""
+    words: tuple[str, ...] = (*SSH, "-c", f"gpg.ssh.allowedSignersFile={signers}")
+    keys = os.devnull
+    if os.path.isdir(signers):
+        words, keys = PGP, str(signers)
+    said = run_git(
+        ["--git-dir", str(git), *words, "verify-commit", commit],
+        environment={"HOME": os.devnull, "GIT_CONFIG_GLOBAL": os.devnull, "GNUPGHOME": keys},
+        errors=True,
+    )
+    if said.yes:
+        return ""
+    lines = [line for line in said.text.splitlines() if line.strip()]
+    return lines[-1].strip() if lines else "it has no signature"

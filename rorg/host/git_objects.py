@@ -1,5 +1,4 @@
-"""What a repository of git holds: its commits, the entries of a commit, and what files have in them. Asked of git as
-the owner of the repository, never written."""
+"""Reads commits, their entries and files from a repository, as its owner; never writes."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from rorg.host.git_process import begin_git, owner_of, repository
 PATIENCE = 60.0
 """Seconds for one question to git: it may be about all files."""
 LINK, MODULE = "120000", "160000"
-"""Modes of git: a symbolic link, and the place of another repository."""
+"""Modes in git: a symbolic link, and the place of a submodule."""
 
 
 class Entry(NamedTuple):
@@ -34,7 +33,7 @@ class Entry(NamedTuple):
 
 
 def said(directory: Path, *args: str) -> str:
-    """One word of it; empty where it says no."""
+    """Output of a single line; empty if git refuses."""
     try:
         return read(directory, *args).decode(errors="surrogateescape").rstrip("\n")
     except Unreachable:
@@ -42,14 +41,14 @@ def said(directory: Path, *args: str) -> str:
 
 
 def read(directory: Path, *args: str, stdin: int | IO[bytes] = subprocess.DEVNULL) -> bytes:
-    """All that it prints. Raises Unreachable where it says no, or nothing in time."""
+    """The whole output. Raises Unreachable if git refuses, or does not answer in time."""
     with _asked(directory, args, stdin) as file:
         return file.read()
 
 
 @contextlib.contextmanager
 def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iterator[IO[bytes]]:
-    """A file with all that it prints."""
+    """The whole output in a file."""
     what = f"ask git in {directory}"
     found = repository(directory)
     owner = owner_of(found) if found else None
@@ -70,13 +69,13 @@ def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iter
 
 
 def words(output: bytes) -> list[str]:
-    """Of an output of `-z`."""
+    """The words in an output of `-z`."""
     return [os.fsdecode(word) for word in output.split(b"\0") if word]
 
 
 def entries(output: bytes) -> list[Entry]:
-    """Of `git ls-tree -z`: MODE TYPE OBJECT, a tabulator, PATH. Raises ValueError for what no checkout has: a path that
-    leads elsewhere, or that a link may lead elsewhere."""
+    """The entries in an output of `git ls-tree -z`: MODE TYPE OBJECT, a tab, PATH. Raises ValueError for what no
+    checkout has: a path that leads out, or that could lead out through a link."""
     found = []
     for line in words(output):
         about, _, path = line.partition("\t")
@@ -86,12 +85,13 @@ def entries(output: bytes) -> list[Entry]:
         found.append(Entry(mode, name, path))
     files = {entry.path for entry in found}
     if twice := next((e.path for e in found if not files.isdisjoint(map(str, Path(e.path).parents))), ""):
-        raise ValueError(f"the commit has '{twice}' below what is a file too")
+        raise ValueError(f"the commit has '{twice}' below a path that is also a file")
     return found
 
 
 def contents(top: Path, entries: Sequence[Entry]) -> Iterator[tuple[Entry, bytes]]:
-    """What files have in them, as they would be checked out. Paths with a line's end are read as they are kept."""
+    """The content of files, as a checkout would write it. Files with a newline in their path are read as they are
+    stored."""
     plain = [entry.mode != LINK and "\n" not in entry.path for entry in entries]
     filtered, others = list(compress(entries, plain)), list(compress(entries, map(not_, plain)))
     yield from zip(filtered, _batch(top, ["--filters"], [f"{e.object} {e.path}\n" for e in filtered]), strict=True)
@@ -99,8 +99,8 @@ def contents(top: Path, entries: Sequence[Entry]) -> Iterator[tuple[Entry, bytes
 
 
 def _batch(top: Path, args: list[str], lines: list[str]) -> Iterator[bytes]:
-    """Of `git cat-file --batch`: OBJECT TYPE SIZE, a line's end, the content, a line's end. SIZE is as before filters,
-    so that after each object one is asked for that nobody has: the answer to that is the end."""
+    """Read `git cat-file --batch`: OBJECT TYPE SIZE, a newline, the content, a newline. SIZE is the size before
+    filters, so rorg asks for a nonexistent object after each one, and takes the answer to that as the end."""
     if not lines:
         return
     nobody = uuid.uuid4().hex
@@ -115,7 +115,7 @@ def _batch(top: Path, args: list[str], lines: list[str]) -> Iterator[bytes]:
 
 
 def _until(mark: bytes, file: IO[bytes]) -> Iterator[bytes]:
-    """All before the line's end before a mark, which are read too."""
+    """Everything up to the newline before a mark; reads the mark too."""
     found = []
     while (line := file.readline()) != mark:
         if not line:

@@ -1,4 +1,4 @@
-"""Runs git: as whose repository it is, for so long, and never with a question to anybody."""
+"""Runs git: as the owner of the repository, with a time limit, and without asking a user."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from rorg.host.commands import Exceeded, Output, end, listen
 PATIENCE = 5.0
 """Seconds for a question to git."""
 SAFE = ("-c", "safe.bareRepository=explicit", "-c", "core.fsmonitor=false")
-"""Nothing that is committed to a tree is executed: a repository within it, with a configuration of its own, is none."""
+"""Nothing that is committed to a tree is executed: a repository within it, with its own configuration, is ignored."""
 CLEAN = {
     "PATH": "/usr/local/bin:/usr/bin:/bin",
     "LC_ALL": "C",
     "GIT_OPTIONAL_LOCKS": "0",
     "GIT_TERMINAL_PROMPT": "0",
 }
-"""The environment that every git has."""
+"""The environment of every git."""
 MISSING = 127
-"""The exit code of a git that is not there."""
+"""The exit code if git is missing."""
 
 
 class Owner(NamedTuple):
-    """A user in whose name a program runs."""
+    """A user as whom a program runs."""
 
     uid: int
     gid: int
     groups: tuple[int, ...]
     name: str
-    """The number for one whom no file of this machine knows."""
+    """The number if the user is not known on this machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What git answered: exit code 0 for yes; 124 and 137 as commands have them that were ended."""
+    """git's answer: exit code 0 for yes; 124 and 137 if it was ended."""
 
     code: int
     text: str
@@ -59,7 +59,7 @@ def repository(directory: Path) -> Path | None:
 
 
 def owner_of(path: Path) -> Owner | None:
-    """Whom a repository belongs to; None where that is nobody else, or where we may not act for others anyway."""
+    """The owner of a repository; None if that is this user, or if this process cannot act for others anyway."""
     try:
         stat = os.lstat(path)
     except OSError:
@@ -81,11 +81,12 @@ def begin_git(
     stdout: int | IO[bytes] = subprocess.PIPE,
     stderr: int = subprocess.DEVNULL,
 ) -> subprocess.Popen[bytes]:
-    """One that runs. Raises OSError.
+    """Start git. Raises OSError.
 
-    In the name of an `owner` nothing of their repository's configuration (hooks, filters, programs) is executed as
-    root; git itself refuses repositories of others (safe.directory). Where the kernel does not let us (no CAP_SETUID)
-    it runs as we do, and refuses. Only in our own name our own configuration counts."""
+    As an `owner`, nothing in their repository's configuration (hooks, filters, programs) runs as root; git itself
+    refuses repositories of other users (safe.directory). If the kernel does not allow it (no CAP_SETUID), git runs as
+    this user, and refuses. Our own configuration applies only if git runs as this user.
+    """
     own = os.path.expanduser("~") if owner is None else ""
     try:
         return subprocess.Popen(
@@ -93,7 +94,7 @@ def begin_git(
             stdin=stdin,
             stdout=stdout,
             stderr=stderr,
-            umask=0o022,  # what it writes is for whoever could read the tree before
+            umask=0o022,  # what it writes must stay readable for those who could read the tree
             env={**CLEAN, **({"HOME": own} if own else {}), **(environment or {})},
             start_new_session=True,
             user=owner.uid if owner else None,
@@ -106,6 +107,18 @@ def begin_git(
         return begin_git(words, None, environment, stdin, stdout, stderr)
 
 
+def ask_git(
+    directory: Path,
+    *words: str,
+    patience: float = PATIENCE,
+    environment: Mapping[str, str] | None = None,
+    errors: bool = False,
+) -> Said:
+    """Run git in a directory, as the owner of its repository; see run_git()."""
+    found = repository(directory)
+    return run_git(["-C", str(directory), *words], owner_of(found) if found else None, patience, environment, errors)
+
+
 def run_git(
     words: Sequence[str],
     owner: Owner | None = None,
@@ -114,9 +127,9 @@ def run_git(
     errors: bool = False,
     stop: threading.Event | None = None,
 ) -> Said:
-    """Runs it to its end, or for so many seconds, or until `stop` is set: then it is ended by SIGTERM, upon which it
-    takes its locks away, and with it what it runs. `errors`: what it says of them is part of its answer. `owner` and
-    `environment`: as of begin_git()."""
+    """Run git to its end, for at most so many seconds, or until `stop` is set: then SIGTERM ends it and its children,
+    and it removes its locks. `errors`: error messages are part of the answer. `owner` and `environment`: see
+    begin_git()."""
     try:
         process = begin_git(words, owner, environment, stderr=subprocess.STDOUT if errors else subprocess.DEVNULL)
     except OSError as error:

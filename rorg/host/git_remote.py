@@ -1,4 +1,4 @@
-"""Which repository is followed: what names it, whose it is where it lies on this machine, and how it may be shown."""
+"""The repository that is followed: its name, its owner if it is on this machine, and how it may be shown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BRANCH = r"[^\s~^:?*\[\\@-][^\s~^:?*\[\\@]*"
 _REMOTE = re.compile(r"[a-z][a-z0-9+.-]*://|[^/]*:", re.IGNORECASE)
 """A URL, or HOST:PATH of ssh; anything else is a path."""
 _BEFORE_PATH = re.compile(r"[a-z][a-z0-9+.-]*://[^/]*|[^/:]*:|", re.IGNORECASE)
-"""What stands before the path: there an @ parts a user and a host."""
+"""The part before the path, in which an @ separates user and host."""
 _USER = re.compile(r"://[^\s/@]+@")
 _AS_OWNER = """\
 import os, sys
@@ -27,12 +27,13 @@ except PermissionError:
     pass
 os.execv("/usr/bin/env", ["env", "git", "upload-pack", *sys.argv[2:]])
 """
-"""git's other end, for a repository of another user on this machine. Without the right to be them it refuses."""
+"""git's other end, for a repository of another user on this machine. If the process cannot become that user, git
+refuses."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remote:
-    """A repository, and the branch of it that counts: the one that it is at itself, without a name."""
+    """A repository and the branch that is followed; without a name, its current branch."""
 
     url: str
     branch: str = ""
@@ -49,13 +50,13 @@ class Remote:
 
     @property
     def local(self) -> Path | None:
-        """Where it lies on this machine; None for one elsewhere."""
+        """Its path on this machine; None if it is on another one."""
         found = self.url.removeprefix("file://")
         return None if _REMOTE.match(found) else Path(found)
 
     @property
     def git(self) -> Path | None:
-        """The directory of a local one in which its references are: `.git`, or itself where it is bare."""
+        """The directory with the references of a local one: `.git`, or itself if it is bare."""
         if self.local is None:
             return None
         inner = self.local / ".git"
@@ -66,12 +67,12 @@ class Remote:
 
     @property
     def owner(self) -> Owner | None:
-        """Another user, whose it is, for root."""
+        """Its owner, if that is another user and this process is root."""
         return owner_of(self.git) if self.git is not None else None
 
     @property
     def upload_pack(self) -> str:
-        """The command that gives what is asked for, run by a shell with the path behind it; empty for git's own."""
+        """The command that serves a fetch, run by a shell with the path appended; empty for git's own."""
         if self.owner is None:
             return ""
         numbers = ",".join(map(str, (self.owner.uid, self.owner.gid, *self.owner.groups)))
@@ -79,21 +80,22 @@ class Remote:
 
 
 def remote(text: str) -> Remote:
-    """REPO[@BRANCH]. A directory is named from here, also one with an @ in its name. Raises ValueError."""
+    """Parse REPO[@BRANCH]. A path is relative to the current directory; an existing one may have an @ in its name.
+    Raises ValueError."""
     repository, branch = text, ""
     start = len((_BEFORE_PATH.match(text) or [""])[0])
     if "@" in text[start:] and not (start == 0 and os.path.isdir(text)):
         path, _, branch = text[start:].rpartition("@")
         repository = text[:start] + path
         if not re.fullmatch(_BRANCH, branch) or ".." in branch or branch.endswith(("/", ".", ".lock")):
-            raise ValueError(f"'{branch}' is no name of a branch")
+            raise ValueError(f"'{branch}' is not a valid branch name")
     if not repository or repository.startswith("-"):
-        raise ValueError("no repository is named")
+        raise ValueError("the repository is missing")
     if not _REMOTE.match(repository):
         repository = os.path.abspath(os.path.expanduser(repository))
     return Remote(repository, branch)
 
 
 def without_user(text: str) -> str:
-    """A text without what stands before the host in URLs: a password, or a token in the place of a user."""
+    """Remove what comes before the host in URLs: a password, or a token in the place of a user."""
     return _USER.sub("://***@", text)

@@ -1,11 +1,12 @@
-"""A state of a repository's files from its history, in a temporary directory, as a checkout would give it: what has not
-changed since, as git says, is taken from the work tree, the rest from the repository, and what git does not know stays
-as it is. Nothing is written to the repository."""
+"""Extracts the files of a commit into a temporary directory, as a checkout would write them. Files that have not
+changed since, as git says, come from the work tree, the others from the repository; files that git does not know are
+the current ones. Never writes to the repository."""
 
 from __future__ import annotations
 
 import contextlib
 import difflib
+import fcntl
 import os
 import shutil
 import stat
@@ -16,7 +17,6 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.errors import Invalid, Unreachable
-from rorg.host.folders import temporary_folder
 from rorg.host.git_objects import LINK, MODULE, Entry, contents, entries, read, said, words
 
 LARGE = "/var/tmp"
@@ -26,8 +26,8 @@ EXECUTABLE = "100755"
 
 @dataclass(frozen=True)
 class Mirror:
-    """The directory `place` stands for `/` of this machine, and in it lie the files of the repository below `top` as
-    they were in a commit. What lies beside the repository is linked where it is asked for."""
+    """The directory `place` stands for `/` of this machine. In it are the files of the repository below `top` as of a
+    commit. Files outside of the repository are linked on request."""
 
     place: Path
     top: Path
@@ -35,7 +35,7 @@ class Mirror:
     """In full."""
 
     def at(self, path: Path) -> Path:
-        """Where a file of this machine (absolute, without links) lies in here."""
+        """The place in here of a file of this machine (absolute, without links)."""
         return self.place / path.relative_to("/")
 
     def real(self, path: Path) -> Path:
@@ -43,7 +43,7 @@ class Mirror:
         return Path("/") / path.relative_to(self.place) if path.is_relative_to(self.place) else path
 
     def name(self, text: str) -> str:
-        """A text in which places of here are those of the commit, as git writes them: abc1234:manifests/a.yaml."""
+        """Replace places in here by those in the commit, as git writes them: abc1234:manifests/a.yaml."""
         return text.replace(f"{self.at(self.top)}/", f"{self.commit[:7]}:").replace(str(self.place), "")
 
     @cached_property
@@ -53,10 +53,10 @@ class Mirror:
         return frozenset(found).union(*({str(p) for p in Path(path).parents} for path in found))
 
     def bring(self, paths: Iterable[Path], most_files: int, most_bytes: int) -> None:
-        """Puts files and directories of this machine in here that git does not know, as they are now: those of the
-        repository are copied, others are linked. The one with which they are too many or too large comes without its
-        content, and is the last: whoever counts them finds them too large too. What cannot be read is left out, and so
-        is what is no file, link or directory. Raises OSError."""
+        """Bring files and directories of this machine that git does not know, as they are now: those in the repository
+        are copied, others linked. If they are too many or too large, the first one beyond the limit is the last, and
+        comes without content, so that whoever counts them finds too much as well. Unreadable files are left out, and
+        everything that is not a file, link or directory. Raises OSError."""
         files, size = 0, 0
         for path in paths:
             target = self.at(path)
@@ -75,7 +75,7 @@ class Mirror:
                     self._copy(path)
 
     def _copy(self, path: Path) -> None:
-        """With the directories above it, as they are."""
+        """Copy it, with the directories above it."""
         target = self.at(path)
         if not target.parent.exists():
             self._copy(path.parent)
@@ -86,7 +86,7 @@ class Mirror:
             shutil.copy2(path, target, follow_symlinks=False)
 
     def fill(self) -> None:
-        """Puts the commit's files in here."""
+        """Write the commit's files in here."""
         found = entries(read(self.top, "ls-tree", "-r", "-z", "--full-tree", self.commit))
         differing = ("diff", "--name-only", "--no-renames", "--no-ext-diff", "--ignore-submodules", "-z")
         changed = set(words(read(self.top, *differing, self.commit, "--")))
@@ -103,7 +103,8 @@ class Mirror:
             self._write(entry, content)
 
     def _write(self, entry: Entry, content: bytes) -> None:
-        """A file that is another one now. Who may read it is as of the file there now, else as of its directory."""
+        """Write a file that has changed since. Its permissions are those of the current file, otherwise of its
+        directory."""
         path, target = self.top / entry.path, self.at(self.top / entry.path)
         self._directory(path.parent)
         if entry.mode == LINK:
@@ -117,7 +118,7 @@ class Mirror:
         target.chmod(allowed)
 
     def _directory(self, path: Path) -> None:
-        """One that is there now is as it is now, others are as the one above."""
+        """Permissions are those of the current directory, otherwise of the one above."""
         target = self.at(path)
         if target.is_dir():
             return
@@ -129,8 +130,8 @@ class Mirror:
 
 @contextlib.contextmanager
 def extracted(root: Path, commit: str) -> Iterator[Mirror]:
-    """The files of the repository that a directory lies in, as of a commit (from resolved()), until the end of the
-    block. Raises Invalid and Unreachable."""
+    """The files of a directory's repository as of a commit (from resolved()), until the end of the block. Raises
+    Invalid and Unreachable."""
     top = said(root, "rev-parse", "--show-toplevel")
     with temporary_folder("rorg-past-", _large()) as place:
         mirror = Mirror(Path(os.path.realpath(place)), Path(top), commit)
@@ -145,18 +146,18 @@ def extracted(root: Path, commit: str) -> Iterator[Mirror]:
 
 
 def _large() -> str:
-    """Where much may be written for a while: /tmp is often in memory."""
+    """A directory for large temporary files: /tmp is often in memory."""
     return LARGE if os.access(LARGE, os.W_OK) and "TMPDIR" not in os.environ else tempfile.gettempdir()
 
 
 def resolved(root: Path, text: str) -> str:
-    """The commit, in full, that git understands by a text in the repository of a directory: a commit, tag, branch or
-    the like of HEAD~2. Raises Invalid."""
+    """The full hash that git understands by a text in the repository of a directory: a commit, a tag, a branch, HEAD~2.
+    Raises Invalid."""
     what = f"read the manifests of '{text}'"
     if not said(root, "rev-parse", "--show-toplevel"):
         why = f"{root} is in no git repository that this user may read"
         raise Invalid(what, why, f"`git init {root}` and a commit, or `git -C {root} status` for the reason")
-    # An option of git is no commit, and nothing that it may be asked.
+    # An option is no commit, and must not reach git.
     odd = text.startswith("-") or "\0" in text
     found = "" if odd else said(root, "rev-parse", "--verify", "--quiet", f"{text}^{{commit}}")
     if not found:
@@ -174,7 +175,7 @@ def _parents(target: Path) -> None:
 
 
 def _mode(path: Path, form: Callable[[int], bool]) -> int | None:
-    """Who may do what with it; None where there is nothing of that form."""
+    """The permissions; None if there is nothing of that form."""
     try:
         facts = path.lstat()
     except OSError:
@@ -183,8 +184,59 @@ def _mode(path: Path, form: Callable[[int], bool]) -> int | None:
 
 
 def _hollow(path: Path, target: Path) -> None:
-    """A file of the same size, with nothing in it."""
+    """A file of the same size without content."""
     _parents(target)
     with open(target, "wb") as file:
         file.truncate(path.lstat().st_size)
     shutil.copymode(path, target)
+
+
+@contextlib.contextmanager
+def temporary_folder(prefix: str, within: str) -> Iterator[Path]:
+    """A directory until the end of the block. Directories of the same prefix whose process has died are removed first.
+    Each process locks its own, so that a live one is recognized in every PID namespace."""
+    _remove_dead(prefix, Path(within))
+    place, descriptor = _made(prefix, within)
+    try:
+        yield place
+    finally:
+        _remove(place)
+        os.close(descriptor)
+
+
+def _made(prefix: str, within: str) -> tuple[Path, int]:
+    while True:
+        place = Path(tempfile.mkdtemp(prefix=prefix, dir=within))
+        # Until it is locked, another process may take it for one of a dead process.
+        with contextlib.suppress(FileNotFoundError):
+            descriptor = _opened(place)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            if place.is_dir():
+                return place, descriptor
+            os.close(descriptor)
+
+
+def _remove_dead(prefix: str, within: Path) -> None:
+    for place in within.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):  # another user's, or gone by now
+            descriptor = _opened(place)
+            try:
+                if os.fstat(descriptor).st_uid == os.geteuid():
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    _remove(place)
+            finally:
+                os.close(descriptor)
+
+
+def _remove(place: Path) -> None:
+    def again(function: Callable[[str], object], path: str, _: object) -> None:
+        """For files in a directory without write permission."""
+        with contextlib.suppress(OSError):
+            os.chmod(os.path.dirname(path), 0o700)
+            function(path)
+
+    shutil.rmtree(place, onerror=again)
+
+
+def _opened(place: Path) -> int:
+    return os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)

@@ -10,8 +10,8 @@ ARENA_MAX = -8
 
 
 def share_heap() -> None:
-    """Has all threads of this process share one heap, as long as none has begun. By default glibc gives threads heaps
-    of their own, up to eight for each core, and each keeps what was freed in it. Other C libraries do nothing like
-    that."""
+    """Make all threads of this process share one heap; call it before the first thread starts. By default glibc gives
+    threads heaps of their own, up to eight for each core, and each keeps what was freed in it. Other C libraries have
+    nothing like that."""
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).mallopt(ARENA_MAX, 1)

@@ -1,4 +1,4 @@
-"""Facts of the machine that an installation of rorg stands on. Whatever cannot be found out is left out."""
+"""Facts about the machine that rorg is installed on. What cannot be found out is left out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE = 5.0
 
 
 def writable(path: Path) -> str:
-    """Why a directory cannot be used, and could not be made; empty where it can."""
+    """Why a directory can be neither used nor made; empty if it can."""
     place = path
     while not os.path.lexists(place) and place != place.parent:
         place = place.parent
@@ -32,7 +32,7 @@ def writable(path: Path) -> str:
 
 
 def space(path: Path) -> Space | None:
-    """Of the file system that a path is on, or would be; None where that is not known."""
+    """Of the file system that a path is on, or would be on; None if that is not known."""
     while not os.path.exists(path) and path != path.parent:
         path = path.parent
     try:
@@ -44,7 +44,7 @@ def space(path: Path) -> Space | None:
 
 
 def git_version() -> str:
-    """As git says it; empty where there is none."""
+    """git's own text; empty if git is missing."""
     with contextlib.suppress(OSError):
         said = run_git(["--version"], None, PATIENCE)
         return said.text.strip() if said.yes else ""
@@ -52,7 +52,7 @@ def git_version() -> str:
 
 
 def clock_synchronized() -> bool | None:
-    """Whether something keeps the clock right, by the kernel's word; None where it does not say."""
+    """Whether something keeps the clock right, by the kernel; None if it does not say."""
     buffer = (ctypes.c_long * (TIMEX // ctypes.sizeof(ctypes.c_long) + 8))()
     try:
         state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(buffer))
@@ -65,13 +65,13 @@ def clock_synchronized() -> bool | None:
 
 
 def open_files() -> int:
-    """So many files this user's programs may have open at once."""
+    """How many files this user's programs may have open at the same time."""
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     return most if most != resource.RLIM_INFINITY else 1 << 30
 
 
 def journal_error(path: Path) -> str:
-    """What is wrong with the file of the history; empty where it is sound, or is not there yet."""
+    """What is wrong with the file of the history; empty if it is sound, or missing."""
     if not path.exists():
         return ""
     try:

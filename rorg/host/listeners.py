@@ -1,5 +1,5 @@
-"""Which process is at an end of a TCP connection, and whose child it is. A process in a network namespace of its own is
-not found, nor one that we may not look at."""
+"""Finds the process at an end of a TCP connection, and its ancestors. Processes in their own network namespace, and
+those that we may not look at, are not found."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ import psutil
 
 TABLES = ("/proc/net/tcp", "/proc/net/tcp6")
 LISTENS = "0A"
-"""The state of a socket that listens, in these tables (proc(5))."""
+"""State of a listening socket in these tables (proc(5))."""
 
 
 def open_ports() -> frozenset[int]:
-    """TCP ports of this machine at which somebody listens, whoever that is. Looks at no process."""
+    """TCP ports of this machine with a listener, found without looking at processes."""
     found = set[int]()
     for table in TABLES:
         try:
             lines = Path(table).read_text().splitlines()[1:]
         except OSError:
-            continue  # no such protocol here
+            continue  # this protocol is missing here
         rows = (line.split() for line in lines)
         found.update(int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == LISTENS)
     return frozenset(found)
 
 
 def listeners() -> dict[int, int]:
-    """The process at each TCP port at which one listens that we may see."""
+    """The process that listens at each TCP port, as far as we may see it."""
     found = psutil.net_connections("tcp")
     return {c.laddr.port: c.pid for c in found if c.laddr and c.pid and c.status == psutil.CONN_LISTEN}
 
 
 def listening(port: int) -> int | None:
-    """The process that listens at a port; None where that is nobody, or nobody we may see."""
+    """The process that listens at a port; None if there is none, or none that we may see."""
     return _process(lambda c: c.status == psutil.CONN_LISTEN and c.laddr.port == port)
 
 
@@ -49,7 +49,7 @@ def _process(fits: Callable[[Any], bool]) -> int | None:
 
 
 def lineage(pid: int | None) -> list[int]:
-    """The process and its forebears, nearest first."""
+    """The process and its ancestors, nearest first."""
     try:
         return [] if pid is None else [pid, *(p.pid for p in psutil.Process(pid).parents())]
     except psutil.Error:
@@ -57,7 +57,6 @@ def lineage(pid: int | None) -> list[int]:
 
 
 def own_names() -> frozenset[str]:
-    """Names and addresses by which programs of this machine are told to be here, in small letters. Asks no name
-    server."""
+    """Names and addresses of this machine, in small letters. Asks no name server."""
     addresses = (a.address.partition("%")[0] for found in psutil.net_if_addrs().values() for a in found)
     return frozenset(name.lower() for name in ("localhost", "127.0.1.1", "::1", socket.gethostname(), *addresses))

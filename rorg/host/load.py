@@ -1,4 +1,4 @@
-"""How busy the machine is, and which service uses what: psutil, PSI, cgroup files."""
+"""Measures how busy the machine is, and which service uses what: psutil, PSI, cgroup files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 
-from rorg.core.pressure import Load
+from rorg.model.load import Load
 
 PSI = Path("/proc/pressure")
 Use = Callable[[], Mapping[str, tuple[float, int]]]
@@ -18,7 +18,7 @@ Use = Callable[[], Mapping[str, tuple[float, int]]]
 
 
 def psi(name: str) -> float:
-    """Percent of the last 10 s in which some program waited for cpu, memory or io; 0 where the kernel does not say."""
+    """Percent of the last 10 s in which some program waited for cpu, memory or io; 0 if the kernel does not say."""
     try:
         line = (PSI / name).read_text(encoding="ascii").splitlines()[0]
         return float(line.split("avg10=")[1].split()[0])
@@ -27,13 +27,13 @@ def psi(name: str) -> float:
 
 
 def _busy() -> float:
-    """CPU seconds that all cores together have worked since the machine booted."""
+    """CPU seconds that all cores together have worked since the boot."""
     times = psutil.cpu_times()
     return times.user + times.nice + times.system + getattr(times, "irq", 0) + getattr(times, "softirq", 0)
 
 
 def machine() -> dict[str, float]:
-    """The machine as it is now; CPU as seconds since boot, so that any two looks give a rate."""
+    """The machine now; CPU as seconds since boot, so that any two samples give a rate."""
     memory = psutil.virtual_memory()
     return {
         "cpu_seconds": round(_busy(), 3),
@@ -46,7 +46,7 @@ def machine() -> dict[str, float]:
 
 
 class Meter:
-    """Samples of what `look` sees, which is the machine; rates are since the sample before."""
+    """Samples of what `look` returns, by default the machine; rates are since the previous sample."""
 
     def __init__(self, clock: Callable[[], float], look: Callable[[], Mapping[str, float]] = machine) -> None:
         self.clock, self.look = clock, look
@@ -54,7 +54,7 @@ class Meter:
         self._use: tuple[float, dict[str, tuple[float, int]]] = (0.0, {})
 
     def sample(self, use: Use | None = None) -> Load:
-        """One sample; with `use`, what each service takes as well."""
+        """One sample; with `use`, also what each service uses."""
         now, seen = self.clock(), self.look()
         before, self._busy = self._busy, (now, seen["cpu_seconds"])
         cpu = (seen["cpu_seconds"] - before[1]) / (now - before[0]) if before and now > before[0] else 0.0
@@ -70,13 +70,13 @@ class Meter:
         )
 
     def begin(self, use: Use) -> None:
-        """Takes note of what each service has used so far: the next sample's rates are since now."""
+        """Note what each service has used so far, so that the next sample has its rates since now."""
         self._use = (self.clock(), dict(use()))
 
     def _rates(self, now: float, use: Use) -> dict[str, tuple[float, int]]:
         (then, old), new = self._use, dict(use())
         self._use = (now, new)
-        # Of what has begun since, nothing is known yet.
+        # What has begun since then has no rate yet.
         return {
             n: (max(0.0, cpu - old[n][0]) / max(now - then, 0.001), memory)
             for n, (cpu, memory) in new.items()
@@ -85,8 +85,8 @@ class Meter:
 
 
 class Sampler:
-    """Samples every `step()` seconds (None: not at all) in a thread of its own. The services' use is only looked at,
-    and the loop only woken, while `matters` says so of the sample."""
+    """Samples every `step()` seconds (None: not at all) in a thread of its own. Only while `matters` says so of a
+    sample, it measures services too and wakes the loop."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class Sampler:
                 continue
             try:
                 self.latest = self.meter.sample(self.use if mattered else None)
-            except Exception:  # the engine or the kernel did not answer: the next sample will tell
+            except Exception:  # the engine or the kernel did not answer: the next sample will
                 continue
             matters = self.matters(self.latest)
             if matters and not mattered:

@@ -1,4 +1,4 @@
-"""Facts of this machine that manifests are checked against. Whatever cannot be read is left out."""
+"""Facts about this machine for checks of manifests. What cannot be read is left out."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ SYSCTLS = (
 ENGINES = ("dockerd", "docker-proxy", "podman", "rootlessport", "conmon", "slirp4netns", "pasta")
 """Programs that listen at ports for containers."""
 MOST_NAMES = 500
-"""Names of a directory that are looked at to find one that is alike."""
+"""Names in a directory that are compared to find a similar one."""
 
 
 def gather(paths: Iterable[str], root: Path = Path("/")) -> Machine:
-    """This machine, with what is at these paths. `root`: where its files are, /dev, /proc and /sys among them."""
+    """This machine, with what is at these paths. `root`: contains its files, /dev, /proc and /sys among them."""
     return Machine(
         nodes={path: node(root / path.lstrip("/"), path) for path in sorted(set(paths))},
         ports=ports(),
@@ -41,7 +41,7 @@ def gather(paths: Iterable[str], root: Path = Path("/")) -> Machine:
 
 
 def _free(folder: Path) -> int | None:
-    """Bytes that may still be written there."""
+    """Bytes that can still be written there."""
     try:
         found = os.statvfs(folder)
     except OSError:
@@ -50,7 +50,7 @@ def _free(folder: Path) -> int | None:
 
 
 def node(place: Path, path: str) -> Node:
-    """What is at a place; links are followed. `path`: how it is called."""
+    """What is at a place; links are followed. `path`: its name."""
     try:
         found = os.stat(place)
     except (OSError, ValueError):
@@ -64,7 +64,7 @@ def node(place: Path, path: str) -> Node:
 
 
 def _near(place: Path, path: str) -> str:
-    """Something that is there instead, with a name that is alike."""
+    """Something there with a similar name."""
     try:
         with os.scandir(place.parent) as entries:
             names = [entry.name for entry, _ in zip(entries, range(MOST_NAMES), strict=False)]
@@ -75,7 +75,7 @@ def _near(place: Path, path: str) -> str:
 
 
 def sysctl(name: str, root: Path = Path("/")) -> int | None:
-    """A number of the kernel; None where it has none of that name."""
+    """A number of the kernel; None if it has none of that name."""
     try:
         return int((root / "proc/sys" / name.replace(".", "/")).read_text(encoding="ascii").split()[0])
     except (OSError, ValueError, IndexError):
@@ -83,7 +83,7 @@ def sysctl(name: str, root: Path = Path("/")) -> int | None:
 
 
 def ports() -> dict[int, str]:
-    """TCP ports of this machine that somebody listens at, and who, as far as we may know; without engines."""
+    """TCP ports of this machine with a listener, and its program if we may know it; without engines."""
     found: dict[int, str] = {}
     with contextlib.suppress(psutil.Error, OSError):
         for connection in psutil.net_connections("tcp"):

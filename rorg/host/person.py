@@ -1,4 +1,4 @@
-"""Who is at the keyboard."""
+"""The person who runs a command."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import NamedTuple
 
 
 class Person(NamedTuple):
-    """A user of this machine, also one whom no file of it knows."""
+    """A user of this machine, who need not be in any of its files."""
 
     uid: int
     gid: int
     name: str
     home: str
-    """The directory; empty where none is known."""
+    """The directory; empty if it is not known."""
 
     @property
     def numbers(self) -> str:
-        """As an engine takes a user that an image does not know."""
+        """The form in which an engine takes a user that an image does not know."""
         return f"{self.uid}:{self.gid}"
 
 
 def caller(environment: Mapping[str, str], uid: int, gid: int) -> Person:
-    """Whoever runs this as `uid` and `gid`; behind sudo, whoever called that (it sets SUDO_UID and SUDO_GID)."""
+    """The user `uid` and `gid`; behind sudo, the user who called it (it sets SUDO_UID and SUDO_GID)."""
     behind, home = (environment.get("SUDO_UID", ""), environment.get("SUDO_GID", "")), environment.get("HOME", "")
     if uid == 0 and all(number.isascii() and number.isdigit() for number in behind):
         (uid, gid), home = map(int, behind), ""

@@ -1,4 +1,4 @@
-"""Files of shared memory: which of them no process uses, and removing those."""
+"""Finds and removes files of shared memory that no process uses."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 SHM = Path("/dev/shm")
 ASIDE = ".rorg-"
-"""Begin of the name of a file that is about to be removed."""
+"""Prefix of a file that is about to be removed."""
 ALL_PROCESSES = 0xEFFFFFFC
-"""Inode of the first namespace of process ids (PROC_PID_INIT_INO of the kernel): who lives in it sees all of them."""
+"""Inode of the first namespace of process ids (PROC_PID_INIT_INO of the kernel), in which all processes are visible."""
 INIT = "1"
-"""Process that is no participant, and on some machines lets not even root see what it has mapped."""
+"""A process that is no participant, and on some machines hides its mappings even from root."""
 LOCKS = ("_el", "_sl")
 
 Identity = tuple[int, int]
@@ -24,7 +24,7 @@ Look = Callable[[Collection[Path]], set[Path]]
 
 
 class Removed(NamedTuple):
-    """What is no more."""
+    """What was removed."""
 
     files: int = 0
     size: int = 0
@@ -32,8 +32,8 @@ class Removed(NamedTuple):
 
 
 def in_use(files: Collection[Path]) -> set[Path]:
-    """Those that any process of this machine has open, mapped or locked. Raises PermissionError where that cannot be
-    seen: without root's rights, or inside a container that has processes of its own."""
+    """Those that any process of this machine has open, mapped or locked. Raises PermissionError if that cannot be seen:
+    without root's rights, or inside a container with its own processes."""
     if os.geteuid() != 0 or os.stat("/proc/self/ns/pid").st_ino != ALL_PROCESSES:
         raise PermissionError("the files of all processes cannot be seen")
     names = {path.name for path in files}
@@ -46,12 +46,12 @@ def in_use(files: Collection[Path]) -> set[Path]:
 
 
 def remove_unused(folder: Path, group_of: Callable[[str], str], before: float, look: Look = in_use) -> Removed:
-    """Removes groups of files of which none is in use, and none younger than `before` (seconds since the epoch). The
-    group of a name that is to stay is empty. Raises OSError where it cannot be seen what is used: nothing is removed.
-    """
+    """Remove groups of files of which none is in use and none is younger than `before` (seconds since the epoch).
+    `group_of` returns an empty text for a file that must stay. Raises OSError, and removes nothing, if it cannot be
+    seen what is in use."""
     groups = {name: files for name, files in _groups(folder, group_of).items() if _older(files, before)}
     idle = _unused(groups, look)
-    # Under another name nobody can open them any more: who has done so since the first look is seen by the second.
+    # Nobody can open them under their new names. A process that did so since the first look is found by the second.
     aside: list[Path] = []
     unused: list[Path] = []
     try:
@@ -70,7 +70,7 @@ def remove_unused(folder: Path, group_of: Callable[[str], str], before: float, l
 
 
 def _groups(folder: Path, group_of: Callable[[str], str]) -> dict[str, list[Path]]:
-    """Regular files by group, also those that were set aside by a rorg that was killed then."""
+    """Regular files by group, with those that a killed rorg had set aside."""
     found: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()):
         if (name := group_of(_name(path))) and path.is_file() and not path.is_symlink():
@@ -79,7 +79,7 @@ def _groups(folder: Path, group_of: Callable[[str], str]) -> dict[str, list[Path
 
 
 def _older(files: Iterable[Path], before: float) -> bool:
-    """Whether all of them are older; False where one has gone since."""
+    """Whether all of them are older; False if one has gone since."""
     try:
         return all(max(s.st_mtime, s.st_ctime) <= before for s in (path.stat() for path in files))
     except FileNotFoundError:
@@ -100,14 +100,14 @@ def _set_aside(path: Path) -> Path:
 
 
 def _put_back(path: Path) -> None:
-    """Unless another one has its name by now: then only who has it open still needs it."""
+    """Unless another file has its name by now: then only processes that have it open still need it."""
     with contextlib.suppress(FileExistsError):
         path.with_name(_name(path)).hardlink_to(path)
     path.unlink()
 
 
 def _identity(path: Path) -> Identity | None:
-    """None where it has gone since."""
+    """None if it has gone since."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -116,7 +116,7 @@ def _identity(path: Path) -> Identity | None:
 
 
 def _locked(path: Path) -> bool:
-    """Whether somebody holds its lock, by which Fast DDS itself knows who lives."""
+    """Whether a process holds its lock, which is how Fast DDS itself knows who lives."""
     if not path.name.endswith(LOCKS) or not path.exists():
         return False
     with path.open("rb") as file:
@@ -128,7 +128,7 @@ def _locked(path: Path) -> bool:
 
 
 def _mapped(pid: str) -> Iterator[Identity]:
-    """By lines like `7f1c-7f1d rw-s 00000000 00:1a 1234  /dev/shm/x`; see proc_pid_maps(5)."""
+    """From lines like `7f1c-7f1d rw-s 00000000 00:1a 1234  /dev/shm/x`; see proc_pid_maps(5)."""
     with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as file:
         for line in file:
             device, inode = line.split(None, 5)[3:5]
@@ -138,7 +138,7 @@ def _mapped(pid: str) -> Iterator[Identity]:
 
 
 def _open(pid: str, names: Container[str]) -> Iterator[Identity]:
-    """Of these names; no other file is touched, since it may be one of a dead server."""
+    """Of these names. No other file is touched, because it may be one of a dead server."""
     for number in os.listdir(f"/proc/{pid}/fd"):
         path = f"/proc/{pid}/fd/{number}"
         with contextlib.suppress(FileNotFoundError):  # closed since

@@ -1,4 +1,4 @@
-"""What systemd wants to hear from a service of type notify (sd_notify): that it is ready, alive, stopping."""
+"""Tells systemd about a service of type notify (sd_notify): that it is ready, alive, stopping."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 
 def notify(state: str) -> None:
-    """Sends `READY=1` and the like to NOTIFY_SOCKET; does nothing outside of systemd."""
+    """Send `READY=1` and the like to NOTIFY_SOCKET; does nothing outside of systemd."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if address:
         with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -18,7 +18,8 @@ def notify(state: str) -> None:
 
 
 class Watchdog:
-    """Tells systemd twice in each WATCHDOG_USEC that the loop turns: it is woken, and must have made a pass since."""
+    """Tells systemd twice in each WATCHDOG_USEC that the loop works: it wakes the loop, and checks that a pass
+    follows."""
 
     def __init__(self, wake: Callable[[], None], passes: Callable[[], int]) -> None:
         self.wake, self.passes = wake, passes

@@ -1,4 +1,4 @@
-"""File changes as wakes. What changed is not told: the loop looks at everything anyway."""
+"""Turns file changes into wakes. They do not say what changed, because the loop looks at everything anyway."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from pathlib import Path
 import watchfiles
 
 DEBOUNCE = 200
-"""Milliseconds of quiet after which a burst of changes is one."""
+"""Milliseconds without changes that end a burst."""
 
 STEP = 100
-"""Milliseconds between two looks of the watcher at what the kernel told it: 10 cost 0.5 % of a core, doing nothing."""
+"""Milliseconds between two checks of the kernel's events: 10 take 0.5 % of a core, even if nothing happens."""
 
 
 class Watcher:
-    """Watches the directories that `folders` names, each by itself and never what a link in them leads to: the kernel
-    has few watches, and a link to / would take them all. `folders` is asked anew after every change."""
+    """Watches the directories that `folders` returns, each one alone, without following links: the kernel has few
+    watches, and a link to / would use all of them. `folders` is called again after every change."""
 
     def __init__(
         self, folders: Callable[[], Collection[Path]], wake: Callable[[], None], ignore: Callable[[str], bool]
@@ -38,17 +38,17 @@ class Watcher:
             try:
                 self._follow(again)
             except Exception:
-                # The directory is being replaced; it comes back, or the loop says that it is gone.
+                # The directory is being replaced; it comes back, or the loop reports that it is gone.
                 self._stop.wait(0.2)
             again = True
 
     def _follow(self, again: bool) -> None:
-        """Until there is something else to watch, or a directory is not the one any more that is watched: the kernel
-        follows the directory, not its name."""
+        """Watch until the set of directories changes, or one of them is replaced: the kernel watches the directory, not
+        its name."""
         folders = self.folders()
         watched, first = _identity(folders), True
         if again:
-            self.wake()  # nobody watched meanwhile
+            self.wake()  # there was no watch meanwhile
         for changes in watchfiles.watch(
             *folders,
             debounce=DEBOUNCE,
@@ -62,7 +62,7 @@ class Watcher:
         ):
             moved = _identity(folders) != watched
             if changes or first:
-                self.wake()  # what changed before the kernel was asked to watch is told by nobody
+                self.wake()  # changes before the watch began are not reported
             if moved or ((changes or first) and set(self.folders()) != set(folders)):
                 return
             first = False

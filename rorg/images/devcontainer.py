@@ -9,60 +9,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from rorg.model.options import OPTIONS
+
 MARK = "rorg"
 """Below `customizations`: a file that has it is ours."""
-FLAGS = {
-    "cap_add": "cap-add",
-    "cap_drop": "cap-drop",
-    "cgroup": "cgroupns",
-    "cgroup_parent": "cgroup-parent",
-    "cpu_period": "cpu-period",
-    "cpu_quota": "cpu-quota",
-    "cpu_rt_period": "cpu-rt-period",
-    "cpu_rt_runtime": "cpu-rt-runtime",
-    "cpu_shares": "cpu-shares",
-    "cpus": "cpus",
-    "cpuset": "cpuset-cpus",
-    "cpuset_mems": "cpuset-mems",
-    "device_cgroup_rules": "device-cgroup-rule",
-    "devices": "device",
-    "dns": "dns",
-    "dns_opt": "dns-option",
-    "dns_search": "dns-search",
-    "domainname": "domainname",
-    "expose": "expose",
-    "extra_hosts": "add-host",
-    "group_add": "group-add",
-    "hostname": "hostname",
-    "ipc": "ipc",
-    "isolation": "isolation",
-    "links": "link",
-    "mem_limit": "memory",
-    "mem_reservation": "memory-reservation",
-    "mem_swappiness": "memory-swappiness",
-    "memswap_limit": "memory-swap",
-    "network_mode": "network",
-    "oom_score_adj": "oom-score-adj",
-    "pid": "pid",
-    "pids_limit": "pids-limit",
-    "platform": "platform",
-    "runtime": "runtime",
-    "security_opt": "security-opt",
-    "shm_size": "shm-size",
-    "stop_signal": "stop-signal",
-    "tmpfs": "tmpfs",
-    "userns_mode": "userns",
-    "uts": "uts",
-    "volumes_from": "volumes-from",
-}
-"""Options that are a flag of the same value, or one for each of a list."""
-SWITCHES = {
-    "init": "init",
-    "oom_kill_disable": "oom-kill-disable",
-    "privileged": "privileged",
-    "read_only": "read-only",
-}
-PAIRS = {"annotations": "annotation", "storage_opt": "storage-opt", "sysctls": "sysctl"}
 ELSEWHERE = frozenset(
     ("image", "volumes", "environment", "user", "working_dir", "command", "entrypoint", "stdin_open", "healthcheck")
 )
@@ -107,13 +57,7 @@ def _mount(volume: Mapping[str, Any]) -> str:
 
 
 def _flags(option: str, value: Any) -> list[str]:
-    """Of `docker run`; none for what it has no flag for."""
-    if option in SWITCHES:
-        return [f"--{SWITCHES[option]}"] if value else []
-    if option in FLAGS:
-        return [f"--{FLAGS[option]}={v}" for v in (value if isinstance(value, list) else [value])]
-    if option in PAIRS:
-        return [f"--{PAIRS[option]}={k}={v}" for k, v in value.items()]
+    """The flags of `docker run` for an option; none if it has no flag."""
     if option == "ulimits":
         return [f"--ulimit={name}={limit['soft']}:{limit['hard']}" for name, limit in value.items()]
     if option == "networks":
@@ -123,7 +67,12 @@ def _flags(option: str, value: Any) -> list[str]:
     if option == "logging":
         options = [f"--log-opt={k}={v}" for k, v in value.get("options", {}).items()]
         return [f"--log-driver={value.get('driver', 'json-file')}", *options]
-    return []
+    flag = OPTIONS[option].flag if option in OPTIONS else ""
+    if not flag or isinstance(value, bool):
+        return [f"--{flag}"] if flag and value else []
+    if isinstance(value, Mapping):
+        return [f"--{flag}={k}={v}" for k, v in value.items()]
+    return [f"--{flag}={v}" for v in (value if isinstance(value, list) else [value])]
 
 
 def _gpu(value: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.host.file_digests import FileDigests
+from rorg.host.contents import FileDigests
 from rorg.images.context import context_files
 from rorg.model.catalog import Catalog, Image
 from rorg.model.graph import parents_first

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from rorg.engines import WITH_IMAGES
 from rorg.images.identity import Identities, renewed
 from rorg.images.records import Built, Records
 from rorg.model.catalog import Catalog
+from rorg.model.engines import ENGINES
 from rorg.model.graph import parents_first
 from rorg.model.image_names import declared, with_identity
 
@@ -50,7 +50,7 @@ class References:
 
 def references_for(engine: str, folder: Path) -> References:
     """Those of a state directory, for the engine of that name."""
-    return References(Records(folder), engine in WITH_IMAGES)
+    return References(Records(folder), engine in ENGINES and ENGINES[engine].images)
 
 
 def references(

@@ -1,1 +1,1 @@
-"""Asking whether services are ready, alive, or may be touched."""
+"""Asks whether services are ready, alive, or may be touched."""

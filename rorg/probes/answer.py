@@ -1,4 +1,4 @@
-"""What came of one attempt of a probe."""
+"""The result of one attempt of a probe."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Yes; no, with what was found; or, `asked` being False, that the question could not be put: who would have to be
-    asked does not answer, and nothing was learnt of the service."""
+    """Yes; no, with what was found; or (`asked` is False) no result, because the program that it asks does not
+    answer. Then nothing was learned about the service."""
 
     ok: bool
     message: str = ""
-    """In words, for people; empty for yes."""
+    """For people; empty for yes."""
     asked: bool = True
 
 
@@ -20,10 +20,10 @@ YES = Answer(True)
 
 
 def no(message: str) -> Answer:
-    """It was asked, and is not so."""
+    """The answer is no."""
     return Answer(False, message)
 
 
 def cannot_ask(why: str) -> Answer:
-    """Nothing was learnt."""
+    """There is no answer."""
     return Answer(False, f"cannot ask: {why}", asked=False)

@@ -7,20 +7,20 @@ import os
 import time
 from urllib.parse import urlsplit
 
-from rorg.host.asking import answer, connect
+from rorg.host.bounded_http import answer, connect
+from rorg.host.clock import process_start
+from rorg.host.container_root import modified
 from rorg.host.deadline import Deadline
-from rorg.host.inside import modified
-from rorg.host.processes import process_start
 from rorg.model.catalog import Probe
 from rorg.probes import ros_master
 from rorg.probes.answer import YES, Answer, no
 
 TIMEOUT = 1.0
-"""Seconds for one attempt, all of it."""
+"""Seconds for one whole attempt."""
 
 
 def ask_socket(probe: Probe) -> Answer:
-    """tcp and http. A redirect is an answer, as to the kubelet, and is not followed."""
+    """tcp and http. A redirect counts as an answer, as for the kubelet, and is not followed."""
     deadline = Deadline.within(TIMEOUT)
     try:
         if probe.kind == "tcp":
@@ -34,7 +34,7 @@ def ask_socket(probe: Probe) -> Answer:
 
 
 def ask_host(probe: Probe) -> Answer:
-    """Everything that needs neither an engine nor a process; a file is one of this machine."""
+    """Every probe that needs neither an engine nor a process; a file is one of this machine."""
     if probe.kind in ("tcp", "http"):
         return ask_socket(probe)
     if probe.kind == "file":
@@ -43,8 +43,8 @@ def ask_host(probe: Probe) -> Answer:
 
 
 def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> Answer:
-    """`pid` is the first process of the container, 0 where there is none; its file system is looked at where the
-    engine gives it one of its own (`isolated`)."""
+    """`pid` is the first process of the container, 0 if there is none. Its file system is used if the engine isolates
+    containers (`isolated`)."""
     path = str(probe.target)
     try:
         written = modified(f"/proc/{pid}/root", path) if pid and isolated else os.stat(path).st_mtime
@@ -54,12 +54,12 @@ def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> A
         return no(f"file {path} is older than this run")
     age = time.time() - written
     if role == "live" and age > probe.interval:
-        return no(f"file {path} was last touched {age:.0f} s ago")
+        return no(f"file {path} was last modified {age:.0f} s ago")
     return YES
 
 
 def asks_this_machine(probe: Probe) -> bool:
-    """Whether what it asks is named as if it were on this machine: a port without a host, or localhost."""
+    """Whether the probe names this machine: a port without a host, or localhost."""
     if probe.kind == "tcp":
         host = str(probe.target).rpartition(":")[0].strip("[]")
     else:

@@ -1,4 +1,4 @@
-"""Probes, run off the pass by a few workers."""
+"""Runs probes beside the loop, in a few workers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rorg.core.schedule import Target
 from rorg.probes.answer import Answer, cannot_ask
 
 LONGEST = 3600.0
-"""Seconds of sleep at the most."""
+"""Seconds of sleep at most."""
 WORKERS = 8
-"""Attempts at once."""
+"""Attempts at the same time."""
 SLOW = 1.5
-"""Seconds after which an attempt is not counted among these: however many hang, the others are asked."""
+"""Seconds after which an attempt no longer counts among these: hanging attempts must not keep others waiting."""
 MOST = 64
-"""Attempts at once, with those that hang."""
+"""Attempts at the same time, hanging ones included."""
 SHARE = 0.05
-"""Of a core, that one probe takes at the most: who makes it read much is asked the less often."""
+"""Share of a core that one probe may take: one that has much to read is asked less often."""
 
 Key = tuple[str, str]
 """(service, role)"""
@@ -32,14 +32,14 @@ Ask = Callable[[Key, Target], Answer]
 
 
 class Prober:
-    """Probes what it was last told to, each target every `every` seconds, and wakes the loop when it learns something.
-    `ask` does one attempt. Times are of `clock`, seconds. The questions of a probe that has several are asked each by
-    itself: one that takes long holds up no other."""
+    """Probes the current targets, each every `every` seconds, and wakes the loop when it learns something. `ask` makes
+    one attempt. Times are of `clock`, in seconds. A probe with several questions has an attempt for each, so that a
+    slow one does not hold up the others."""
 
     def __init__(
         self, clock: Callable[[], float], wake: Callable[[], None], ask: Ask, stopping: threading.Event | None = None
     ) -> None:
-        """`stopping` is set when attempts under way shall end."""
+        """`stopping` is set when attempts under way must end."""
         self.clock, self.wake, self.ask = clock, wake, ask
         self._pool = ThreadPoolExecutor(MOST, thread_name_prefix="probe")
         self._condition = threading.Condition()
@@ -64,7 +64,7 @@ class Prober:
         self._pool.shutdown(wait=False)
 
     def join(self, patience: float) -> None:
-        """Attempts under way are waited for, but no longer than `patience` seconds."""
+        """Wait at most `patience` seconds for attempts under way."""
         with self._condition:
             self._condition.wait_for(lambda: not self._busy, patience)
             self.hung = len(self._busy)
@@ -74,7 +74,7 @@ class Prober:
             return dict(self._results)
 
     def watch(self, targets: Mapping[Key, Target]) -> None:
-        """What to probe from now on. What is not in it any more is forgotten: a later look begins anew."""
+        """Probe these from now on. Anything else is forgotten: if it comes back it begins afresh."""
         with self._condition:
             asked = {(*key, part.part): part for key, target in targets.items() for part in target.parts()}
             again = [k for k, t in asked.items() if self._asked_anew(k, t)]
@@ -82,7 +82,8 @@ class Prober:
                 return
             now, fresh = self.clock(), [k for k, t in asked.items() if self._targets.get(k) != t]
             for index, key in enumerate(fresh):
-                # Readiness is asked at once; life, which was fine just now, later, and not of all at the same time.
+                # Ask for readiness immediately. What was alive just now can wait, and not all of them are asked at the
+                # same time.
                 wait = asked[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
                 self._due[key] = now + wait
                 self._answers.pop(key, None)
@@ -95,7 +96,7 @@ class Prober:
             self._condition.notify()
 
     def _asked_anew(self, key: Question, target: Target) -> bool:
-        """Somebody has begun to wait since it was last asked."""
+        """Whether someone has begun to wait since it was last asked."""
         before = self._targets.get(key)
         return before == target and target.asked is not None and (before.asked or 0.0) < target.asked
 
@@ -120,7 +121,7 @@ class Prober:
         began, used = self.clock(), time.thread_time()
         try:
             answer = self.ask(key[:2], target)
-        except Exception as bug:  # a probe that breaks must neither end the probing nor the service
+        except Exception as bug:  # a broken probe must end neither the probing nor the service
             answer = cannot_ask(f"{type(bug).__name__}: {bug}")
         with self._condition:
             del self._busy[key]
@@ -132,8 +133,8 @@ class Prober:
             self.wake()
 
     def _learn(self, key: Question, target: Target, answer: Answer, began: float, rested: float) -> bool:
-        """Notes a finding; whether it is news. What could not be asked is no failure of the service. The next attempt
-        begins when the probe has `rested`."""
+        """Note a finding; return whether it is news. A question that could not be asked is no failure of the service.
+        The next attempt begins when the probe has `rested`."""
         old = self._answers.get(key)
         failures = 0 if answer.ok else (old.failures if old else 0) + answer.asked
         self._answers[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
@@ -143,12 +144,12 @@ class Prober:
         if old is None or old.ok != new.ok or old.message != new.message or old.at < since <= began:
             return True
         if key[1] == "interlock":
-            # The loop takes an answer that is too old for none, so the same answer is news then.
+            # The loop ignores an answer that is too old, so then the same answer is news.
             return bool(self.clock() - old.at > target.probe.interval + FRESH)
         return failures != old.failures and failures == target.probe.failures
 
     def _tell(self, key: Key) -> None:
-        """What is known of a probe now, from all its answers."""
+        """Combine the answers of a probe's questions."""
         probe = self._whole[key].probe
         found = together(probe, [self._answers.get((*key, part)) for part in range(len(probe.questions))])
         if found is not None:

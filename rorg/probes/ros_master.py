@@ -1,7 +1,8 @@
-"""The ROS 1 graph through its master's XML-RPC: 1-2 ms a question, and no ROS installed (`rosnode ping`: 1.2 s).
+"""Asks a ROS 1 master for its graph by XML-RPC: 1-2 ms for each question, without ROS installed (`rosnode ping`: 1.2
+s).
 
-Every answer of the master is [code, message, value]; code 1 is success. Whoever listens at its port, or at a place that
-it names, may answer anything, or for ever.
+Every answer of a master is [code, message, value]; code 1 means success. Whatever listens at its port, or at an address
+that it names, may answer anything, or for ever.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ from http.client import HTTPResponse
 from typing import Any, NoReturn
 from xml.parsers import expat
 
-from rorg.host.asking import answer, connect, place_of
+from rorg.host.bounded_http import answer, connect, place_of
 from rorg.host.deadline import Deadline
 from rorg.probes.answer import YES, Answer, no
 
 CALLER = "/rorg"
 TIMEOUT = 1.0
-"""Seconds for one attempt, all calls of it. A paused program accepts the connection and never answers."""
+"""Seconds for one attempt with all its calls. A paused program accepts the connection and never answers."""
 MOST = 2 << 20
 """Bytes of one answer. The graph of 300 nodes with 1,000 topics has some 0.7 MiB."""
 CHUNK = 1 << 16
@@ -26,13 +27,13 @@ Graph = list[dict[str, list[str]]]
 
 
 def call(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> Any:
-    """The value of a call that succeeded. Raises OSError when nobody answers, or with what is no answer of ROS;
-    LookupError when the answer is no."""
+    """The value of a successful call. Raises OSError if nothing answers, or something that is not ROS; LookupError if
+    the answer is no."""
     return value_of(ask(uri, method, *args, deadline=deadline))
 
 
 def ask(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> Any:
-    """What a call of XML-RPC returns, which need not be an answer of ROS. Raises OSError."""
+    """The result of an XML-RPC call, which need not be an answer of ROS. Raises OSError."""
     deadline, asked = deadline or Deadline.within(TIMEOUT), xmlrpc.client.dumps(args, method).encode()
     with answer(uri, deadline, MOST, asked, {"Content-Type": "text/xml"}) as response:
         if response.status != 200:
@@ -41,8 +42,7 @@ def ask(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> 
 
 
 def value_of(found: Any) -> Any:
-    """The value of an answer of ROS that says yes. Raises OSError for what is no answer of ROS; LookupError where it
-    says no."""
+    """The value of a successful answer. Raises OSError if it is not an answer of ROS; LookupError if it is no."""
     if not (isinstance(found, list) and len(found) == 3):
         raise OSError("its answer is not that of ROS")
     code, message, value = found
@@ -52,10 +52,10 @@ def value_of(found: Any) -> Any:
 
 
 def _parsed(response: HTTPResponse, deadline: Deadline) -> Any:
-    """The one value of an answer. It is parsed as it comes, and declares no entities: a few lines of them make
+    """The value of an answer, parsed as it comes. It may not declare entities, since a few lines of them make
     gigabytes. Raises OSError."""
     target, parser = xmlrpc.client.Unmarshaller(), expat.ParserCreate()
-    target.xml("", None)  # expat has decoded what it gives
+    target.xml("", None)  # expat has decoded the text
     parser.StartElementHandler, parser.EndElementHandler = target.start, target.end
     parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = target.data, _refuse
     try:
@@ -66,7 +66,7 @@ def _parsed(response: HTTPResponse, deadline: Deadline) -> Any:
         return target.close()[0]
     except OSError:
         raise
-    except Exception as error:  # the library takes an answer for well-formed, and breaks on others in many ways
+    except Exception as error:  # xmlrpc assumes a well-formed answer, and breaks in many ways on others
         raise OSError(f"{type(error).__name__}: {str(error)[:200]}") from error
 
 
@@ -87,11 +87,11 @@ def graph(master: str, deadline: Deadline) -> Graph:
 
 
 def probe(kind: str, name: str, master: str) -> Answer:
-    """Whether it is there. `kind` is ros_node, ros_topic or ros_service."""
+    """Whether a node, topic or service is there. `kind` is ros_node, ros_topic or ros_service."""
     deadline = Deadline.within(TIMEOUT)
     try:
         if kind == "ros_topic":
-            return YES if name in graph(master, deadline)[0] else no(f"nobody publishes {name}")
+            return YES if name in graph(master, deadline)[0] else no(f"{name} has no publisher")
         question = "lookupService" if kind == "ros_service" else "lookupNode"
         where = str(call(master, question, CALLER, name, deadline=deadline))
     except LookupError:

@@ -1,7 +1,7 @@
-"""Sets ROS 1 parameters at a master, through its XML-RPC: 1 ms for each.
+"""Sets ROS 1 parameters at a master by XML-RPC: 1 ms each.
 
-What was set for a service is marked at the master itself, so a master that was restarted, and an rorg that was, are
-told from a value that somebody has changed by hand since: that one stays.
+The digest of what was set is kept at the master itself. So a restarted master gets the parameters again, while a value
+that someone changed by hand stays, even over a restart of rorg.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ SETTING = 10.0
 
 
 def ensure(master: str, service: str, digest: str, values: Mapping[str, Any], anew: bool) -> bool:
-    """Sets what a service declares, unless the master has it; `anew`: whether or not. Returns whether anything was set.
-    Raises OSError when the master gives no answer, LookupError when it refuses."""
+    """Set the declared parameters of a service unless the master has them; with `anew` in any case. Return whether they
+    were set. Raises OSError if the master does not answer, LookupError if it refuses."""
     whole = Deadline.within(SETTING)
     mark = f"{MARKS}/{re.sub(r'[^A-Za-z0-9_]', '_', service)}"
     if not anew and _marked(master, mark, whole) == digest:

@@ -1,4 +1,4 @@
-"""All that a ROS 1 master has registered, with the places of the nodes; and taking registrations out of it."""
+"""Reads everything that is registered at a ROS 1 master, with the addresses of the nodes; and unregisters nodes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from rorg.host.asking import connect, place_of
+from rorg.host.bounded_http import connect, place_of
 from rorg.host.deadline import Deadline
 from rorg.probes.ros_master import CALLER, TIMEOUT, Graph, ask, call, graph, value_of
 
@@ -16,15 +16,15 @@ READING = 5.0
 
 @dataclass(frozen=True, slots=True)
 class RosState:
-    """Of one master. `graph`: publishers, subscribers and services."""
+    """The state of one master. `graph`: publishers, subscribers and services."""
 
     graph: Graph
     places: dict[str, str]
-    """Node -> URI of its XML-RPC; of those that are registered still when it is asked for."""
+    """Node -> URI of its XML-RPC, if it was still registered when asked for."""
 
 
 def read_state(master: str) -> RosState:
-    """Two calls, whatever the number of nodes. Raises OSError when there is no master."""
+    """Read it in two calls, whatever the number of nodes. Raises OSError if there is no master."""
     deadline = Deadline.within(READING)
     found = graph(master, deadline.sooner(TIMEOUT))
     nodes = sorted({n for part in found for names in part.values() for n in names})
@@ -42,7 +42,7 @@ def _places(master: str, nodes: Iterable[str], deadline: Deadline) -> dict[str, 
 
 
 def _place(said: Any) -> str:
-    """Of one answer among several, which comes in a list of its own; empty where it is none."""
+    """The URI in one answer of a multicall, which is in a list of its own; empty if there is none."""
     try:
         return str(value_of(said[0])) if isinstance(said, list) and len(said) == 1 else ""
     except (LookupError, OSError):
@@ -50,8 +50,8 @@ def _place(said: Any) -> str:
 
 
 def refuses(uri: str) -> bool:
-    """Whether nobody is there: the connection is refused. A paused program accepts it, and what does not answer in
-    time may be anything."""
+    """Whether nothing listens there, because the connection is refused. A paused program accepts it; what does not
+    answer in time may be anything."""
     try:
         connect(*place_of(uri), Deadline.within(TIMEOUT)).close()
     except ConnectionRefusedError:
@@ -62,11 +62,12 @@ def refuses(uri: str) -> bool:
 
 
 def unregister(master: str, node: str, state: RosState) -> None:
-    """Takes out what this node has registered from the place that the state says; what it, or another of its name, has
-    registered from another place since stays. Raises OSError; LookupError when the master knows it no more."""
+    """Unregister everything that this node registered from its address in the state. Registrations from other
+    addresses, by itself or another node of that name, stay. Raises OSError; LookupError if the master does not know it
+    any more."""
     deadline, uri = Deadline.within(READING), state.places[node]
     if call(master, "lookupNode", CALLER, node, deadline=deadline) != uri:
-        raise LookupError(f"{node} is at another place by now")
+        raise LookupError(f"{node} is at another address now")
     publishers, subscribers, services = state.graph
     told = [("unregisterPublisher", topic, uri) for topic, names in publishers.items() if node in names]
     told += [("unregisterSubscriber", topic, uri) for topic, names in subscribers.items() if node in names]

@@ -1,4 +1,4 @@
-"""One attempt of a probe: what needs the engine is asked of it, everything else of the machine."""
+"""One attempt of a probe: asks the engine if the question needs it, otherwise this machine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Protocol
 from rorg.core.observed import Container
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
-from rorg.engines.protocol import Capabilities, Inspection
+from rorg.engines.protocol import Inspection
 from rorg.errors import RorgError
 from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
+from rorg.model.engines import Capabilities
 from rorg.probes.answer import YES, Answer, cannot_ask, no
 from rorg.probes.ask import ask_file, ask_host, asks_this_machine
 from rorg.probes.ros_parameters import ensure
@@ -21,13 +22,13 @@ from rorg.probes.ros_parameters import ensure
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
 LOG_TIMEOUT = 5.0
-"""Seconds for reading on in a log, once the engine has found where; the next attempt goes on there."""
-NO_MASTER = "it is a program of ROS 2, which no ROS 1 master knows"
+"""Seconds for reading a log, once the engine has found the place; the next attempt continues there."""
+NO_MASTER = "it is a ROS 2 program, which no ROS 1 master knows"
 ELSEWHERE = "the engine is on another machine"
 
 
 class Asked(Inspection, Protocol):
-    """What of an engine probes need."""
+    """The part of an engine that probes need."""
 
     capabilities: Capabilities
     local: bool
@@ -36,7 +37,7 @@ class Asked(Inspection, Protocol):
 
 
 class ProbeRunner:
-    """Asks probes of one engine's containers. Remembers how far each log was read."""
+    """Makes attempts for the containers of one engine. Remembers how far each log was read."""
 
     def __init__(
         self,
@@ -45,25 +46,25 @@ class ProbeRunner:
         stopping: threading.Event | None = None,
         told: Callable[[str, str, list[str]], None] = lambda *_: None,
     ) -> None:
-        """`stopping` ends the attempts under way. `told` hears of ROS parameters that were set: for which service, at
-        which master, their names."""
+        """`stopping` ends the attempts under way. `told` is called with ROS parameters that were set: the service, the
+        master, their names."""
         self.engine, self.container_of, self.told = engine, container_of, told
         self.stopping = stopping or threading.Event()
         self._read: dict[tuple[str, str, int], tuple[tuple[str, str], str | None]] = {}
-        """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line was found."""
+        """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line matched."""
 
     def __call__(self, key: tuple[str, str], target: Target) -> Answer:
         service, role = key
         probe = target.probe
         if role == "interlock":
-            return ask_host(probe)  # it is about this machine, whichever the engine is on
+            return ask_host(probe)  # it is about this machine, wherever the engine is
         if probe.kind.startswith("ros_") and not probe.master:
             return cannot_ask(NO_MASTER)
         if role == ROLE:
             return self._parameters(service, target)
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
-            return cannot_ask("it is another run by now")
+            return cannot_ask("this is a different run now")
         try:
             return self._ask((*key, target.part), probe, container)
         except RorgError as error:
@@ -106,7 +107,9 @@ class ProbeRunner:
         found = self.engine.inspect(container.id)
         if found is None:
             return cannot_ask("its container is gone")
-        return YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing of its health'}")
+        return (
+            YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing about its health'}")
+        )
 
     def _file(self, role: str, probe: Probe, container: Container) -> Answer:
         isolated = self.engine.capabilities.isolation
@@ -117,7 +120,7 @@ class ProbeRunner:
         return ask_file(probe, role, container.pid, isolated)
 
     def _log(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
-        """A line that was there once stays said, for this run."""
+        """One matching line is enough for a whole run."""
         about = container.incarnation, str(probe.target)
         known, place = self._read.get(key, (about, ""))
         place = place if known == about else ""

@@ -16,12 +16,13 @@ from rorg.core.found_objects import FoundObject, FoundObjects
 from rorg.core.objects import found_object
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
-from rorg.engines.protocol import NONE, Capabilities, Engine, Usage
+from rorg.engines.protocol import NONE, Engine, Usage
 from rorg.errors import EngineError
 from rorg.model.devices import Plugged
+from rorg.model.engines import Capabilities
 from rorg.model.joining import NAMESPACES
-from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
+from rorg.model.options import LIVE
 from rorg.model.units import stamp
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
@@ -70,7 +71,7 @@ class SimEngine:
     """Calls happen at once when they are made; how long one would take is asked first, with latency()."""
 
     name = "sim"
-    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+    capabilities = Capabilities()
     local, address = False, ""
     """Nothing of this machine is a sim container's."""
 

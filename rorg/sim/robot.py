@@ -8,18 +8,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from rorg.core.cache import Cache
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.found_objects import FoundObjects
-from rorg.core.inputs import Inputs
+from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Start
 from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
-from rorg.core.pressure import Load
 from rorg.core.ros_graph import Graphs
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
@@ -27,6 +25,7 @@ from rorg.engines.execute import failure, perform
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.model.learned import Learned
+from rorg.model.load import Load
 from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
 from rorg.store.requests_document import RequestsDocument
 

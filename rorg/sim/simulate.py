@@ -10,11 +10,12 @@ from math import inf
 
 from rorg.core.decide import Decision
 from rorg.core.observed import Container
-from rorg.core.pressure import Load, pressed
+from rorg.core.pressure import pressed
 from rorg.core.requests import problems
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Request
 from rorg.model.learned import Learned
+from rorg.model.load import Load
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
 from rorg.sim.baseline import everything

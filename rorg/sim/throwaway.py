@@ -172,7 +172,7 @@ class ThrowawayRobot:
                 thread.start()
             for thread in threads:
                 thread.join()
-            if self.engine.name == "docker" and self._builder:
+            if self.engine.capabilities.images and self._builder:
                 self._builder.remove(self._new_images[::-1])
         except RorgError as error:
             say(f"not everything could be removed: {error}")

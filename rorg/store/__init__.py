@@ -1,1 +1,1 @@
-"""What outlives the process: the requests file, the lock, the journal, the published status."""
+"""What survives the process: the requests file, the lock, the journal, the published status."""

@@ -1,5 +1,5 @@
-"""Durable changes of the requests file for many callers: those that wait at the same time share one write and fsync,
-and callers have turns, so that nobody's changes wait for all of another's."""
+"""Makes durable changes of the requests file for many callers. Changes that wait at the same time share one write and
+fsync, and callers take turns, so that none waits for all changes of another."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ PATIENCE = 5.0
 MOST_AT_ONCE = 256
 """Changes that share one write."""
 MOST_OF_ONE = 16
-"""Of them, those of one caller."""
+"""Of these, changes of one caller."""
 
 Edit = Callable[[RequestsDocument], RequestsDocument]
-"""From what is asked now to what is asked then; raises RorgError to refuse, and then nothing of it is done."""
+"""Returns the changed document; raises RorgError to refuse, and then changes nothing."""
 
 
 def _told(error: Exception) -> Exception:
@@ -33,7 +33,7 @@ Entry = tuple[Edit, Future[int]]
 
 
 class Turns:
-    """What waits, by caller: each caller's in the order in which it came, one of each in turn."""
+    """Waiting changes by caller: in order for each caller, and one of each caller in turn."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, deque[Entry]] = {}
@@ -45,7 +45,7 @@ class Turns:
         self._waiting.setdefault(caller, deque()).append(entry)
 
     def take(self) -> list[Entry]:
-        """What is to be done together. Who had the last turn is the last one the next time."""
+        """Return the changes of the next write. The caller that had the last turn comes last next time."""
         found: list[Entry] = []
         for _ in range(MOST_OF_ONE):
             for caller in list(self._waiting)[: MOST_AT_ONCE - len(found)]:
@@ -57,11 +57,10 @@ class Turns:
 
 
 class Committer:
-    """A thread that applies edits, each caller's in the order in which they came."""
+    """A thread that applies edits, those of each caller in their order."""
 
     def __init__(self, file: RequestsFile, changed: Callable[[bool], int]) -> None:
-        """`changed` is told of every write that is on the disk, whether it changed anything, and gives the generation
-        of it."""
+        """`changed` is called after every write with whether anything changed, and returns the generation."""
         self.file, self.changed = file, changed
         self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
@@ -70,7 +69,7 @@ class Committer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends when what was submitted before is done."""
+        """End when everything submitted before is done."""
         with self._news:
             self._stopped = True
             self._news.notify()
@@ -78,8 +77,8 @@ class Committer:
             self._thread.join(PATIENCE)
 
     def submit(self, edit: Edit, caller: str = "") -> Future[int]:
-        """The future has the change's generation once the disk has it, or the error with which it was refused. It
-        cannot be cancelled: a submitted change is made whether or not its caller still waits."""
+        """Return a future of the change's generation, set once the change is on the disk, or of the error that refused
+        it. It cannot be cancelled: a submitted change is made even if its caller stops waiting."""
         future: Future[int] = Future()
         future.set_running_or_notify_cancel()
         with self._news:
@@ -95,7 +94,7 @@ class Committer:
             self._commit(batch)
 
     def _next(self) -> list[Entry]:
-        """What is to be done now; nothing at the end."""
+        """The next changes; none at the end."""
         with self._news:
             self._news.wait_for(lambda: self._turns or self._stopped)
             return self._turns.take()
@@ -116,7 +115,7 @@ class Committer:
             after = self.file.change(apply, notify=False)
         except Exception as error:
             if len(batch) > 1:
-                for entry in batch:  # what one of them spoils is not the others' fault
+                for entry in batch:  # one broken change must not affect the others
                     self._commit([entry])
                 return
             batch[0][1].set_exception(_told(error))

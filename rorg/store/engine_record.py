@@ -1,5 +1,5 @@
-"""Which engine the containers of a state directory are on. On another one rorg would not see them: they would run on,
-and nothing would manage them."""
+"""Records which engine the containers of a state directory are on. From another engine rorg would not see them: they
+would run on, and nothing would manage them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class EngineRecord(NamedTuple):
 
 
 def read_engine(state: StateDir) -> EngineRecord | None:
-    """The engine on which this robot has containers; None if there are none. A robot of an rorg that kept no record
-    has what that rorg published last."""
+    """The engine on which this robot has containers; None if there are none. If an older rorg kept no record, what it
+    published last tells."""
     found = read_json(state.path / NAME)
     if found and isinstance(found.get("name"), str) and isinstance(found.get("address"), str):
         return EngineRecord(found["name"], found["address"])
@@ -46,7 +46,7 @@ def read_engine(state: StateDir) -> EngineRecord | None:
 
 
 def record_engine(state: StateDir, engine: EngineRecord) -> None:
-    """Notes, durably, where the containers of this robot are. Raises OSError."""
+    """Record, durably, where the containers of this robot are. Raises OSError."""
     if read_json(state.path / NAME) != engine._asdict():
         write_atomic(state.path / NAME, json.dumps(engine._asdict()) + "\n")
 
@@ -59,12 +59,12 @@ def check_engine(state: StateDir, engine: EngineRecord) -> None:
     there = f"DOCKER_HOST={known.address} " if known.address else ""
     raise Refused(
         f"use {engine} for {state.path}",
-        f"its containers are on {known}, and would run on there with nobody to manage them",
+        f"its containers are on {known}, and would run on there unmanaged",
         f"`{there}rorg down --engine {known.name}` first, or another --state-dir; "
         f"if that engine no longer exists, remove {state.path / NAME}",
     )
 
 
 def _real(address: str) -> str:
-    """One spelling for all paths of a socket."""
+    """The same text for all paths of a socket."""
     return UNIX + os.path.realpath(address.removeprefix(UNIX)) if address.startswith(UNIX) else address

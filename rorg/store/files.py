@@ -1,4 +1,4 @@
-"""Files that are either as before or as meant, whatever is killed when; and as private as meant, whatever the umask."""
+"""Files that are either old or new, whenever a process is killed, and private with every umask."""
 
 from __future__ import annotations
 
@@ -14,37 +14,39 @@ from pathlib import Path
 from rorg.regular_file import read_regular
 
 LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]{8}")
-"""The name of a file on its way to its place."""
+"""The name of a file that is not in its place yet."""
 PRIVATE = 0o640
-"""The mode of what rorg keeps for itself: for its user, and for a group that somebody gives the file to."""
+"""The mode of rorg's own files: for its user, and for a group that someone may give the file to."""
 MOST = 64 << 20
 """Bytes of a file of the state directory. The largest, of a robot with a thousand services, have some 2 MiB."""
 
 
 def read_state(path: Path) -> str:
-    """The text of a file of the state directory, whoever has put what into its place; what is not UTF-8 is replaced.
+    """The text of a file of the state directory, which anyone may have put there; bytes that are not UTF-8 are
+    replaced.
 
-    Raises OSError, whose `strerror` says why not: no such file, no regular file, too large."""
+    Raises OSError, whose `strerror` gives the reason: no such file, not a regular file, too large.
+    """
     return read_regular(path, MOST).decode("utf-8", errors="replace")
 
 
 def open_private(path: Path, flags: int) -> int:
-    """A descriptor of a file that is made where it is not there, private by whomever it was made. Raises OSError, also
-    for what is no regular file: to open a pipe would wait for a reader."""
+    """Open a file that is created if it is missing, and make it private in any case. Raises OSError, also if it is not
+    a regular file: opening a pipe would wait for a reader."""
     descriptor = regular(path, flags | os.O_CREAT)
     _set_mode(descriptor, PRIVATE)
     return descriptor
 
 
 def _set_mode(file: int | Path, mode: int) -> None:
-    """Whatever the umask made of it. Another user's files stay as they are, and so does a disk that knows no modes."""
+    """Independent of the umask. Files of other users stay as they are, and so do disks without modes."""
     with contextlib.suppress(PermissionError):
         os.chmod(file, mode)
 
 
 def make_directory(path: Path, mode: int = 0o750) -> None:
-    """Makes a directory of this mode, and those above it, which everybody may enter. One that is there stays as it is:
-    it is of whoever made it. Raises OSError."""
+    """Make a directory with this mode, and those above it, which all users may enter. An existing one stays unchanged,
+    because it belongs to its creator. Raises OSError."""
     if path.is_dir():
         return
     make_directory(path.parent, 0o755)
@@ -60,8 +62,8 @@ def make_directory(path: Path, mode: int = 0o750) -> None:
 def write_atomic(
     path: Path, text: str, durable: bool = True, mode: int = PRIVATE, owner: tuple[int, int] | None = None
 ) -> None:
-    """Replaces a file in one step. `durable` also waits until the disk has it (file and directory). `owner`: a user
-    and a group, for whoever may give files away; without, the file is ours."""
+    """Replace a file in one step. `durable` also waits until the disk has it (file and directory). `owner`: a user and
+    a group, if this process may give files away; by default the file is ours."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
     try:
@@ -87,8 +89,8 @@ def write_atomic(
 
 
 def clear_leftovers(directory: Path) -> None:
-    """Removes what a killed write_atomic() left in a directory. The process of such a file is in its name; what is of
-    our own number is from before we began."""
+    """Remove what a killed write_atomic() left in a directory. Names of such files contain the process; our own number
+    there is of an earlier process."""
     for path in directory.glob(".*"):
         found = LEFTOVER.fullmatch(path.name)
         if found and (int(found[1]) == os.getpid() or not os.path.exists(f"/proc/{found[1]}")):
@@ -96,7 +98,7 @@ def clear_leftovers(directory: Path) -> None:
 
 
 def regular(path: Path, flags: int) -> int:
-    """A descriptor of a regular file. Raises OSError."""
+    """Open a regular file. Raises OSError."""
     descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, PRIVATE)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
@@ -106,7 +108,7 @@ def regular(path: Path, flags: int) -> int:
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Holds a lock file while the block runs; waits for others. The kernel gives it back when the holder dies."""
+    """Hold a lock file during the block; wait for others. The kernel releases it when the holder dies."""
     descriptor = open_private(path, os.O_RDWR)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)

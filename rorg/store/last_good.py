@@ -1,4 +1,4 @@
-"""What the last good tree declared, so that a rorg that begins anew knows what has gone from it."""
+"""Keeps what the last good tree declared, so that the next rorg knows what has been removed from it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rorg.core.former import Former, Kept
 from rorg.model.catalog import Catalog, Group, Idle, Probe, Request, Service, Updating
 from rorg.model.diagnostics import Where
+from rorg.model.former import Former, Kept
 from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 def write_kept(folder: Path, kept: Kept) -> None:
-    """Only its owner may read it: there are values of the environment in it."""
+    """Only the owner may read the file: it has values of the environment."""
     if kept.catalog is None:
         return
     former = [
@@ -35,8 +35,8 @@ def write_kept(folder: Path, kept: Kept) -> None:
 
 
 def read_kept(folder: Path) -> Kept:
-    """What was written last: nothing where the file is not as it was written. What cannot be understood of it, by
-    whatever rorg it was written, is passed over."""
+    """The last written content; nothing if the file was damaged. Entries that this version does not understand are
+    ignored."""
     try:
         content = read_json(folder / NAME) or {}
         if content.pop("digest", "") != _digest(content):
@@ -51,7 +51,7 @@ def read_kept(folder: Path) -> Kept:
 
 
 def _digest(content: Mapping[str, Any]) -> str:
-    """Tells a file that was spoilt, in whichever of its values."""
+    """Detects damage anywhere in the file."""
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 

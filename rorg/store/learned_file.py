@@ -1,4 +1,4 @@
-"""What was learnt of requests, in a file of the state directory: `learned.json`."""
+"""The file `learned.json` of the state directory: what was learned about requests."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from rorg.store.files import read_state, write_atomic
 
 NAME = "learned.json"
 VERSION = 1
-"""Of the form of the file. One of another form is passed over: what is in it is learnt anew."""
+"""Of the file's format. Another format is ignored: rorg learns it again."""
 
 
 def write_learned(folder: Path, learned: Learned) -> None:
-    """Not waiting for the disk: what is lost with the power is learnt again. Raises OSError."""
+    """Does not wait for the disk: what is lost with the power is learned again. Raises OSError."""
     departures = {
         requester: [{"asked": names, "departures": [[d.after, d.to] for d in ways]} for names, ways in states.items()]
         for requester, states in learned.departures.items()
@@ -25,7 +25,7 @@ def write_learned(folder: Path, learned: Learned) -> None:
 
 
 def read_learned(folder: Path) -> Learned | None:
-    """What was written last; None where there is nothing that can be understood."""
+    """What was written last; None if there is nothing that can be understood."""
     try:
         content = json.loads(read_state(folder / NAME))
         if content["version"] != VERSION:

@@ -1,9 +1,9 @@
-"""One rorg at a time manages the containers of an owner id, also if somebody has copied the state directory.
+"""Lets only one rorg at a time manage the containers of an owner id, even if someone has copied the state directory.
 
 The lock is a file named by the owner id, outside of every state directory, with flock: the kernel releases it when its
-holder dies, and nothing stale is ever in the way. An abstract socket would do the same without a file, but any service
-on the host's network could take its name and keep rorg from starting again. rorg in a container shares the lock with
-the host if it has /run/rorg mounted, as the documentation says. Two machines that use one engine do not share it.
+holder dies, so no stale lock is ever left. An abstract socket would do the same without a file, but any service on the
+host's network could take its name and keep rorg from starting. rorg in a container shares the lock with the host if it
+has /run/rorg mounted, as the documentation says. Two machines that use one engine do not share it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rorg.store.files import make_directory, open_private, read_state
 
 
 class Held(Exception):
-    """Another rorg holds the lock; `about` is what it has said of itself."""
+    """Another rorg holds the lock; `about` is its own description."""
 
     def __init__(self, about: Mapping[str, Any]) -> None:
         super().__init__("held")
@@ -29,10 +29,10 @@ class Held(Exception):
 
 
 class OwnerLock:
-    """The lock of one owner id, held from the beginning on."""
+    """The lock of one owner id, held from construction on."""
 
     def __init__(self, owner: str, about: Mapping[str, Any]) -> None:
-        """Raises Held, and OSError if no lock can be had here."""
+        """Raises Held, and OSError if locking is not possible here."""
         self._path = _folder() / owner
         self._descriptor = self._take()
         os.truncate(self._descriptor, 0)
@@ -61,7 +61,7 @@ class OwnerLock:
 
 
 def _folder() -> Path:
-    """The same one for every rorg of this user, whatever the environment says. Raises OSError."""
+    """The same folder for every rorg of this user, whatever the environment. Raises OSError."""
     user = os.geteuid()
     if user == 0:
         found = Path("/run/rorg/owners")

@@ -1,4 +1,4 @@
-"""What a robot is asked for, as a value: the content of the requests file."""
+"""The content of the requests file, as a value: what a robot is asked to run."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ class RequestsDocument:
 
     requests: tuple[Request, ...] = ()
     restarts: Mapping[str, str] = field(default_factory=dict)
-    """Service -> when its restart was asked for, ISO 8601 in UTC."""
+    """Service -> when its restart was requested, ISO 8601 in UTC."""
     holds: Mapping[str, Hold] = field(default_factory=dict)
     """Service -> until when it must not be active."""
     suspended: Hold | None = None
     removals: tuple[str, ...] = ()
-    """What is not declared any more, and confirmed to be removed."""
+    """Undeclared services, networks and volumes whose removal is confirmed."""
     down: bool = False
-    """The robot is taken down: everything is ceased and removed, and then rorg ends."""
+    """The robot is taken down: everything is stopped and removed, then rorg ends."""
     down_since: str = ""
-    """When all of it was gone, ISO 8601 in UTC; empty before. From then on it stays down until somebody runs it."""
+    """When everything was gone, ISO 8601 in UTC; empty before. From then on it stays down until a person runs it."""
     purge: bool = False
-    """Volumes of the robot go with it, with all that is in them."""
+    """The robot's volumes are removed too, with all data."""
     retries: Mapping[str, str] = field(default_factory=dict)
-    """Service -> when it was asked for that what failed of it be tried again, as `restarts`."""
+    """Service -> when another try of its failed change was requested, as `restarts`."""
 
     def put(self, request: Request) -> RequestsDocument:
-        """With this request, in place of the one with the same requester and id."""
+        """With this request, which replaces the one with the same requester and id."""
         if all(r.key != request.key for r in self.requests):
             return replace(self, requests=(*self.requests, request))
-        # In its place: who came first is served first, however often it is renewed.
+        # In its old place: the first request is served first, however often it is renewed.
         return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
 
     def up(self) -> RequestsDocument:
-        """Of a robot that is not down any more."""
+        """As of a robot that is no longer down."""
         return replace(self, down=False, down_since="", purge=False)
 
     def without(self, keys: set[tuple[str, str]]) -> RequestsDocument:

@@ -1,4 +1,4 @@
-"""The requests file, under its lock: read when it changed, changed in one step, durably."""
+"""The requests file: read when it has changed, and changed under a lock, in one step, durably."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
 
 SPARE = ".requests.last-good.yaml"
-"""What counts while the file is broken, also over a restart of rorg."""
+"""The content that counts while the file is broken, even after a restart of rorg."""
 
 
 class RequestsFile:
-    """Reads the file when it changed, and changes it under a lock, in one step, with fsync."""
+    """Reads the file when it has changed, and changes it under a lock, in one step, with fsync."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -25,12 +25,12 @@ class RequestsFile:
         self.document = RequestsDocument()
         """The last good content."""
         self.good = False
-        """Whether any content was good yet."""
+        """Whether any content has been good yet."""
         self.diagnostics: list[Diagnostic] = []
-        """What is wrong with the content of now; the last good one counts meanwhile."""
+        """The errors of the current content; the last good one counts meanwhile."""
 
     def read(self) -> bool:
-        """Looks at the file; True when its good content is new. What cannot be read is looked at each time."""
+        """Look at the file; return whether it has new good content. A file that cannot be read is tried each time."""
         stamp = self._now()
         if stamp is not None and stamp == self._stamp:
             return False
@@ -43,8 +43,8 @@ class RequestsFile:
         return changed
 
     def now(self) -> RequestsDocument:
-        """What the file says at this moment, read again only where somebody else has changed it; the last good content
-        while it is broken."""
+        """The current content, read again only if someone else has changed the file; the last good content while it is
+        broken."""
         if self._now() == self._stamp:
             return self.document
         other = RequestsFile(self.path)
@@ -52,7 +52,7 @@ class RequestsFile:
         return other.document if other.good else self.document
 
     def keep(self) -> None:
-        """While the file is broken, its last good content lies beside it, so that a restart of rorg forgets nothing."""
+        """While the file is broken, keep its last good content beside it, so that a restart of rorg forgets nothing."""
         spare = self.path.with_name(SPARE)
         if not self.diagnostics:
             spare.unlink(missing_ok=True)
@@ -64,7 +64,7 @@ class RequestsFile:
                 self.document, self.good = document, True
 
     def _now(self) -> tuple[int, ...] | None:
-        """Changes with every version of the file; None where it cannot be looked at."""
+        """A value that changes with every version of the file; None if it cannot be looked at."""
         try:
             stat = self.path.stat()
         except FileNotFoundError:
@@ -74,8 +74,8 @@ class RequestsFile:
         return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
     def change(self, edit: Callable[[RequestsDocument], RequestsDocument], notify: bool = True) -> RequestsDocument:
-        """Applies `edit` to what the file says now and replaces it. Raises Invalid on a broken file, which a person
-        has to mend first: their edit must not be lost. Without `notify` the caller tells the loop itself."""
+        """Apply `edit` to the current content and replace the file. Raises Invalid if the file is broken: a person must
+        fix it first, so that their edit is not lost. Without `notify` the caller tells the loop itself."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
@@ -91,8 +91,8 @@ class RequestsFile:
 
 
 def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], bool]:
-    """What a requests file asks for, nothing where there is none, and what is wrong with it; and whether it could be
-    read. Whatever somebody put there, the robot goes on."""
+    """Return the content (empty without a file), its errors, and whether the file could be read. Whatever its content,
+    the robot goes on."""
     try:
         text = read_state(path)
     except FileNotFoundError:

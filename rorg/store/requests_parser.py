@@ -1,4 +1,4 @@
-"""The requests file's text: read with places for every mistake, and written so that it is read back as it was."""
+"""Parses the requests file, with a place for every mistake, and renders it so that it reads back the same."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from rorg.model.units import format_duration, parse_lease, parse_time, stamp
 from rorg.store.requests_document import RequestsDocument
 
 HEADER = """\
-# What this robot is asked to run. rorg reads it at once after every change; a mistake keeps the last good version.
-# requests: id (chosen by the requester), requester, services; `incarnation` binds it to one run of the requester
-# (leave it out: rorg fills it in); `ttl` is a lease, renewed by another `renewed`. restarts: when a restart of a
-# service was asked for. retries: when another try of a change of it that failed was. holds: services that must not be
-# active until a time. suspended: nothing is changed until then.
-# removals: what a person has confirmed to be removed, though a request, a need or a group named it. down: true while
-# everything is removed, whatever else is said here; a time once it is gone, until somebody runs the robot again.
+# What this robot is asked to run. rorg reads the file after every change; after a mistake the last good version counts.
+# requests: id (chosen by the requester), requester, services, and optionally `incarnation` (the run of the requester
+# that it is bound to, which rorg fills in) and `ttl` (a lease, which a new time in `renewed` extends).
+# restarts, retries: when a restart of a service, or another try of its failed change, was requested.
+# holds: services that must not be active until a time. suspended: rorg changes nothing until then.
+# removals: undeclared services whose removal a person has confirmed, though something still names them.
+# down: true while everything is removed, despite all requests; then a time, until a person runs the robot again.
 """
 PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./@ -]*(?<! )")
-"""Text that needs no quotes, unless the dumper knows better. Everything else gets them: dumper and reader do not agree
-on what else a number, a time or a truth value looks like."""
+"""Text without quotes, unless the dumper quotes it. Everything else is quoted, because dumper and reader disagree about
+what else looks like a number, a time or a truth value."""
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
@@ -44,7 +44,7 @@ _KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "d
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
-    """The content of a requests file, or everything that is wrong with it, with places."""
+    """Return the content of a requests file, or everything that is wrong with it, with places."""
     if not any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines()):
         return RequestsDocument(), []
     document, diagnostics = read_yaml(text, file, nul=True)
@@ -207,7 +207,8 @@ def render(document: RequestsDocument) -> str:
 
 @lru_cache(maxsize=1024)
 def _entry(request: Request) -> str:
-    """The text of one request, in a list that is not indented. A change of one does not write all others anew."""
+    """The text of one request, in a list without indentation. Cached, so that a change of one does not render all
+    others again."""
     entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
     if request.reason:
         entry["reason"] = request.reason

@@ -1,4 +1,4 @@
-"""The state directory: who owns this robot, and where things lie in it."""
+"""The state directory: who owns this robot, and where its files are."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ INSTANCE = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}"
 
 
 def default_state_dir() -> Path:
-    """/var/lib/rorg for root; below XDG_STATE_HOME (or ~/.local/state) for everybody else."""
+    """/var/lib/rorg for root; for other users below XDG_STATE_HOME (by default ~/.local/state)."""
     if os.geteuid() == 0:
         return MACHINE
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "rorg"
 
 
 class StateDir:
-    """One state directory is one robot: its containers carry its instance id, and one rorg at a time owns it."""
+    """A state directory is one robot: its containers carry its instance id, and one rorg at a time owns it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -37,15 +37,15 @@ class StateDir:
         self._owner_lock: OwnerLock | None = None
 
     def prepare(self) -> StateDir:
-        """Creates the directory. Raises Invalid when that is not allowed."""
+        """Create the directory. Raises Invalid if that is not allowed."""
         with self.usable():
             make_directory(self.path)
         return self
 
     @contextlib.contextmanager
     def usable(self) -> Iterator[None]:
-        """What the disk refuses in the block, and what lies there in the place of something else, is told as Invalid,
-        with its path."""
+        """Turn what the disk refuses in the block, or something else in the place of a file, into Invalid, with the
+        path."""
         try:
             yield
         except OSError as error:
@@ -65,7 +65,7 @@ class StateDir:
 
     @property
     def manifest_change(self) -> Path:
-        """The change of a manifest that is being carried out."""
+        """The change of a manifest that is being made."""
         return self.path / "manifest-change.json"
 
     @property
@@ -79,20 +79,21 @@ class StateDir:
 
     @property
     def homes(self) -> Path:
-        """Homes of those who develop in containers. They are theirs, also when the robot is taken down."""
+        """Home directories in dev containers. They belong to their users, and stay when the robot is taken down."""
         return self.path / "dev"
 
     @property
     def run(self) -> Path:
-        """Where rorg's sockets are: RORG_RUN_DIR; else /run/rorg for the machine's robot, `run` in here for others."""
+        """Directory of rorg's sockets: RORG_RUN_DIR; by default /run/rorg for the machine's robot, otherwise `run` in
+        here."""
         given = os.environ.get("RORG_RUN_DIR")
         if given:
             return Path(given)
         return Path("/run/rorg") if self.path == MACHINE else self.path.resolve() / "run"
 
     def instance(self, make_id: Callable[[], str] = lambda: uuid.uuid4().hex) -> str:
-        """The instance id, made by `make_id()` the first time. Raises Invalid for one that cannot be read: with another
-        one this robot's containers would be a stranger's."""
+        """The instance id, made by `make_id()` the first time. Raises Invalid if it cannot be read: with a new one rorg
+        would not recognize this robot's containers."""
         path = self.prepare().path / "instance"
         with self.usable(), locked(self.path / "instance.lock"):
             if not os.path.lexists(path):
@@ -100,14 +101,14 @@ class StateDir:
             found = read_state(path).strip()
         if not re.fullmatch(INSTANCE, found):
             raise Invalid(
-                f"tell which robot {self.path} is",
+                f"identify the robot of {self.path}",
                 f"{path} holds no id",
                 "writing there what the containers of this robot have in their label rorg.io/owner",
             )
         return found
 
     def acquire(self, what: str) -> None:
-        """Becomes the owner, or raises Refused with the one who is. Freed by release() and by the owner's death."""
+        """Become the owner, or raise Refused that names the owner. Ends with release() or with the owner's death."""
         instance = self.instance()
         with self.usable():
             descriptor = open_private(self.path / "lock", os.O_RDWR)
@@ -141,12 +142,12 @@ class StateDir:
                 f"{other.get('state', 'another state directory')}: one of these directories is a copy of the other",
                 "stopping that one first, or another --state-dir for another robot",
             ) from None
-        except OSError:  # no lock can be had here: that must not stop a robot
+        except OSError:  # no lock is possible here, which must not stop a robot
             return
 
     @property
     def held(self) -> bool:
-        """Whether we own it ourselves."""
+        """Whether this process owns it."""
         return self._lock is not None
 
     def release(self) -> None:
@@ -159,7 +160,7 @@ class StateDir:
 
     @property
     def readable(self) -> bool:
-        """Whether this user can tell who owns it: also where it is not there, and nobody does."""
+        """Whether this user can tell who owns it; also if it is missing, and so has no owner."""
         try:
             os.close(os.open(self.path / "lock", os.O_RDONLY | os.O_CLOEXEC))
         except PermissionError:
@@ -169,7 +170,7 @@ class StateDir:
         return True
 
     def owner(self) -> dict[str, Any] | None:
-        """Who owns it now: {pid, what}; None when nobody does."""
+        """The current owner, {pid, what}; None if there is none."""
         try:
             descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CLOEXEC)
         except OSError:
@@ -184,7 +185,7 @@ class StateDir:
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """The object in a JSON file, or None when it is not there or not whole."""
+    """The object in a JSON file, or None if it is missing or not complete."""
     try:
         value = json.loads(read_state(path))
     except (OSError, ValueError, RecursionError):

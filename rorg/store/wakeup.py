@@ -1,7 +1,7 @@
-"""A wakeup socket beside the requests file: whoever changes it notifies the loop, which need not wait for its file
-watcher.
+"""A socket beside the requests file: a command that changes the file notifies the loop, which then need not wait for
+its file watcher.
 
-A notification says nothing, and a lost one loses nothing: the file is watched anyway.
+A notification has no content, and a lost one does no harm, because the file is watched too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ NAME = "wakeup"
 
 @contextlib.contextmanager
 def _address(directory: Path) -> Iterator[str]:
-    """The socket's address by way of an open directory: a path of its own may be longer than the 107 bytes allowed."""
+    """The socket's address through an open directory: its own path may be longer than the allowed 107 bytes."""
     descriptor = os.open(directory, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         yield f"/proc/self/fd/{descriptor}/{NAME}"
@@ -27,7 +27,7 @@ def _address(directory: Path) -> Iterator[str]:
 
 
 def notify(directory: Path) -> None:
-    """Notifies the loop, if it listens."""
+    """Notify the loop, if it listens."""
     with (
         contextlib.suppress(OSError),
         _address(directory) as address,
@@ -45,8 +45,8 @@ class Wakeup:
         self._stopped = False
 
     def start(self) -> None:
-        """Takes the place of a socket that a killed loop left behind: the caller owns the state directory. Where there
-        is something else, nobody is heard, and the file watcher must do."""
+        """Replace a socket that a killed loop left; the caller owns the state directory. If something else is there,
+        nothing is received, and the file watcher must do."""
         try:
             (self.directory / NAME).unlink(missing_ok=True)
             with _address(self.directory) as address:

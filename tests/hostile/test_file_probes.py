@@ -10,7 +10,7 @@ import time
 import pytest
 from conftest import wait_for
 
-from rorg.host.inside import MOST_DEPTH, modified
+from rorg.host.container_root import MOST_DEPTH, modified
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ from typing import Any
 import psutil
 
 from rorg.daemon.wiring import make_tree
-from rorg.errors import Invalid, RorgError
+from rorg.engines.make import available_engine
+from rorg.errors import Invalid
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog
 from rorg.sim.throwaway import ThrowawayRobot
@@ -25,12 +26,7 @@ def choose_engine(asked: str | None) -> tuple[str, str]:
     """(engine, why): what was asked for, else Docker when it answers, else processes."""
     if asked:
         return asked, "as asked for"
-    from rorg.engines.docker.engine import DockerEngine
-
-    try:
-        return "docker", f"Docker {DockerEngine('demo').ping()} answers"
-    except RorgError as error:
-        return "process", f"Docker does not answer: {error.why}"
+    return available_engine("demo")
 
 
 class DemoRobot(ThrowawayRobot):

@@ -1,4 +1,4 @@
-"""What the engine answers, read up to a size: an engine that never comes to an end takes no memory from the robot."""
+"""Reads the engine's answers up to a size, so that an endless answer does not take the robot's memory."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ MOST_ANSWER = 32 << 20
 MOST_LINE = 4 << 20
 """Bytes of one line in a stream of JSON."""
 MOST_ERROR = 16 << 10
-"""Bytes of an error message; the rest is left out."""
+"""Bytes of an error message; the rest is cut."""
 
 
 class Excessive(HTTPException):
-    """The engine answers with more than rorg reads."""
+    """The answer is longer than rorg reads."""
 
 
 def whole(answer: HTTPResponse, host: str) -> bytes:
-    """All of an answer. Raises Excessive."""
+    """The whole answer. Raises Excessive."""
     text = answer.read(MOST_ANSWER + 1)
     _check("an answer", len(text), MOST_ANSWER, host)
     return text
 
 
 def lines(answer: HTTPResponse, host: str, most: int | None = None) -> Iterator[bytes]:
-    """Each line as it comes; `most`: bytes of all lines, if the answer has an end. Raises Excessive."""
+    """Each line as it comes; `most`: bytes of all lines together, for an answer that ends. Raises Excessive."""
     taken = 0
     while line := answer.readline(MOST_LINE + 1):
         taken += len(line)
@@ -37,7 +37,7 @@ def lines(answer: HTTPResponse, host: str, most: int | None = None) -> Iterator[
 
 
 def refusal_text(answer: HTTPResponse) -> str:
-    """Why the engine says no."""
+    """Why the engine refuses."""
     said = answer.read(MOST_ERROR)
     try:
         return str(from_json(said)["message"])
@@ -46,7 +46,7 @@ def refusal_text(answer: HTTPResponse) -> str:
 
 
 def from_json(text: bytes) -> Any:
-    """What the engine says in JSON. Raises ValueError."""
+    """Parse JSON of the engine. Raises ValueError."""
     try:
         return json.loads(text)
     except RecursionError as error:

@@ -1,5 +1,5 @@
-"""Files in and out of a container, by the engine's archives. What comes out is not trusted: nothing is written beside
-the place that was named."""
+"""Copies files into and out of a container by the engine's archives. An archive from a container is not trusted:
+nothing is written outside of the named place."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from rorg.engines.places import place_of, refused
 from rorg.errors import Invalid
 
 DIRECTORY, LINK = 1 << 31, 1 << 27
-"""Bits of a mode, as Go has them."""
+"""Bits of a mode, as in Go."""
 NEVER = stat.S_ISUID | stat.S_ISGID | stat.S_ISVTX
-"""Bits of a mode that are not taken out of a container: who it is of is another one then."""
+"""Bits of a mode that are dropped when a file leaves a container, because its owner changes."""
 
 
 class Inside(NamedTuple):
@@ -46,8 +46,8 @@ def fetch(client: Client, container: str, path: str, place: Path) -> None:
 
 
 def unpack(archive: tarfile.TarFile, target: Path, directory: bool) -> None:
-    """The first entry of an archive becomes `target`, all others are below it. Raises TarError for what leads out of
-    it, and OSError."""
+    """Unpack the first entry as `target`, and all others below it. Raises TarError for entries that lead out of it, and
+    OSError."""
     folder, first = (target, ".") if directory else (Path(target.resolve().parent), target.resolve().name)
     root: list[str] = []
 
@@ -87,12 +87,12 @@ def put(client: Client, container: str, source: Path, path: str) -> None:
 
 
 def _of_root(member: tarfile.TarInfo) -> tarfile.TarInfo:
-    """Users of this machine mean nothing inside."""
+    """Users of this machine have no meaning inside."""
     return member.replace(uid=0, gid=0, uname="", gname="", deep=False)
 
 
 def _absolute(client: Client, container: str, path: str) -> str:
-    """A path inside; others begin at the working directory."""
+    """An absolute path inside; relative ones begin at the working directory."""
     if path.startswith("/"):
         return path
     folder = client.get(f"/containers/{container}/json")["Config"].get("WorkingDir") or "/"
@@ -100,7 +100,7 @@ def _absolute(client: Client, container: str, path: str) -> str:
 
 
 def _look(client: Client, container: str, path: str) -> Inside | None:
-    """What is there, without what it leads to; None where nothing is."""
+    """What is at a path, with a link followed; None if there is nothing."""
     place = posixpath.normpath(_absolute(client, container, path))
     found = _stat(client, container, place)
     if found and found["mode"] & LINK and found["linkTarget"]:

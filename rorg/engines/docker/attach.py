@@ -1,4 +1,4 @@
-"""A command in a container, with the standard input and outputs of this process: for people and for pipes."""
+"""Runs a command in a container with the standard input and outputs of this process: for people and for pipes."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rorg.engines.docker.exec import MARK, STARTING, end, inspect
 from rorg.engines.docker.frames import STDERR, STDOUT, Frames
 
 LOOK = 0.25
-"""Seconds between two looks at how large our terminal is."""
+"""Seconds between two checks of the size of our terminal."""
 NO_PROGRAM = re.compile(r"executable file not found|no such file or directory", re.I)
 FAILED = b"OCI runtime exec failed"
-"""How begins what an engine such as Docker 20 says in the place of the command's output."""
+"""How the message begins that engines such as Docker 20 send instead of the command's output."""
 NOT_FOUND = 127
-"""The exit code for a program that is not there, as shells have it."""
+"""The exit code for a missing program, as of shells."""
 PIPE = 128 + signal.SIGPIPE
-"""The exit code of a program whose output nobody reads, likewise."""
+"""The exit code of a program whose reader has gone, as of shells."""
 
 
 class _NobodyReads(Exception):
-    """Whoever read our output has gone."""
+    """The reader of our output has gone."""
 
 
 def attach(
@@ -42,7 +42,7 @@ def attach(
     local: bool,
     folder: str | None = None,
 ) -> int:
-    """See Access.attach. `folder`: where it begins, other than the container's working directory. Raises the client's
+    """See Access.attach. `folder`: where it begins, if not in the container's working directory. Raises the client's
     errors."""
     mark = f"{MARK}={uuid.uuid4().hex}"
     said = {
@@ -62,7 +62,7 @@ def attach(
         if NO_PROGRAM.search(no.text):
             return NOT_FOUND
         raise
-    except (_NobodyReads, KeyboardInterrupt, SystemExit) as why:  # nobody is left whom the command is for
+    except (_NobodyReads, KeyboardInterrupt, SystemExit) as why:  # the command has lost its user
         with contextlib.suppress(OSError, http.client.HTTPException, Refused):
             end(client, container, made, mark, local)
         if isinstance(why, _NobodyReads):
@@ -71,7 +71,8 @@ def attach(
 
 
 def _talk(client: Client, made: str, terminal: bool, stdin: bool) -> str:
-    """Until the command has ended; what the engine said in place of its output where it did not begin."""
+    """Pass input and output on until the command ends. Return what the engine sent instead of output if the command did
+    not start."""
     frames, size, begun, failure = Frames(), _Size(client, made), False, ""
     with client.stream("POST", f"/exec/{made}/start", {"Tty": terminal, "Detach": False}, both_ways=stdin) as stream:
         if stdin:
@@ -90,7 +91,7 @@ def _talk(client: Client, made: str, terminal: bool, stdin: bool) -> str:
 
 
 def _print(output: int, text: bytes) -> None:
-    """Right to our own output of the same number. Raises _NobodyReads."""
+    """Write directly to our own output of the same number. Raises _NobodyReads."""
     try:
         while text:
             text = text[os.write(output, text) :]
@@ -99,7 +100,7 @@ def _print(output: int, text: bytes) -> None:
 
 
 def _pass_on(stream: Stream) -> None:
-    """What comes on standard input, until its end, or that of the command."""
+    """Pass on standard input until it ends, or the command does."""
     with contextlib.suppress(OSError):
         while chunk := os.read(0, CHUNK):
             stream.send(chunk)
@@ -107,7 +108,7 @@ def _pass_on(stream: Stream) -> None:
 
 
 def _exit_code(client: Client, made: str) -> int:
-    """The engine may know it a moment after the output has ended."""
+    """The engine may know it only a moment after the output has ended."""
     deadline = time.monotonic() + STARTING
     while (code := inspect(client, made)["ExitCode"]) is None and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -115,17 +116,17 @@ def _exit_code(client: Client, made: str) -> int:
 
 
 class _Size:
-    """The size of our terminal, as the command's is told."""
+    """Keeps the size of the command's terminal the same as ours."""
 
     def __init__(self, client: Client, made: str) -> None:
         self._client, self._made = client, made
         self._told: os.terminal_size | None = None
 
     def turn(self) -> float:
-        """Tells a new size, and how many seconds to wait until it is looked at again."""
+        """Pass on a new size, and return the seconds until the next check."""
         size = os.get_terminal_size(0)
         if size != self._told:
-            with contextlib.suppress(Refused):  # it has not begun yet, or it has ended
+            with contextlib.suppress(Refused):  # it has not started yet, or it has ended
                 self._client.post(f"/exec/{self._made}/resize", h=size.lines, w=size.columns)
                 self._told = size
         return LOOK
@@ -133,8 +134,8 @@ class _Size:
 
 @contextlib.contextmanager
 def raw_terminal() -> Iterator[None]:
-    """Our terminal passes on every key, Ctrl-C too; it is as before afterwards, also when this process is told to
-    end."""
+    """Put our terminal into raw mode, in which it passes on every key, even Ctrl-C. Restore it afterwards, also when
+    this process receives SIGTERM."""
     import termios
     import tty
 
@@ -143,7 +144,7 @@ def raw_terminal() -> Iterator[None]:
 
     before, handler = termios.tcgetattr(0), signal.signal(signal.SIGTERM, told)
     try:
-        tty.setraw(0, termios.TCSADRAIN)  # what was typed meanwhile goes in, too
+        tty.setraw(0, termios.TCSADRAIN)  # keeps keys that were typed meanwhile
         yield
     finally:
         termios.tcsetattr(0, termios.TCSADRAIN, before)

@@ -1,4 +1,4 @@
-"""Making a container: what one call of create cannot say to an older engine, or only the engine knows."""
+"""Makes a container: the parts that one create call cannot tell an older engine, or that only the engine knows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.volumes import keep_volumes
 
 SEVERAL_NETWORKS = (1, 44)
-"""Version of the API whose create takes more than one network."""
+"""First version of the API whose create call takes more than one network."""
 
 
 def create_container(
@@ -22,9 +22,10 @@ def create_container(
     before: str,
     defaults: Collection[str],
 ) -> str:
-    """Makes a container and returns its id. It gets the unnamed volumes of `before`. Of `defaults`, what its image says
-    itself is left to the image."""
-    body, image = create_body(spec, labels), _image_config(client, spec["image"])
+    """Make a container and return its id. It takes over the unnamed volumes of `before`. An option in `defaults` is
+    left out if the image has its own value."""
+    found = client.find(f"/images/{spec['image']}/json") or {}  # create reports a missing image
+    body, image = create_body(spec, labels), found.get("Config") or {}
     if "stop_signal" in defaults and image.get("StopSignal"):
         body.pop("StopSignal", None)
     keep_volumes(client, body, image.get("Volumes") or {}, before)
@@ -32,7 +33,7 @@ def create_container(
 
 
 def make(client: Client, name: str, body: Body, platform: str | None) -> str:
-    """Makes a container of a whole body and returns its id."""
+    """Make a container from a complete body and return its id."""
     later = _networks_for_later(client, body)
     made = str(client.post("/containers/create", body, name=name, platform=platform)["Id"])
     try:
@@ -44,17 +45,9 @@ def make(client: Client, name: str, body: Body, platform: str | None) -> str:
     return made
 
 
-def _image_config(client: Client, image: str) -> Mapping[str, Any]:
-    try:
-        return client.get(f"/images/{image}/json").get("Config") or {}
-    except Refused as no:
-        if no.status == 404:
-            return {}  # create says so
-        raise
-
-
 def _networks_for_later(client: Client, body: dict[str, Any]) -> dict[str, Any]:
-    """Takes from the body the networks that must be joined after create: all but the first, with an older engine."""
+    """Take from the body the networks that must be joined after the create call: with an older engine, all except the
+    first."""
     endpoints = body.get("NetworkingConfig", {}).get("EndpointsConfig", {})
     if tuple(map(int, client.version.split("."))) >= SEVERAL_NETWORKS:
         return {}

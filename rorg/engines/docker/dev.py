@@ -1,4 +1,4 @@
-"""Containers to develop in, on a Docker engine, beside those of the robot's services."""
+"""Containers to develop in, on a Docker engine, besides those of the robot's services."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import create_body
 from rorg.engines.docker.create import make
 from rorg.engines.docker.engine import DockerEngine
-from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.engines.docker.errors import docker_errors
 from rorg.model.dev import LABEL_DEV, DevContainer, from_row
 
 COMING = ".new"
-"""Behind the name of one that is to take the place of another."""
+"""Suffix of the name of a container that will replace another one."""
 GRACE = 3.0
-"""Seconds that one has to end, with all shells in it."""
+"""Seconds that a container has to end, with all shells in it."""
 
 
 class DevContainers:
-    """Those of one robot. Raises what an engine raises."""
+    """The dev containers of one robot. Raises what an engine raises."""
 
     def __init__(self, engine: DockerEngine) -> None:
         self._engine, self._client = engine, engine.client
@@ -34,23 +34,18 @@ class DevContainers:
         return sorted(found, key=lambda c: c.name)
 
     def image(self, reference: str) -> str:
-        """The id of the image that a reference means; empty where there is none."""
+        """The id of the image that a reference means; empty if there is none."""
         with docker_errors(f"look for {reference}"):
-            try:
-                return str(self._client.get(f"/images/{reference}/json")["Id"])
-            except Refused as no:
-                if no.status == 404:
-                    return ""
-                raise
+            return str((self._client.find(f"/images/{reference}/json") or {}).get("Id", ""))
 
     def make(
         self, name: str, spec: Mapping[str, Any], labels: Mapping[str, str], before: DevContainer | None = None
     ) -> DevContainer:
-        """Makes and starts one, which takes the place of `before` once it runs. Where it does not come to run, nothing
-        is changed. Volumes without a name are its own, and go with it."""
+        """Make and start a container, which replaces `before` once it runs. If it does not start, nothing changes. Its
+        unnamed volumes are its own, and are removed with it."""
         coming = f"{name}{COMING}"
         for left in self.list():
-            if left.name == coming:  # of a command that was killed in the middle
+            if left.name == coming:  # of a command that was killed
                 self.remove(left)
         first = name if before is None else coming
         with docker_errors(f"create {name}"):
@@ -67,7 +62,7 @@ class DevContainers:
         return found
 
     def start(self, found: DevContainer) -> None:
-        """Whatever has become of it, it runs afterwards."""
+        """Make it run, from any state."""
         if found.state == "paused":
             self._engine.resume(found.id)
         elif found.state != "running":
@@ -75,12 +70,12 @@ class DevContainers:
                 self._client.post(f"/containers/{found.id}/start")
 
     def run(self, found: DevContainer, command: Sequence[str], terminal: bool, folder: str) -> int:
-        """Runs a command in it with this process's standard streams; see Access.attach."""
+        """Run a command in it with this process's standard streams; see Access.attach."""
         with docker_errors(f"run {command[0]} in {found.name}"):
             return attach(self._client, found.id, command, terminal, True, self._engine.local, folder)
 
     def remove(self, found: DevContainer) -> None:
-        """Ends it and all that runs in it."""
+        """End it with everything that runs in it."""
         if found.state in ("running", "paused", "restarting"):
             self._engine.stop(found.id, "SIGTERM", GRACE)
         with docker_errors(f"remove {found.name}"):

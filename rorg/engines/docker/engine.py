@@ -1,4 +1,4 @@
-"""The Docker engine, through its HTTP API. Podman's service speaks the same one."""
+"""The Docker engine, through its HTTP API. Podman's service speaks the same API."""
 
 from __future__ import annotations
 
@@ -7,51 +7,48 @@ import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rorg.core.found_objects import FoundObjects
 from rorg.core.observed import LABEL_OWNER, LABEL_STATE, Container, from_labels
-from rorg.engines.docker import archive, log, objects
+from rorg.engines.docker import objects
 from rorg.engines.docker.answers import MOST_ANSWER, from_json
-from rorg.engines.docker.attach import attach
 from rorg.engines.docker.body import Body
-from rorg.engines.docker.client import API_TIMEOUT, Client, engine_host
+from rorg.engines.docker.client import API_TIMEOUT, Client
+from rorg.engines.docker.connect import engine_host
 from rorg.engines.docker.create import create_container
 from rorg.engines.docker.errors import docker_errors
-from rorg.engines.docker.exec import run
 from rorg.engines.docker.images import missing_images
-from rorg.engines.docker.live import update_body
+from rorg.engines.docker.inside import Inside
+from rorg.engines.docker.inspection import read_container
+from rorg.engines.docker.live_options import update_body
+from rorg.engines.docker.owner import name_taken
 from rorg.engines.docker.ping import Pinger
-from rorg.engines.docker.reading import began, read_container
 from rorg.engines.docker.volumes import remove_container
-from rorg.engines.docker.whose import name_taken
-from rorg.engines.log_lines import LogLine, Reading
-from rorg.engines.protocol import NONE, Capabilities, Usage, stop_sequence
+from rorg.engines.protocol import NONE, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
-from rorg.host.cgroups import container_usage
-from rorg.host.commands import Output
-from rorg.host.leftovers import end_processes
+from rorg.host.cgroups import container_usage, end_processes
+from rorg.model.engines import DEFAULT_ENGINE, ENGINES
 from rorg.model.objects import Kind
 
 if TYPE_CHECKING:
     import docker
 
 TOLD = {"pause": "paused", "unpause": "running"}
-"""Events that say all: nothing else of the container changes, so no look at it is needed."""
+"""Events that tell the whole change, so that the container need not be inspected."""
 QUICK = 2.0
 """Seconds for one inspection within a full list."""
 QUIET = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
-"""How events begin that change nothing of what we look at."""
+"""Beginnings of events that change nothing that rorg looks at."""
 LAG = 5.0
-"""Seconds by which events reach those who follow them late, at the most."""
+"""Seconds by which events are late at most."""
 
 
-class DockerEngine:
+class DockerEngine(Inside):
     """Containers of one owner on one Docker engine."""
 
-    name = "docker"
-    capabilities = Capabilities(isolation=True, live_update=True, events="all")
+    name = DEFAULT_ENGINE
+    capabilities = ENGINES[name]
 
     def __init__(self, owner: str, base_url: str | None = None, state: str = "") -> None:
         """`state`: the owner's state directory, for the labels of what it makes."""
@@ -61,13 +58,12 @@ class DockerEngine:
         self.local = self.client.host.startswith(("unix://", "http+unix://"))
 
     def api(self) -> docker.APIClient:
-        """docker-py's client of this engine, for what has to do with images. Not to be shared between threads
-        (docker-py#3229)."""
+        """A docker-py client of this engine, for images. Threads must not share one (docker-py#3229)."""
         import docker
         from docker.utils import kwargs_from_env
 
         with docker_errors("reach the engine"):
-            # With TLS by the same variables as ours.
+            # TLS by the same variables as ours
             options = kwargs_from_env({**os.environ, "DOCKER_HOST": self.client.host})
             return docker.APIClient(**options, version=self.client.version, timeout=int(API_TIMEOUT))
 
@@ -84,7 +80,7 @@ class DockerEngine:
     # -- observing ---------------------------------------------------------------------------------------------
 
     def list(self, known: Mapping[str, Container] = NONE) -> list[Container]:
-        """An inspection of each is what takes long, so of those that are known only the others are inspected."""
+        """Inspecting each container takes long, so known ones without news are not inspected again."""
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
         with docker_errors("list containers"):
             heard = self._heard_lately() if known and self.local else set(known)
@@ -93,7 +89,7 @@ class DockerEngine:
         return [c for c in looked if c is not None]
 
     def _heard_lately(self) -> set[str]:
-        """Containers of which events may be under way to whoever follows them; by the clock of this machine."""
+        """Ids of containers whose events may not have arrived at the observer yet, by the clock of this machine."""
         now, found = time.time(), set()
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
@@ -104,8 +100,8 @@ class DockerEngine:
         return found
 
     def _look(self, row: Mapping[str, Any]) -> Container | None:
-        """One row of the list, inspected. While a start or stop of a container hangs, the engine holds back its
-        inspection too: then the row itself must do, lest one hung container hide all others."""
+        """Inspect one row of the list. While a start or stop of a container hangs, the engine also blocks its
+        inspection: then the row itself must do, so that one hung container does not hide the others."""
         try:
             return self.inspect(row["Id"], QUICK)
         except TimedOut:
@@ -163,7 +159,7 @@ class DockerEngine:
 
     @contextmanager
     def _naming(self, name: str) -> Iterator[None]:
-        """If the name is taken, the error of the block names the rorg whose container has it."""
+        """If the name is taken, say in the error which other rorg has it."""
         try:
             yield
         except EngineError as error:
@@ -175,7 +171,7 @@ class DockerEngine:
         try:
             self._do("start", container)
         except EngineError as error:
-            # It would run beside whatever takes its place.
+            # It would run at the same time as the new one.
             if error.kind != "left_running" or not end_processes(container):
                 raise
             self._do("start", container)
@@ -191,9 +187,9 @@ class DockerEngine:
             self.client.post(f"/containers/{container}/{path or what}", body, **query)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """Signals of a paused container wake it by themselves (Docker 20.10 and later: kill thaws). One that the engine
-        refuses, such as a number that an image declares, is passed over."""
-        why = EngineError(f"stop {container[:12]}", "it outlived SIGKILL", "looking for a hung device")
+        """A signal wakes a paused container by itself (Docker 20.10 and later: kill thaws). A signal that the engine
+        refuses, such as a number that an image declares, is skipped."""
+        why = EngineError(f"stop {container[:12]}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
         for name, seconds in stop_sequence(signal, grace):
             try:
                 self._do("stop", container, "kill", signal=name)
@@ -256,53 +252,6 @@ class DockerEngine:
         with docker_errors(f"remove the {kind} {name}"):
             objects.remove(self.client, kind, name, self.owner)
 
-    # -- looking inside ----------------------------------------------------------------------------------------
-
-    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.read(self.client, container, follow, tail)
-
-    def log_lines(
-        self,
-        container: str,
-        tail: int | None,
-        since: float | None,
-        whole: bool,  # noqa: ARG002 - of Engine
-    ) -> Iterator[LogLine]:
-        """The engine gives whole lines, and long ones in pieces."""
-        with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.lines(self.client, container, tail, since)
-
-    def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
-        with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.follow(self.client, container, place, reading)
-
-    def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
-        """The place is the engine's time of the last line, so that line comes again."""
-        if not place:
-            found = self.inspect(container)
-            place = str(began(found)) if found else "0"
-        with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.since(self.client, container, place)
-
-    def exec(
-        self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
-    ) -> tuple[int, bytes]:
-        with docker_errors(f"run {command[0]} in {container[:12]}"):
-            return run(self.client, container, command, Output(timeout, stop), self.local)
-
-    def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
-        with docker_errors(f"run {command[0]} in {container[:12]}"):
-            return attach(self.client, container, command, terminal, stdin, self.local)
-
-    def fetch(self, container: str, path: str, place: Path) -> None:
-        with docker_errors(f"copy {path}"):
-            archive.fetch(self.client, container, path, place)
-
-    def put(self, container: str, source: Path, path: str) -> None:
-        with docker_errors(f"copy {source}"):
-            archive.put(self.client, container, source, path)
-
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         found = {}
         for container in containers if self.local else ():
@@ -313,7 +262,7 @@ class DockerEngine:
 
 
 def _as_before(known: Mapping[str, Container], row: Mapping[str, Any], heard: set[str]) -> Container | None:
-    """What is known of a container, where the list says the same of it and no event has told otherwise."""
+    """What is known of a container, if the list says the same about it and no event says otherwise."""
     before = known.get(row["Id"])
     if before is None or before.brief or row["Id"] in heard:
         return None

@@ -1,4 +1,4 @@
-"""The engine's errors as ours, each with a stable kind."""
+"""The engine's errors as rorg's, each with a stable kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rorg.errors import EngineError, TimedOut, Unreachable
 
 
 class Refused(Exception):
-    """The engine says no: its status of HTTP, and why. `cut`: it has said more than was read."""
+    """The engine refused: the HTTP status, and why. `cut`: there was more to read."""
 
     def __init__(self, status: int, text: str, cut: bool = False) -> None:
         super().__init__(text)
@@ -19,7 +19,8 @@ class Refused(Exception):
 
 
 class NoAnswer(OSError):
-    """Nobody answers at the engine's address. Raised from what went wrong; `seconds` is how long it may take."""
+    """Nothing answers at the engine's address. Its cause is the underlying error; `seconds` is how long an answer may
+    take."""
 
     def __init__(self, host: str, seconds: float) -> None:
         super().__init__(host)
@@ -36,26 +37,30 @@ class NoAnswer(OSError):
 
 
 KINDS = (
-    ("missing_image", r"no such image", "`rorg build` first"),
-    ("name_taken", r"is already in use by container", "removing or renaming that container, which is not rorg's"),
+    ("missing_image", r"no such image", "`rorg build`"),
+    (
+        "name_taken",
+        r"is already in use by container",
+        "another container_name, or remove that container, which is not rorg's",
+    ),
     ("missing_device", r"gathering device information|no such file or directory.*dev", "plugging the device in"),
-    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or dropping the option"),
-    ("forbidden", r"could not select device driver", "an engine with that runtime, or dropping gpus"),
+    ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or leave the option out"),
+    ("forbidden", r"could not select device driver", "an engine with that runtime, or leave gpus out"),
     ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),
     ("gone", r"no such container", ""),
     ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
-    # What an engine left that was killed amid a start. Nothing of the program runs, and this container never will;
-    # the last line is of one that runs, unknown to the engine.
+    # An engine that was killed during a start left these. Nothing of the program runs, and this container never will.
+    # In the last case a process runs that the engine does not know.
     ("spent", r"task \S+ already exists|failed to start shim: mkdir .*: file exists", ""),
-    ("left_running", r"id already in use", "ending the program that a killed engine left, or a reboot"),
+    ("left_running", r"id already in use", "a reboot, or end the program that a killed engine left"),
 )
-"""What the engine says, as a stable kind with a remedy."""
+"""Pattern in the engine's message -> its stable kind, and a remedy."""
 REMEDY = "`docker info` to see whether the engine runs"
 
 
 @contextlib.contextmanager
 def docker_errors(what: str) -> Iterator[None]:
-    """The engine's errors as ours."""
+    """Turn the engine's errors into rorg's."""
     try:
         yield
     except Refused as error:
@@ -67,7 +72,7 @@ def docker_errors(what: str) -> Iterator[None]:
 
 
 def refusal(what: str, text: str) -> EngineError:
-    """What the engine says, as an error of ours."""
+    """Turn a refusal of the engine into an error of rorg."""
     for kind, pattern, remedy in KINDS:
         if re.search(pattern, text, re.I):
             return EngineError(what, text, remedy, kind)
@@ -75,9 +80,9 @@ def refusal(what: str, text: str) -> EngineError:
 
 
 def reason(error: BaseException) -> str:
-    """Why the engine cannot be reached, in words."""
+    """Say why the engine cannot be reached."""
     known: dict[type[BaseException], str] = {
-        FileNotFoundError: "its socket is not there",
+        FileNotFoundError: "its socket is missing",
         ConnectionRefusedError: "it refuses the connection",
         PermissionError: "no permission for its socket",
     }

@@ -1,4 +1,4 @@
-"""Running a command in a container, with an end."""
+"""Runs a command in a container, and ends it when it takes too long."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from rorg.engines.docker.frames import Frames
 from rorg.host.commands import Exceeded, Output
 
 MARK = "RORG_EXEC"
-"""Environment variable by which a command and all that it began are known in their container."""
+"""Environment variable that marks a command and everything that it started."""
 STARTING = 2.0
-"""Seconds that the engine may take, beyond the command's own time, to say what became of it."""
+"""Seconds that the engine may take, besides the command's own time, to report its end."""
 ENDING = 2.0
-"""Seconds for which a command that took too long is looked for, until it is known to have ended."""
+"""Seconds for which rorg tries to end a command that took too long."""
 KILL = """for f in /proc/[0-9]*/environ; do
 while IFS= read -r line || [ -n "$line" ]; do case $line in *%s*) p=${f#/proc/}; kill -9 ${p%%/environ};; esac; done <$f
 done 2>/dev/null"""
-"""Ends what carries a mark, in any shell, without another program: its `read` passes over NULs."""
+"""Kills the processes with a mark, in any shell, without another program: its `read` skips NULs."""
 
 
 def run(client: Client, container: str, command: Sequence[str], output: Output, local: bool) -> tuple[int, bytes]:
-    """Exit code and output of a command; see Inspection.exec. `local`: the engine's processes are those of this
-    machine. Raises the client's errors, also when the engine itself takes too long."""
+    """Run a command and return its exit code and output; see Inspection.exec. `local`: the engine's processes are those
+    of this machine. Raises the client's errors, also if the engine itself takes too long."""
     mark = f"{MARK}={uuid.uuid4().hex}"
     made = _create(client, container, command, mark, output.timeout)
     try:
@@ -46,12 +46,12 @@ def _create(client: Client, container: str, command: Sequence[str], mark: str, t
 
 
 def inspect(client: Client, made: str) -> dict[str, Any]:
-    """How a command is."""
+    """The state of a command."""
     return dict(client.get(f"/exec/{made}/json", STARTING))
 
 
 def _listen(client: Client, made: str, output: Output) -> None:
-    """Starts it, and reads what it prints until it ends. Raises Exceeded."""
+    """Start a command, and read its output until it ends. Raises Exceeded."""
     frames, patience = Frames(), output.left() + STARTING
     with client.stream("POST", f"/exec/{made}/start", {"Tty": False, "Detach": False}, patience) as stream:
         for chunk in stream.in_turns(output.turn):
@@ -60,7 +60,7 @@ def _listen(client: Client, made: str, output: Output) -> None:
 
 
 def end(client: Client, container: str, made: str, mark: str, local: bool) -> None:
-    """Ends a command and what it began. One that has not begun yet is waited for, but not for long."""
+    """End a command with everything that it started. Waits briefly for one that has not started yet."""
     deadline = time.monotonic() + ENDING
     while time.monotonic() < deadline:
         state = inspect(client, made)
@@ -77,8 +77,8 @@ def end(client: Client, container: str, made: str, mark: str, local: bool) -> No
 
 
 def _kill(pid: int, container: str, mark: str, known: bool) -> None:
-    """Ends a process that carries the mark, or is `known` for the command by its number and is in the container. Looked
-    at with its descriptor open, so that the number cannot come to mean another one."""
+    """Kill a process that carries the mark; or the one that is `known` by its number as the command, if it is in the
+    container. Its descriptor is open during the check, so that the number cannot come to mean another process."""
     if not known and not _marked(pid, mark):
         return
     with contextlib.suppress(OSError):

@@ -1,5 +1,5 @@
-"""How the engine sends what a program prints to both of its outputs: in frames of one byte for which output, three
-empty ones, four with the length, and so many bytes."""
+"""The frames in which the engine sends both outputs of a program: one byte for which output, three empty ones, four
+with the length, then the data."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ STDOUT, STDERR = 1, 2
 
 
 class Frames:
-    """Takes a stream apart as it comes; nothing of it is kept."""
+    """Takes a stream of frames apart as it comes; keeps none of it."""
 
     def __init__(self) -> None:
         self._head, self.left = b"", 0
-        """How much of the frame under way is still to come."""
+        """Bytes of the current frame that are still to come."""
         self.output = STDOUT
-        """To which output the program printed it: STDOUT or STDERR."""
+        """The program's output that the current frame is from: STDOUT or STDERR."""
 
     def texts(self, chunk: bytes) -> Iterator[bytes]:
-        """What the program printed, of the next piece of the stream. After each text, `left` and `output` say of its
+        """Yield the data in the next piece of the stream. After each text, `left` and `output` are those of its
         frame."""
         while chunk:
             if self.left:

@@ -1,4 +1,4 @@
-"""Which images an engine has."""
+"""Which images an engine has, and removing them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rorg.engines.docker.errors import Refused
 from rorg.model.image_names import plain
 
 LOCAL = "localhost/"
-"""What Podman puts before a name that says no registry, and was made here."""
+"""Podman's prefix of names that were made here and name no registry."""
 
 
 def missing_images(client: Client, references: Collection[str]) -> set[str]:
-    """Those of these that the engine does not have: by one list, and by a look at each that it does not name."""
+    """Return those of these that the engine does not have: by one list, and by a look at each that is not in it."""
     named: set[str] = set()
     for row in client.get("/images/json") if references else ():
         named |= {plain(tag.removeprefix(LOCAL)) for tag in row.get("RepoTags") or ()}
@@ -22,7 +22,7 @@ def missing_images(client: Client, references: Collection[str]) -> set[str]:
 
 
 def _is_there(client: Client, reference: str) -> bool:
-    """By a digest, an id, or the beginning of one."""
+    """By a digest, an id, or the beginning of an id."""
     try:
         client.get(f"/images/{reference}/json")
     except Refused as no:
@@ -33,11 +33,11 @@ def _is_there(client: Client, reference: str) -> bool:
 
 
 def disk_use(client: Client) -> list[dict[str, Any]]:
-    """All images with what they take on the disk: Size, SharedSize (bytes), and Containers, the number of those that
-    are made from them. Takes a while where there are many."""
+    """All images with their use of the disk: Size, SharedSize (bytes), and Containers, the number of containers made
+    from them. Takes long if there are many."""
     return list(client.get("/system/df", type="image").get("Images") or ())
 
 
 def remove_image(client: Client, reference: str) -> None:
-    """Takes a reference away, and the image with the last one. Raises Refused where something is made from it."""
+    """Remove a reference, and with the last one the image. Raises Refused if something is made from it."""
     client.delete(f"/images/{reference}")

@@ -1,4 +1,4 @@
-"""Reading what a container printed, as it comes and no faster than it is used."""
+"""Reads the output of a container, no faster than it is consumed."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.frames import Frames
-from rorg.engines.docker.reading import epoch_seconds
+from rorg.engines.docker.inspection import epoch_seconds
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.model.units import nano_stamp
 
 PIECE = 1 << 16
-"""Bytes of lines that are searched at once, and of one line that are looked at."""
+"""Bytes of lines that are searched at a time, and bytes of one line that are read."""
 WAIT = 10.0
-"""Seconds until the engine has found the next of it. It looks through all that it keeps."""
+"""Seconds until the engine has found the next piece. It searches everything that it keeps."""
 
 
 def read(client: Client, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-    """The last `tail` lines, and then what comes."""
+    """The last `tail` lines, then new ones if `follow`."""
     chunks = _chunks(client, container, None if follow else WAIT, follow=follow, tail="all" if tail is None else tail)
     if _terminal(client, container):
         yield from chunks
@@ -46,7 +46,7 @@ def since(client: Client, container: str, place: str) -> Iterator[tuple[bytes, s
 
 
 def lines(client: Client, container: str, tail: int | None, since: float | None) -> Iterator[LogLine]:
-    """The last `tail` lines since a time. Without any, the last line of all tells where the log stands."""
+    """The last `tail` lines since a time. If there are none, the last line of all says where the log ends."""
     place = ""
     asked: dict[str, Any] = {"since": since, "tail": "all" if tail is None else max(tail, 1)}
     for line in _stamped(client, container, WAIT, None, "", **asked):
@@ -59,7 +59,7 @@ def lines(client: Client, container: str, tail: int | None, since: float | None)
 
 
 def follow(client: Client, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
-    """What comes after a place, until the container ends or the reading is."""
+    """New lines after a place, until the container ends or the reading does."""
     time = place.partition("/")[0]
     seconds = f"{epoch_seconds(f'{time[:19]}Z'):.0f}.{time[20:29]}" if time else None
     try:
@@ -70,7 +70,7 @@ def follow(client: Client, container: str, place: str, reading: Reading) -> Iter
 
 
 def _uniform(stamp: str) -> str:
-    """A time of the engine's in UTC with nine digits, as Docker has it; Podman's has its zone, and fewer."""
+    """A time of the engine in UTC with nine digits, as Docker writes it; Podman's has a zone, and fewer digits."""
     if len(stamp) == 30 and stamp.endswith("Z"):
         return stamp
     digits = re.search(r"\.(\d+)", stamp)
@@ -82,7 +82,7 @@ def _uniform(stamp: str) -> str:
 def _stamped(
     client: Client, container: str, wait: float | None, reading: Reading | None, after: str, **asked: Any
 ) -> Iterator[LogLine]:
-    """Lines behind a place, which is TIME/COUNT: so many lines of that time are known."""
+    """Lines after a place, which is TIME/COUNT: the caller has that many lines of that time."""
     known, _, count = after.partition("/")
     last, same = "", 0
     chunks = _chunks(client, container, wait, reading, timestamps=True, **asked)
@@ -106,7 +106,7 @@ def _chunks(
 
 
 def _terminal(client: Client, container: str) -> bool:
-    """Whether it has one: what it prints then comes as it is."""
+    """Whether it has a terminal: then its output comes without frames."""
     return bool(client.get(f"/containers/{container}/json")["Config"]["Tty"])
 
 

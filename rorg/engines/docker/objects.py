@@ -1,4 +1,4 @@
-"""Networks and volumes of the engine: finding, making and removing them. Only what carries our label is removed."""
+"""Networks and volumes of the engine: finding, making and removing them. Only those with our label are removed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rorg.core.observed import LABEL_OWNER
 from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
-from rorg.engines.docker.whose import other_rorg
+from rorg.engines.docker.owner import other_rorg
 from rorg.errors import EngineError
 from rorg.model.objects import Kind, subject
 
@@ -20,12 +20,12 @@ Body = dict[str, Any]
 PATIENCE = 10.0
 """Seconds for the list of volumes."""
 EVENTS = ("create", "destroy", "remove")
-"""Events after which another one is there, or one fewer."""
+"""Events after which there is one more, or one less."""
 
 
 def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
-    """All of `owner`, and whatever is called as one of `keys`: two calls, however many there are. The engine asks each
-    driver for its volumes, and waits for one that hangs: then nothing is known of volumes, and networks go on."""
+    """All of `owner`, and everything whose name is one of `keys`, in two calls. The engine asks each volume driver, and
+    waits for one that hangs: then nothing is known of volumes, but networks go on."""
     rows: list[FoundObject] = []
     for row in client.get("/networks"):
         rows.append(found_object("network", row["Name"], row["Id"], row.get("Labels") or {}))
@@ -36,14 +36,14 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
     except TimeoutError:
         asked = frozenset(key for key in asked if not key.startswith(subject("volume", "")))
         error = f"the engine has not listed its volumes within {PATIENCE:g} s"
-    # Two networks may be called the same: ours is the one that counts.
+    # Two networks may have the same name: ours counts.
     rows.sort(key=lambda one: one.owner == owner)
     found = {one.key: one for one in rows if one.owner == owner or one.key in asked}
     return FoundObjects(found, asked, complete=True, error=error)
 
 
 def events(client: Client, stop: threading.Event) -> Iterator[None]:
-    """One for each that comes or goes, and one when the stream stands. The engine tells no labels of them."""
+    """One item when the stream begins, and one for each that comes or goes. The events have no labels."""
     filters = {"type": ["network", "volume"], "event": list(EVENTS)}
     with client.stream("GET", "/events", filters=filters) as found, found.until(stop):
         yield
@@ -53,27 +53,26 @@ def events(client: Client, stop: threading.Event) -> Iterator[None]:
 
 
 def make(client: Client, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:
-    """Makes one. The engine takes a volume that is there for the one that is asked for: whose it is shows after."""
+    """Make one. The engine returns an existing volume as if it were new: its labels tell whose it is."""
     if kind == "network":
         client.post("/networks/create", network_body(name, spec, labels))
         return
     made = client.post("/volumes/create", volume_body(name, spec, labels))
     if (made.get("Labels") or {}).get(LABEL_OWNER) != labels[LABEL_OWNER]:
         whose = other_rorg(made.get("Labels") or {}, labels[LABEL_OWNER])
-        why = f"one of that name belongs to {whose}" if whose else "one of that name is there that is not rorg's"
+        why = (
+            f"a volume of that name belongs to {whose}" if whose else "a volume of that name exists that is not rorg's"
+        )
         raise EngineError(f"create the volume {name}", why, "external: true")
 
 
 def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
-    """Removes one of `owner`; what is gone already is fine. Raises EngineError of kind `in_use` where something of
-    somebody's is connected, and of kind `foreign` for what is not ours."""
+    """Remove one of `owner`, if it still exists. Raises EngineError of kind `in_use` while anything is connected, and
+    of kind `foreign` for one of another owner."""
     what = f"remove the {kind} {name}"
-    try:
-        data = client.get(f"/{kind}s/{name}")
-    except Refused as no:
-        if no.status == 404:
-            return
-        raise
+    data = client.find(f"/{kind}s/{name}")
+    if data is None:
+        return
     labels = data.get("Labels") or {}
     if labels.get(LABEL_OWNER) != owner or LABELS[kind] not in labels:
         whose = other_rorg(labels, owner)
@@ -92,7 +91,7 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
 
 
 def network_body(name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
-    """The body of POST /networks/create, with nothing that is not declared."""
+    """The body of POST /networks/create, with only what is declared."""
     body: Body = {"Name": name, "CheckDuplicate": True, "Labels": dict(labels)}
     names = {
         "driver": "Driver",

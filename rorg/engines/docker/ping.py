@@ -1,4 +1,4 @@
-"""Whether an engine answers at all."""
+"""Checks whether an engine answers at all."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from rorg.engines.docker.errors import NoAnswer
 from rorg.errors import Unreachable
 
 OPEN = 10.0
-"""Seconds for which an unanswered ping is waited for before another connection is tried: a frozen engine answers on the
-old one when it goes on, one on the other side of a broken network never does."""
+"""Seconds to wait for the answer to a ping before trying another connection: a frozen engine answers on the old one
+when it goes on, but beyond a broken network no answer ever comes."""
 
 Connect = Callable[[float], http.client.HTTPConnection]
-"""Makes a connection, which is opened within so many seconds."""
+"""Makes a connection, which must open within so many seconds."""
 
 
 class Ping:
-    """Asks on a connection of its own, since other calls may rightly take long. A ping that was not answered is waited
-    for again, not sent again, so that a frozen engine does not collect connections. `host` is for messages, `seconds`
-    how long an answer may take."""
+    """Pings on a connection of its own, because other calls may rightly take long. While a ping is not answered no
+    other one is sent, so that a frozen engine does not collect connections. `host` is for messages, `seconds` how long
+    an answer may take."""
 
     def __init__(self, connect: Connect, host: str, seconds: float) -> None:
         self._connect, self.host, self.seconds = connect, host, seconds
         self._connection: http.client.HTTPConnection | None = None
         self._asked: float | None = None
-        """When the ping was sent whose answer is still to come."""
+        """When the ping was sent that has no answer yet."""
 
     def ask(self) -> None:
-        """Returns when the engine has answered. Raises NoAnswer."""
+        """Return when the engine has answered. Raises NoAnswer."""
         try:
             self._ask()
         except (OSError, http.client.HTTPException) as error:
@@ -48,7 +48,9 @@ class Ping:
             self.close()
         connection = self._connection
         if self._asked is None:
-            if connection is None or connection.sock is None or readable(connection, 0.0):  # its end: a restart
+            if (
+                connection is None or connection.sock is None or readable(connection, 0.0)
+            ):  # its end: the engine was restarted
                 self.close()
                 connection = self._connection = self._connect(self.seconds)
             connection.request("GET", "/_ping")
@@ -56,12 +58,12 @@ class Ping:
         assert connection is not None
         if not readable(connection, self.seconds):
             raise TimeoutError
-        connection.getresponse().read()  # whatever it says, it answers
+        connection.getresponse().read()  # any answer will do
         self._asked = None
 
 
 class Pinger:
-    """The same with errors of ours."""
+    """The same with rorg's errors."""
 
     def __init__(self, ping: Ping) -> None:
         self._ping = ping
@@ -75,7 +77,7 @@ class Pinger:
 
 
 def readable(connection: http.client.HTTPConnection, seconds: float) -> bool:
-    """Whether anything comes within so many seconds, be it the end."""
+    """Whether anything, even the end, comes within so many seconds."""
     waiting = select.poll()
     waiting.register(connection.sock, select.POLLIN)
     return bool(waiting.poll(seconds * 1000))

@@ -1,5 +1,5 @@
-"""Volumes that nobody named: those of an image's VOLUME lines and of `volumes: [/path]`. They belong to the service,
-not to one container of it, so each new container gets those of the one before, and they go only with the service."""
+"""Unnamed volumes: those of an image's VOLUME lines and of `volumes: [/path]`. They belong to the service, not to one
+container, so each new container takes over those of the previous one, and they are removed with the service."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ Body = dict[str, Any]
 
 
 def keep_volumes(client: Client, body: Body, image: Collection[str], before: str) -> None:
-    """Names the unnamed volumes of a container to be created, those that its image declares too: as `before`, the id of
-    an older container of the service, has them; else by a name that is always the same for a service and a path."""
+    """Give names to the unnamed volumes of a container that will be created, those that its image declares included:
+    the names that `before`, the id of an older container of the service, has at that path; otherwise one made from
+    service and path."""
     host = body["HostConfig"]
     if host.get("VolumesFrom"):
-        return  # which paths these bring along is for the engine to know
+        return  # only the engine knows which paths these bring along
     mounts = host.get("Mounts") or []
     unnamed = {m["Target"] for m in mounts if m["Type"] == "volume" and not m.get("Source")}
     targets = {posixpath.normpath(t) for t in {*image, *body.get("Volumes", {}), *unnamed} - _taken(host)}
     if not targets:
         return
-    known = _known(client, before) if before else {}
+    previous = client.find(f"/containers/{before}/json") if before else None
+    known = unnamed_volumes(previous) if previous else {}
     owner, service = body["Labels"][LABEL_OWNER], body["Labels"][LABEL_SERVICE]
     for target in sorted(targets):
         name = known.get(target)
@@ -46,25 +48,15 @@ def keep_volumes(client: Client, body: Body, image: Collection[str], before: str
 
 
 def _taken(host: Mapping[str, Any]) -> set[str]:
-    """Paths at which something else is mounted."""
+    """Paths where something else is mounted."""
     binds = {b.split(":")[1] for b in host.get("Binds") or []}
     named = {m["Target"] for m in host.get("Mounts") or [] if m["Type"] != "volume" or m.get("Source")}
     found = {*binds, *named, *(host.get("Tmpfs") or {})}
     return found | {f"{t}/" for t in found}
 
 
-def _known(client: Client, container: str) -> dict[str, str]:
-    """Path -> the unnamed volume that a container has there."""
-    try:
-        return unnamed_volumes(client.get(f"/containers/{container}/json"))
-    except Refused as no:
-        if no.status == 404:
-            return {}
-        raise
-
-
 def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:
-    """Path -> volume, of a container's inspection. An engine names them itself, by 64 digits, and so do we."""
+    """Path -> unnamed volume, from a container's inspection. Engines give them names of 64 digits, and so does rorg."""
     declared = declared_of((data["Config"].get("Labels") or {}).get(LABEL_DECLARED, "")).get("volumes", [])
     said = {str(v.get("source", "") if isinstance(v, Mapping) else v).partition(":")[0] for v in declared}
     return {
@@ -75,7 +67,7 @@ def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:
 
 
 def remove_container(client: Client, container: str, volumes: bool) -> None:
-    """With its unnamed volumes, or without; those that another container still has stay."""
+    """`volumes`: remove its unnamed volumes too, except those that another container uses."""
     names = list(unnamed_volumes(client.get(f"/containers/{container}/json")).values()) if volumes else []
     client.delete(f"/containers/{container}")
     for name in names:

@@ -1,7 +1,7 @@
-"""The embedded engine: each service is a process group of this machine. Needs nothing, isolates nothing.
+"""The built-in engine: each service is a process group of this machine. Needs nothing, isolates nothing.
 
-What a container is here: a record on disk, and, when it runs, a session of processes led by a small shell that waits
-for the service and writes down how it ended, so that a restart of rorg loses nothing.
+A container is a record on disk. While it runs it is also a session of processes, led by a small shell that waits for
+the service and writes down how it ended, so that a restart of rorg loses nothing.
 """
 
 from __future__ import annotations
@@ -18,32 +18,18 @@ from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
-from rorg.engines.process.copying import copy
+from rorg.engines.process.copy_files import copy
 from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
-from rorg.engines.protocol import NONE, Capabilities, Usage
+from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError
-from rorg.manifest.container import ContainerOptions
-from rorg.model.live import LIVE
+from rorg.model.engines import ENGINES
+from rorg.model.options import LIVE
 from rorg.model.units import stamp
-
-HONOURED = {
-    "entrypoint",
-    "environment",
-    "working_dir",
-    "stop_signal",
-    "stop_grace_period",
-    "container_name",
-    "labels",
-    "init",
-    "network_mode",
-    "logging",
-}
-"""Options with an effect here, or whose effect a plain process has anyway."""
 
 
 class ProcessEngine:
@@ -51,13 +37,7 @@ class ProcessEngine:
 
     name = "process"
     local, address = True, ""
-    capabilities = Capabilities(
-        isolation=False,
-        live_update=True,
-        events="exits",
-        log_times=False,
-        ignored_options=frozenset(ContainerOptions.model_fields) - frozenset(HONOURED),
-    )
+    capabilities = ENGINES[name]
 
     def __init__(self, owner: str, directory: Path) -> None:
         hear_signals()
@@ -66,7 +46,7 @@ class ProcessEngine:
         self.changes = Changes(self.list, self.inspect, self._trim_logs)
         self._naming = threading.Lock()
         self._names: dict[str, str] | None = None
-        """Container -> name, read once: only the rorg that owns the robot makes and renames."""
+        """Container -> name, read once: only the rorg that owns the robot creates and renames."""
 
     def ping(self) -> str:
         return "built in"
@@ -116,7 +96,7 @@ class ProcessEngine:
         return self.changes.follow(stop)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        """One look at the process table for all. CPU of ended children is lost with them, as in ps."""
+        """One look at the process table for all. The CPU time of ended children is lost, as in ps."""
         sessions = {c.pid: c.id for c in containers if c.pid}
         totals: dict[str, tuple[float, int]] = dict.fromkeys(sessions.values(), (0.0, 0))
         for entry in os.scandir("/proc"):
@@ -206,7 +186,7 @@ class ProcessEngine:
         return read_log(self.records.log(container), follow, tail)
 
     def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
-        """The files of programs have no times, so `since` says nothing here; see Capabilities."""
+        """Files of programs have no times, so `since` is ignored; see Capabilities."""
         self.records.read(container)
         return read_lines(self.records.log(container), tail, whole)
 
@@ -220,7 +200,7 @@ class ProcessEngine:
         return found is not None and found.alive
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
-        """The place is an offset in its log, behind the last whole line: a line that is being written comes again."""
+        """The place is an offset in the log, after the last whole line: a line that is being written comes again."""
         offset = int(place or self.records.read(container).get("log_from", 0))
         for text, after in read_log_from(self.records.log(container), offset):
             yield text, str(after)

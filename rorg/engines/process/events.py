@@ -1,5 +1,5 @@
-"""Changes as they happen: those made through the engine, and exits, by waiting on process descriptors; no polling of
-processes."""
+"""Changes as they happen: those made through the engine, and exits, by waiting on process descriptors instead of
+polling."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rorg.core.observed import Container
 
 NOW_AND_THEN = 2.0
 TURN = 0.5
-"""Seconds until somebody who follows sees that he should stop."""
+"""Seconds until a follower notices that it should stop."""
 
 
 class Changes:
-    """Who makes a change tells; one at a time follows. `containers` gives all that there are, `container` one of them;
-    `now_and_then` is called while somebody follows, every NOW_AND_THEN seconds."""
+    """Changes for one follower at a time. `containers` returns all, `container` one of them; `now_and_then` is called
+    every NOW_AND_THEN seconds while someone follows."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Changes:
             while not stop.is_set():
                 for descriptor, _ in exits.poller.poll(TURN * 1000):
                     if stop.is_set():
-                        return  # what there is to read is for the next one who looks
+                        return  # the next follower reads what is left
                     if descriptor == self._wake_read:
                         changed = self._take()
                         self._watch(exits, (c for name in changed if (c := self.container(name)) is not None))
@@ -74,8 +74,8 @@ class Changes:
 
 
 class _Exits:
-    """Runs whose end is waited for, by (container, pid): one that began before the end of the one before it was told
-    has a pid of its own."""
+    """Runs whose exit is awaited, by (container, pid): a new run can begin before the exit of the previous one is
+    reported."""
 
     def __init__(self) -> None:
         self.poller = select.poll()
@@ -84,7 +84,7 @@ class _Exits:
         self._known: set[tuple[str, int]] = set()
 
     def watch(self, container: str, pid: int) -> bool:
-        """False where it has ended already."""
+        """False if it has ended already."""
         if (container, pid) in self._known:
             return True
         try:
@@ -97,7 +97,7 @@ class _Exits:
         return True
 
     def ended(self, descriptor: int) -> str:
-        """The container of a run that has."""
+        """Return the container of a run that has ended."""
         run = self._runs.pop(descriptor)
         self._known.discard(run)
         self.poller.unregister(descriptor)

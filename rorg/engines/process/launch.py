@@ -1,4 +1,4 @@
-"""Starting a container's program, and running a command beside it: with which words, environment and folder."""
+"""Starts the program of a container, or a command beside it: with which words, environment and folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import IO, Any
 
-from rorg.engines.process.program import check_program
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
@@ -25,19 +24,22 @@ SUPERVISE = (
     'trap : INT TERM HUP QUIT; "$@"; code=$?; umask 077; '
     'echo $code > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
 )
-"""The shell that leads a container's session. It outlives the signals of its group until the service has ended, then
-writes the exit code in one step. The service runs in the foreground: a shell's background jobs ignore SIGINT."""
+"""The shell that leads a container's session. It survives the signals of its group until the service has ended, then
+writes the exit code in one step. The service runs in the foreground, because background jobs of a shell ignore
+SIGINT."""
 
 UMASK = 0o022
-"""Of services, as in a container: whatever rorg's own is."""
+"""Of services, as in a container, whatever rorg's own is."""
 OWN = frozenset(("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", "LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"))
-"""What systemd says to rorg alone."""
+"""Variables that systemd sets for rorg alone."""
 Child = subprocess.Popen[bytes]
+MOST_OF_A_LINE = 256
+"""Bytes of the first line of a script that the kernel reads."""
 
 
 def hear_signals() -> None:
-    """What a process ignores is ignored by all that it starts, and a shell ignores SIGINT for what it runs in the
-    background: services would not hear their stop signal. What has a handler begins anew in a child."""
+    """Stop ignoring signals: children inherit that a signal is ignored, as SIGINT is in the background jobs of a shell,
+    and would not receive their stop signal. They do not inherit a handler."""
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
             if signal.getsignal(number) is signal.SIG_IGN:
@@ -45,7 +47,7 @@ def hear_signals() -> None:
 
 
 def launch(records: Records, record: Record) -> dict[str, Any]:
-    """Begins a run, and returns the record with what tells this run from others."""
+    """Begin a run, and return the record with what distinguishes this run from others."""
     container = record["id"]
     (records.folder(container) / "exit").unlink(missing_ok=True)
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
@@ -68,7 +70,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
 
 
 def _supervised(record: Record, command: Sequence[str], environment: dict[str, str], log: IO[bytes]) -> Child:
-    """The shell that leads the run. Raises EngineError."""
+    """Start the shell that leads the run. Raises EngineError."""
     try:
         return subprocess.Popen(
             ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
@@ -82,7 +84,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
         )
     except OSError as error:
         why = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        raise EngineError(f"start {record['name']}", why, "fixing that") from error
+        raise EngineError(f"start {record['name']}", why) from error
 
 
 def _log_of(records: Records, record: Record) -> int:
@@ -96,8 +98,8 @@ def _log_of(records: Records, record: Record) -> int:
 def run_beside(
     records: Records, record: Record, command: Sequence[str], timeout: float, stop: threading.Event | None = None
 ) -> tuple[int, bytes]:
-    """Exit code and output of a command in the container's environment; see Inspection.exec. 127 where there is no such
-    program."""
+    """Run a command in the container's environment and return its exit code and output; see Inspection.exec. The code
+    is 127 if there is no such program."""
     try:
         child = subprocess.Popen(
             command,
@@ -120,11 +122,11 @@ def run_beside(
 
 
 def run_attached(records: Records, record: Record, command: Sequence[str], stdin: bool) -> int:
-    """Runs a command in the container's environment, with our own outputs and terminal; see Access.attach. Ctrl-C and
-    what else the terminal says is the command's; what we are told goes on to it."""
+    """Run a command in the container's environment, with our own outputs and terminal; see Access.attach. Ctrl-C
+    reaches the command through the terminal; signals to this process are passed on to it."""
     environment = _environment(records, record)
     told: list[int] = []
-    # What is ignored would be ignored by the command too; a handler is not passed on.
+    # The command would inherit an ignored signal, but not a handler.
     before = {n: signal.signal(n, lambda *_: None) for n in (signal.SIGINT, signal.SIGQUIT)}
     before[signal.SIGTERM] = signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
     try:
@@ -151,7 +153,7 @@ def run_attached(records: Records, record: Record, command: Sequence[str], stdin
 
 
 def _environment(records: Records, record: Record) -> dict[str, str]:
-    """Folders of programs that an image of the tree stands for come first in PATH; `rorg build` notes them."""
+    """Folders of programs that an image of the tree stands for come first in PATH; `rorg build` records them."""
     path, spec = os.environ.get("PATH", os.defpath), record["spec"]
     return {
         **_inherited(spec.get("inherit_environment", ())),
@@ -165,7 +167,7 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
 
 
 def _inherited(patterns: Sequence[str]) -> dict[str, str]:
-    """What a service asks for of the environment of this rorg."""
+    """The variables of rorg's own environment that a service asks for."""
     return {
         name: value
         for name, value in os.environ.items()
@@ -181,3 +183,38 @@ def _image_path(records: Records, image: str) -> list[str]:
 def folder_of(record: Record) -> str:
     """The working directory of a container's programs."""
     return str(record["spec"].get("working_dir") or "/")
+
+
+def check_program(service: str, folder: str, command: Sequence[str], path: str) -> None:
+    """Check before a start whether the program can run: a shell would only say 127 afterwards. Raises EngineError if
+    its directory or program is missing or not permitted."""
+    what, program = f"start {service}", command[0] if command else ""
+    if not os.path.isdir(folder):
+        raise EngineError(what, f"no directory {folder}", "creating it, or another `working_dir`")
+    if not os.access(folder, os.X_OK):
+        raise EngineError(what, f"rorg has no permission for {folder}", f"chmod +x {folder}", "forbidden")
+    if "/" not in program:
+        found = shutil.which(program, path=path)
+        if found is None:
+            why = f"no program '{program}' on this machine" if program else "no program is named"
+            raise EngineError(what, why, "`rorg build`, or --engine docker", "missing_image")
+    else:
+        found = os.path.normpath(os.path.join(folder, program))
+        if not os.path.isfile(found):
+            raise EngineError(what, f"no program {found}", "creating it, or another `command`", "missing_image")
+        if not os.access(found, os.X_OK):
+            raise EngineError(what, f"{found} is not executable", f"chmod +x {found}", "forbidden")
+    interpreter = _interpreter(found)
+    if interpreter.startswith("/") and not os.access(interpreter, os.X_OK):
+        raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "installing that")
+
+
+def _interpreter(path: str) -> str:
+    """The interpreter in the first line of a script; empty for other programs, and if it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            line = file.readline(MOST_OF_A_LINE)
+    except OSError:
+        return ""
+    words = line[2:].split() if line.startswith(b"#!") else []
+    return os.fsdecode(words[0]) if words else ""

@@ -1,8 +1,8 @@
-"""What the programs of the process engine print: one file each, read while it grows, and kept from growing for ever.
+"""The output of programs of the process engine: one file each, which is read while it grows, and trimmed.
 
-A program keeps the descriptor that it began with, so its file can be neither renamed nor emptied without losing lines
-that are written at that moment. The oldest part is given back to the disk instead: places in the file stay what they
-are, and whoever reads or follows goes on.
+A program keeps the descriptor that it started with, so its file can neither be renamed nor emptied without losing lines
+that are being written. Instead the oldest part is given back to the disk (a hole): offsets in the file stay valid, and
+readers go on undisturbed.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from rorg.engines.log_lines import LogLine, Reading
 from rorg.model.units import nano_stamp
 
 KEPT = 10 << 20
-"""Bytes of each log that are kept at the least, once it has so many."""
+"""Bytes of each log that are kept at least."""
 SLACK = 2 << 20
 """Bytes beyond these at which the oldest are given back."""
 BLOCK = 1 << 16
-"""A whole number of these is given back: a multiple of the blocks of every usual file system."""
+"""A multiple of this is given back: it is a multiple of the block size of all common file systems."""
 FOUND = 0.1
-"""Seconds between two looks for what has come."""
+"""Seconds between two checks for new output."""
 CHUNK = 1 << 20
-"""Bytes that are printed at once."""
+"""Bytes that are returned in one piece."""
 PIECE = 1 << 16
-"""Bytes that are searched at once."""
+"""Bytes that are searched at a time."""
 _PUNCH_HOLE, _KEEP_SIZE = 2, 1
 _libc = ctypes.CDLL(None, use_errno=True)
 _fallocate = getattr(_libc, "fallocate64", None) or _libc.fallocate
@@ -36,8 +36,8 @@ _fallocate.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int6
 
 
 def trim_log(path: Path) -> None:
-    """Gives back what is older than the last KEPT bytes. Where the file system cannot do that, the file is emptied:
-    without its lines a robot goes on, with a full disk it does not."""
+    """Give back what is older than the last KEPT bytes. If the file system cannot do that, empty the file: a robot can
+    run without its lines, but not with a full disk."""
     try:
         if path.stat().st_blocks * 512 <= KEPT + SLACK:
             return
@@ -50,7 +50,7 @@ def trim_log(path: Path) -> None:
 
 
 def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
-    """The last `tail` lines, then, when following, what comes, until the container is removed."""
+    """The last `tail` lines; with `follow` also new ones, until the container is removed."""
     descriptor = _open(path)
     try:
         end = os.fstat(descriptor).st_size
@@ -69,8 +69,8 @@ def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
 
 
 def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
-    """Everything from a place on, as far as it is kept, in pieces of whole lines, each with the place after it. A line
-    of more than PIECE bytes comes in several; one that is being written comes too, and again the next time."""
+    """Everything from a place on that is still kept, in pieces of whole lines, each with the place after it. A line of
+    more than PIECE bytes comes in several. An unfinished line comes too, and again the next time."""
     descriptor = _open(path)
     try:
         while True:
@@ -86,8 +86,8 @@ def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
 
 
 def read_lines(path: Path, tail: int | None, whole: bool) -> Iterator[LogLine]:
-    """The last `tail` lines of what is there now, and where the log stands. What comes meanwhile is left out, or a
-    program that prints faster than it is read would have no last line."""
+    """The last `tail` lines of what is there now, and where the log ends. Later lines are left out: otherwise a program
+    that prints faster than it is read would have no last line."""
     descriptor = _open(path)
     try:
         end = os.fstat(descriptor).st_size
@@ -101,8 +101,8 @@ def read_lines(path: Path, tail: int | None, whole: bool) -> Iterator[LogLine]:
 
 
 def follow_lines(path: Path, place: int, over: Callable[[], bool], reading: Reading) -> Iterator[LogLine]:
-    """Lines from a place on, each with the time at which it was found, until all of a run that is `over` is read. What
-    was opened is read to its end, also once its folder is gone."""
+    """Lines from a place on, each with the time at which it was found, until the run is `over` and everything is read.
+    An open file is read to its end even after its folder is removed."""
     descriptor = _open(path)
     try:
         while not reading.ended:
@@ -117,8 +117,8 @@ def follow_lines(path: Path, place: int, over: Callable[[], bool], reading: Read
 
 
 def _lines(descriptor: int, place: int, whole: bool, end: int | None = None) -> Iterator[tuple[bytes, int]]:
-    """Lines from a place on with the place after each, to `end` or to that of the file; long ones in pieces. `whole`:
-    not one that is being written."""
+    """Lines from a place on with the place after each, up to `end` or the end of the file; long ones in pieces.
+    `whole`: without an unfinished one."""
     while True:
         size = os.fstat(descriptor).st_size if end is None else end
         text, place = _read(descriptor, place, PIECE)
@@ -138,7 +138,7 @@ def _open(path: Path) -> int:
 
 
 def _tail(descriptor: int, end: int, lines: int) -> int:
-    """Where the last so many lines before `end` begin, as far as they are kept."""
+    """Where the last so many lines before `end` begin, or the oldest that is kept."""
     kept, place = _kept_from(descriptor, 0), end
     wanted = lines + (end > 0 and os.pread(descriptor, 1, end - 1) == b"\n")
     while wanted and place > kept:
@@ -153,7 +153,8 @@ def _tail(descriptor: int, end: int, lines: int) -> int:
 
 
 def _read(descriptor: int, place: int, most: int) -> tuple[bytes, int]:
-    """What is kept from a place on, and where it begins: there, or at the next whole line that was not given back."""
+    """What is kept from a place on, and where it begins: there, or at the first whole line after what was given
+    back."""
     begin = _kept_from(descriptor, place)
     text = os.pread(descriptor, most, begin)
     if _kept_from(descriptor, begin) != begin:  # given back while it was read

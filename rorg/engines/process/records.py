@@ -1,4 +1,4 @@
-"""The records on disk, one folder a container, and what state each is in."""
+"""The records on disk, one folder for each container, and the state of each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rorg.errors import EngineError
 from rorg.store.files import make_directory, read_state, write_atomic
 
 Record = Mapping[str, Any]
-"""id, name, spec, labels, live and created_at; once it was started pid, ticks, boot, log_from and started_at."""
+"""id, name, spec, labels, live and created_at; after a start also pid, ticks, boot, log_from and started_at."""
 LISTS = ("entrypoint", "command", "inherit_environment")
 FORMS = {"name": str, "spec": dict, "labels": dict, "live": dict}
 STARTED = {"pid": int, "ticks": int, "boot": str, "log_from": int, "started_at": str}
@@ -23,7 +23,7 @@ MOST_PID = 1 << 22
 
 
 class Records:
-    """`children` are the leaders that this rorg started itself: the kernel keeps their ends until they are waited
+    """`children` are the leaders that this rorg itself started: the kernel keeps their exit codes until they are waited
     for."""
 
     def __init__(self, directory: Path) -> None:
@@ -32,7 +32,7 @@ class Records:
         make_directory(directory)
 
     def ids(self) -> list[str]:
-        """Of all records. Raises Unreachable."""
+        """Ids of all records. Raises Unreachable."""
         try:
             return sorted(p.name for p in self.directory.iterdir() if os.path.lexists(p / "record.json"))
         except OSError as error:
@@ -46,15 +46,15 @@ class Records:
         return self.folder(container) / "log"
 
     def read(self, container: str) -> dict[str, Any]:
-        """Raises EngineError: gone where there is none, other where what lies there is no record; Unreachable where
-        nothing is known of it now."""
+        """Raises EngineError: of kind gone if it is missing, other if it is not a record; Unreachable if it cannot be
+        read at the moment."""
         path = self.folder(container) / "record.json"
         if not os.path.lexists(path):
             raise EngineError(f"find {container}", "no such container", kind="gone")
         record = _json(path)
         if not isinstance(record, dict) or record.get("id") != container or not _whole(record):
             raise EngineError(
-                f"find {container}", f"{path} cannot be read", "ending its processes, and removing its folder"
+                f"find {container}", f"{path} cannot be read", "to end its processes and remove its folder"
             )
         return record
 
@@ -62,7 +62,7 @@ class Records:
         write_atomic(self.folder(record["id"]) / "record.json", json.dumps(record), mode=0o600)
 
     def state(self, record: Record) -> tuple[str, int | None]:
-        """created, running, paused or exited; and the exit code of the last. Raises Unreachable."""
+        """(created, running, paused or exited; the exit code of the last run). Raises Unreachable."""
         if not record.get("pid"):
             return "created", None
         child = self.children.get(record["id"])
@@ -81,7 +81,7 @@ class Records:
 
 
 def _json(path: Path) -> Any:
-    """What a file says, or None where it says nothing. Raises Unreachable where nothing is known of it now."""
+    """The content of a file, or None if it has none. Raises Unreachable if it cannot be read at the moment."""
     try:
         return json.loads(read_state(path))
     except OSError as error:
@@ -92,7 +92,7 @@ def _json(path: Path) -> Any:
 
 
 def _whole(record: Record) -> bool:
-    """Whether what was read is what write() has written."""
+    """Whether this is a record that write() could have written."""
     sound = all(isinstance(record.get(key), form) for key, form in FORMS.items())
     sound = sound and all(isinstance(text, str) for text in record["labels"].values()) and _startable(record["spec"])
     if not sound or "pid" not in record:
@@ -101,7 +101,7 @@ def _whole(record: Record) -> bool:
 
 
 def _startable(spec: Mapping[str, Any]) -> bool:
-    """Whether what a start needs of a spec is of the right form."""
+    """Whether the fields of a spec that a start needs have the right types."""
     environment, words = spec.get("environment", {}), (spec.get(key, []) for key in LISTS)
     return (
         isinstance(spec.get("image"), str)

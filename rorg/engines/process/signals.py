@@ -1,4 +1,4 @@
-"""Signals to a container's processes, and waiting for what comes of them."""
+"""Signals to a container's processes, and waiting for their effect."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rorg.model.signals import signal_number
 
 
 def send(record: Record, number: int) -> bool:
-    """To all its processes; False when none is left."""
+    """Send a signal to all its processes; False if none is left."""
     return bool(record.get("pid")) and signal_group(
         record["pid"], record["ticks"], record["boot"], record["id"], number
     )
 
 
 def switch(records: Records, record: Record, verb: str, number: int, before: str, after: str) -> None:
-    """A signal that takes a container from one state to another; returns when it is there. Raises EngineError
+    """Send a signal that changes the state of a container, and return when it has changed. Raises EngineError
     (conflict)."""
     if (now := records.state(record)[0]) != before:
         raise EngineError(f"{verb} {record['name']}", f"it is {now}, not {before}", kind="conflict")
@@ -33,8 +33,8 @@ def switch(records: Records, record: Record, verb: str, number: int, before: str
 
 
 def end(records: Records, record: Record, name: str, grace: float) -> None:
-    """Signals of a stopped group are delivered when it continues: first the signal, then SIGCONT. One that the kernel
-    does not have is passed over. Raises EngineError when it is still there at the end."""
+    """End a run. A stopped group receives signals only when it continues: so first the signal, then SIGCONT. A signal
+    that the kernel does not have is skipped. Raises EngineError if it still runs at the end."""
     for step, seconds in stop_sequence(name, grace):
         try:
             number = signal_number(step)
@@ -45,7 +45,7 @@ def end(records: Records, record: Record, name: str, grace: float) -> None:
         send(record, signal.SIGCONT)
         if _ended(records, record, seconds):
             return
-    raise EngineError(f"stop {record['name']}", "it outlived SIGKILL", "looking for a hung device")
+    raise EngineError(f"stop {record['name']}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
 
 
 def _ended(records: Records, record: Record, seconds: float) -> bool:

@@ -1,4 +1,4 @@
-"""Which processes of this machine are whose: identity that survives a restart of rorg and the reuse of pids."""
+"""Which processes belong to which container: an identity that survives a restart of rorg and the reuse of pids."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from pathlib import Path
 from rorg.errors import Unreachable
 
 MARK = "RORG_CONTAINER"
-"""Environment variable that every process we start inherits: the id of its container."""
+"""Environment variable that every process of a container inherits: the container's id."""
 BEGIN = 5.0
-"""Seconds within which a program has begun, however busy the machine is."""
+"""Seconds within which a program has started, however busy the machine is."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
 SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
-"""Errors that say nothing about a file or process: no descriptor or memory is left to look at it."""
+"""Errors that say nothing about a file or process, only that no descriptor or memory is left to look at it."""
 
 
 def known(error: OSError, what: str) -> None:
-    """Raises Unreachable for an error that leaves open what it is about; any other one tells that it is gone."""
+    """Raises Unreachable for an error that says nothing about `what`; every other error means that it is gone."""
     if error.errno in SHORT_OF:
         raise Unreachable(f"look at {what}", error.strerror or str(error), "a higher limit of open files") from error
 
 
 @cache
 def boot_id() -> str:
-    """Identity of this boot: pids and start times mean nothing after another one."""
+    """Identity of this boot: pids and start times have no meaning after another boot."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
@@ -38,7 +38,7 @@ def stat(pid: int) -> tuple[str, int, int, float, int] | None:
     """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone.
     Raises Unreachable."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")  # names are bytes, and cut anywhere
+        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")  # names are bytes, cut anywhere
     except OSError as error:
         known(error, f"process {pid}")
         return None
@@ -48,15 +48,15 @@ def stat(pid: int) -> tuple[str, int, int, float, int] | None:
 
 
 def is_same(pid: int, started: int, boot: str, container: str) -> bool:
-    """Whether that pid is still the process that began at `started` for this container, and not dead. Start times
-    have a grain of 10 ms, so the mark is looked at too."""
+    """Whether this pid is still the process that began at `started` for this container, and alive. Start times have a
+    resolution of 10 ms, so the mark is checked too."""
     found = stat(pid) if boot == boot_id() else None
     return found is not None and found[2] == started and found[0] not in "ZX" and _marked(pid, container)
 
 
 def members(leader: int, container: str) -> list[int]:
-    """Live processes of a container: those of its session that carry its mark. The mark is checked, so a stranger
-    that got a reused number is never among them."""
+    """Live processes of a container: those of its session that carry its mark, so that a foreign process with a reused
+    number is never among them."""
     found = []
     for entry in os.scandir("/proc"):
         if entry.name.isdigit():
@@ -76,10 +76,10 @@ def _marked(pid: int, container: str) -> bool:
 
 
 def await_program(child: subprocess.Popen[bytes], container: str) -> None:
-    """Returns when the shell that was just started has begun its program, or has ended. Before its exec is over the
-    shell has no environment to be known by: its run would be taken for ended. And a signal that comes before the exec
-    of its program is over meets the handlers of the shell and is lost; a SIGSTOP then leaves the shell waiting for a
-    child that cannot go on, and neither is ever paused."""
+    """Return when the shell that was just started has started its program, or has ended. Before its own exec the shell
+    has no environment to be recognized by, so its run would look ended. And a signal before the exec of its program
+    meets the handlers of the shell and is lost; after a SIGSTOP then the shell waits for a child that cannot go on, and
+    neither is ever paused."""
     deadline = time.monotonic() + BEGIN
     while child.poll() is None and time.monotonic() < deadline:
         if _marked(child.pid, container) and _begun(child.pid):
@@ -88,7 +88,7 @@ def await_program(child: subprocess.Popen[bytes], container: str) -> None:
 
 
 def _begun(leader: int) -> bool:
-    """Whether the shell has a child that is not the shell itself any more. True where the kernel does not tell."""
+    """Whether the shell has a child that is no longer the shell itself. True if the kernel does not say."""
     try:
         own = Path(f"/proc/{leader}/cmdline").read_bytes()
         children = Path(f"/proc/{leader}/task/{leader}/children").read_text().split()
@@ -105,14 +105,14 @@ def _command_line(pid: str) -> bytes:
 
 
 def signal_group(leader: int, started: int, boot: str, container: str, number: int) -> bool:
-    """Signals all processes of a container; False when none of them is left."""
+    """Send a signal to all processes of a container; False if none is left."""
     try:
         descriptor = os.pidfd_open(leader)
     except OSError as error:
         known(error, f"process {leader}")
         descriptor = -1
     try:
-        # With the descriptor open the pid cannot come to mean another process between the check and the signal.
+        # While the descriptor is open the pid cannot come to mean another process.
         if descriptor >= 0 and is_same(leader, started, boot, container):
             try:
                 signal.pidfd_send_signal(descriptor, number, None, PROCESS_GROUP)

@@ -1,0 +1,235 @@
+"""Finds what is new since the last pass and has the recorder write it down, each thing once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rorg.core.changes import changed_items, changed_keys
+from rorg.core.decide import Decision
+from rorg.core.digest import unreadable
+from rorg.core.losses import losses, ready_runs
+from rorg.core.memory import Memory, Progress
+from rorg.core.observed import Observed
+from rorg.core.pausing import risks
+from rorg.core.requests import MOST_TOLD
+from rorg.core.ros_graph import Takeover
+from rorg.core.state_changes import NONE, state_changes
+from rorg.daemon.recorder import Recorder
+from rorg.daemon.snapshot import pressure_json
+from rorg.daemon.tree import Tree
+from rorg.engines.protocol import Engine
+from rorg.model.diagnostics import nearest
+from rorg.model.units import counted, format_seconds
+from rorg.store.requests_file import RequestsFile
+
+
+class Reporter:
+    """Used by the loop alone; `clock` gives monotonic seconds. `memory` is what the previous rorg left: what was ready
+    under it can be lost."""
+
+    def __init__(self, recorder: Recorder, engine: Engine, clock: Callable[[], float], memory: Memory) -> None:
+        self.recorder, self.engine, self.clock = recorder, engine, clock
+        self.event, self.when_new, self.is_news = recorder.event, recorder.when_new, recorder.is_news
+        self._ready = {name: step.relied_on for name, step in memory.progress.items() if step.relied_on}
+        """Service -> the run that requests relied on at the last pass."""
+        self._progress: Mapping[str, Progress] = memory.progress
+        """As of the last pass, like the following ones."""
+        self._observed: Observed | None = None
+        self._warned: frozenset[str] = frozenset()
+        """Warnings of the tree in force, which are not repeated with its next change."""
+        self._states: dict[str, str] | None = None
+        """Service -> its state in the journal; None before anything is known."""
+        self._risks: set[tuple[str, str]] = set()
+        """(service, code) of the risks of pausing that were reported: they come and go with who else is wanted."""
+        self._takeovers: frozenset[Takeover] = frozenset()
+
+    def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
+        """Record what is new since the last pass."""
+        observed = decision.situation.observed
+        shown = tuple(map(str, (*tree.errors, *tree.warnings)))
+        if self.is_news("tree", (shown, tree.desired.catalog.fingerprint, tree.revision)):
+            self._tree(tree)
+        self.when_new("git trust", tree.refusal, "git-refused", tree.refusal or "git trusts the manifests again")
+        self._unknown(decision)
+        if self.is_news("requests", tuple(map(str, requests.diagnostics))):
+            for error in requests.diagnostics:
+                self.event("requests-refused", f"{error}; the last good requests stay in force")
+        if self.is_news("engine", (observed.complete, observed.error)):
+            self._engine(observed)
+        self._unreadable(observed)
+        for violation in decision.violations:
+            self.when_new(f"violation {violation}", True, "violation", f"bug: {violation}")
+        self._services(decision)
+        self._pressure(decision)
+        if self.is_news("holds", tuple(decision.holds)):
+            held = "; ".join(f"{name} {why}" for name, why in decision.holds.items())
+            self.event("holds", held or "no service is held", services=list(decision.holds))
+        for name in decision.situation.desired.drivers:
+            why = decision.situation.unplugged.get(name, "")
+            if self.is_news(f"device {name}", why):
+                text = f"{name}: {why or 'all of its devices are there'}"
+                self.event("unplugged" if why else "plugged", text, service=name)
+        self._ros(decision)
+        suspended = decision.situation.suspended
+        self.when_new("suspended", bool(suspended), "suspended", suspended or "no longer suspended")
+        if observed.complete:
+            self._note_states(decision)
+        if observed.complete and tree.loaded:
+            self._lost(decision)
+        if self.is_news("withheld", decision.situation.withheld):
+            self._withheld(decision.situation.withheld)
+
+    def _tree(self, tree: Tree) -> None:
+        if tree.source is not None and (news := tree.source.take_news()):
+            self.event("git-commit", f"{news} {'is refused' if tree.errors else 'comes into force'}")
+        if tree.errors:
+            for error in tree.errors:
+                self.event("manifest-error", str(error))
+            kept = "the last good manifests stay in force" if tree.loaded else "nothing is in force yet"
+            self.event("tree-refused", f"manifests refused: {counted(len(tree.errors), 'error')}; {kept}")
+        elif tree.loaded:
+            count = sum(not s.meta for s in tree.desired.catalog.services.values())
+            revision = f", revision {tree.revision}" if tree.revision else ""
+            self.event("tree-accepted", f"manifests in force: {counted(count, 'service')}{revision}")
+            warnings = list(map(str, tree.warnings))
+            for warning in warnings:
+                if warning not in self._warned:
+                    self.event("manifest-warning", warning)
+            self._warned = frozenset(warnings)
+            self._ignored(tree)
+
+    def _ignored(self, tree: Tree) -> None:
+        """Report the options that manifests declare and the engine ignores."""
+        users: dict[str, int] = {}
+        for service in tree.desired.catalog.services.values():
+            declared = frozenset(service.spec or {}) - frozenset(service.defaults)
+            for option in self.engine.capabilities.ignored(declared):
+                users[option] = users.get(option, 0) + 1
+        if users:
+            found = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))
+            self.event("options-ignored", f"the {self.engine.name} engine ignores options: {found}")
+
+    def _unknown(self, decision: Decision) -> None:
+        """Report names in the requests file that are not declared, such as typing errors of a person who edits it."""
+        catalog = decision.situation.desired.catalog
+        known = {*catalog.services, *catalog.groups}
+        found = tuple((str(r.where), r.id, s) for r in decision.settled.requests for s in r.services if s not in known)
+        if not self.is_news("unknown", found):
+            return
+        for where, id, name in found[:MOST_TOLD]:
+            told = f"{where}: request '{id}' names '{name}', which is not declared"
+            self.event("unknown-service", f"{told}; {nearest(name, known)}")
+        if len(found) > MOST_TOLD:
+            self.event("unknown-service", f"{len(found) - MOST_TOLD} more names in requests are not declared")
+
+    def _engine(self, observed: Observed) -> None:
+        if observed.complete:
+            self.event("engine", f"engine answers: {counted(len(observed.containers), 'container')} of this robot")
+        elif observed.error:
+            self.event("engine-lost", observed.error)
+
+    def _unreadable(self, observed: Observed) -> None:
+        """Report containers of ours whose labels cannot be read."""
+        before, self._observed = self._observed, observed
+        if before is observed:
+            return
+        changed = changed_items(before.containers if before else (), observed.containers)
+        there = {c.id for c in observed.containers} if changed else set()
+        for container in changed:
+            key = f"container {container.id}"
+            if container.id not in there:
+                self.recorder.forget([key])
+            elif why := unreadable(container):
+                text = f"the container {container.name} ({container.id[:12]}): {why}"
+                self.when_new(key, why, "container-unreadable", text)
+
+    def _services(self, decision: Decision) -> None:
+        """Crashes, stalls and failed changes."""
+        before, self._progress = self._progress, decision.memory.progress
+        if before is not self._progress:  # a service that is declared again begins afresh
+            gone = before.keys() - self._progress.keys()
+            self.recorder.forget(f"{word} {n}" for n in gone for word in ("crashes", "stalled", "update", "device"))
+        for name in changed_keys(before, self._progress):
+            step, failed = self._progress[name], self._progress[name].update.failed
+            if self.is_news(f"crashes {name}", step.crashes):
+                service = decision.situation.desired.catalog.services.get(name)
+                what = f"{'driver ' if service and service.driver else ''}{name} {step.error or failed}"
+                text = f"{what} (unexpected exit {step.crashes})"
+                self.event("crashed", text, service=name, crashes=step.crashes)
+            if self.is_news(f"stalled {name}", step.stalled):
+                again = format_seconds(max(0.0, step.retry_at - self.clock()))
+                text = f"stalled: {step.error}; next try in {again}" if step.stalled else "no longer stalled"
+                self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", service=name)
+            if self.is_news(f"update {name}", failed) and failed:
+                back = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
+                text = f"the change of {name} failed: {failed}; {back}"
+                self.event("update-failed", text, service=name, error=failed)
+
+    def _pressure(self, decision: Decision) -> None:
+        told = pressure_json(decision)
+        if not self.is_news("pressure", (tuple(told["measures"]), tuple(told["shed"]), told["helpless"])):
+            return
+        what = ", ".join([*told["measures"], *(f"{name} ceased" for name in told["shed"])])
+        text = f"pressure: {told['reason']}" + (f"; in force: {what}" if what else "")
+        text += "; nothing that rorg runs would help" * (told["helpless"] and not what)
+        self.event("pressure", text if what or told["helpless"] else "pressure is over", **told)
+
+    def _ros(self, decision: Decision) -> None:
+        """Report what the ROS 1 graph shows. Only passes over all services bring another graph."""
+        situation = decision.situation
+        if not decision.whole or not (situation.ros or self._takeovers):
+            return
+        for service in situation.desired.catalog.services.values():
+            for risk in risks(situation, service):
+                if (service.name, risk.code) not in self._risks:
+                    self._risks.add((service.name, risk.code))
+                    text = f"pausing {service.name} is not safe: {risk.message}"
+                    self.event("pause-risk", text, service=service.name, cause=risk.code)
+        found = frozenset(takeover for graph in situation.ros.values() for takeover in graph.takeovers)
+        for takeover in sorted(found - self._takeovers, key=str):
+            services = [takeover.former, takeover.service]
+            self.event("ros-node-taken-over", str(takeover), node=takeover.node, services=services)
+        self._takeovers = found
+
+    def _note_states(self, decision: Decision) -> None:
+        """Write the states that services come into to the journal, without a line for people."""
+        first = self._states is None
+        states = self._states = self._states or {}
+        found = state_changes(states, decision)
+        states.update({p.service: p.state for p in found})
+        if first and found:  # one entry for all, since nothing has changed
+            message = f"found {counted(len(found), 'service')} with a container"
+            self._write("found", message, services=[p.service for p in found], states=dict(states))
+            return
+        for p in found:
+            asked = {"requests": list(p.requests)} if p.requests else {}
+            self._write("state", str(p), service=p.service, state=p.state, reason=p.reason, **asked)
+            if p.state == NONE:
+                del states[p.service]
+
+    def _write(self, kind: str, message: str, **more: Any) -> None:
+        self.recorder.journal.append(self.recorder.wall(), kind, message, **more)
+
+    def _withheld(self, found: Mapping[str, str]) -> None:
+        by_reason: dict[str, list[str]] = {}
+        for name, why in found.items():
+            by_reason.setdefault(why, []).append(name)
+        lines = "; ".join(f"{', '.join(names)} (not declared, but kept: {why})" for why, names in by_reason.items())
+        text = (
+            f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found else "no removal is withheld"
+        )
+        self.event("withheld", text, services=list(found))
+
+    def _lost(self, decision: Decision) -> None:
+        """Tell the holders of requests what they can no longer rely on."""
+        before, self._ready = self._ready, ready_runs(decision)
+        for loss in losses(before, self._ready, decision):
+            self.event(
+                "lost",
+                f"{loss.service} is lost to {', '.join(loss.requests)}: {loss.reason}",
+                service=loss.service,
+                cause=loss.cause,
+                incarnation=loss.incarnation,
+                requests=list(loss.requests),
+            )

@@ -1,0 +1,62 @@
+"""The engine's inspection of a container, as a Container."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from rorg.core.observed import Container, from_labels
+from rorg.engines.docker.live_options import live_options
+from rorg.host.clock import process_start
+
+ENGINES_OWN = ("bridge", "host", "none")
+"""Networks that every engine has."""
+NEVER = "0001-01-01T00:00:00Z"
+"""The engine's start time of a container that never started."""
+
+
+def epoch_seconds(stamp: str) -> float:
+    """The engine's times have nine digits after the second; Python reads six."""
+    return datetime.fromisoformat(
+        re.sub(r"(\.\d{1,6})\d*Z?$", r"\1+00:00", stamp.rstrip("Z") + "Z").replace("Z", "+00:00")
+    ).timestamp()
+
+
+def began(container: Container) -> float:
+    """When its current run began. The engine notes the start after the program's first output; the process knows."""
+    try:
+        return process_start(container.pid)
+    except (OSError, IndexError, ValueError):
+        return epoch_seconds(container.started_at)
+
+
+def read_container(data: Mapping[str, Any], local: bool) -> Container:
+    """A Container from its inspection. If the engine is on another machine (`local` is false), process ids mean nothing
+    here."""
+    state, labels = data["State"], data["Config"].get("Labels") or {}
+    started = state.get("StartedAt") or NEVER
+    return Container(
+        id=data["Id"],
+        name=data["Name"].lstrip("/"),
+        state=state["Status"],
+        started_at="" if started.startswith("0001-") else started,
+        exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
+        oom_killed=bool(state.get("OOMKilled")),
+        error=state.get("Error") or "",
+        created_at=data.get("Created") or "",
+        live=live_options(data.get("HostConfig") or {}),
+        pid=(state.get("Pid") or 0) if local else 0,
+        health=(state.get("Health") or {}).get("Status", ""),
+        stop_signal=data["Config"].get("StopSignal") or "",
+        image=data.get("Image") or "",
+        networks=_networks(data),
+        **from_labels(labels),
+    )
+
+
+def _networks(data: Mapping[str, Any]) -> dict[str, str]:
+    """By name, the ids of the networks that it joins; the engine's own are left out, since they never change."""
+    found = (data.get("NetworkSettings") or {}).get("Networks") or {}
+    return {name: (n or {}).get("NetworkID") or "" for name, n in found.items() if name not in ENGINES_OWN}

@@ -1,0 +1,78 @@
+"""The requests of meta-services over time. Other services make their own requests."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from rorg.history.database import Database
+from rorg.model.catalog import Request
+
+NEWEST = "SELECT content, text FROM asked JOIN asked_text USING (content) WHERE at <= ? ORDER BY number DESC LIMIT 1"
+CHANGES = "SELECT at, text FROM asked JOIN asked_text USING (content) WHERE at > ? AND at <= ? ORDER BY number"
+ANY = "~"
+"""Later than any time, as text."""
+
+
+class Asked:
+    """The table of requests, written by the owner of the file, from one thread."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._last: str | None = None
+        """The text that was written last."""
+
+    def note(self, at: str, requests: Iterable[Request]) -> None:
+        """Record that meta-services request these from now on (ISO 8601 in UTC)."""
+        text = json.dumps([_said(request) for request in requests])
+        if self._last is None:
+            self._last = next((found for _, found in self.database.rows(NEWEST, (ANY,))), "[]")
+        if text == self._last:
+            return
+        self._last, content = text, hashlib.sha256(text.encode()).hexdigest()[:32]
+
+        def change(connection: sqlite3.Connection) -> None:
+            connection.execute("INSERT OR IGNORE INTO asked_text (content, text) VALUES (?, ?)", (content, text))
+            connection.execute("INSERT INTO asked (at, content) VALUES (?, ?)", (at, content))
+
+        self.database.write(change)
+
+    def at(self, time: str) -> tuple[Request, ...]:
+        """Their requests at a time."""
+        for _, text in self.database.rows(NEWEST, (time,)):
+            return _read(text)
+        return ()
+
+    def between(self, begin: str, end: str) -> Iterator[tuple[str, tuple[Request, ...]]]:
+        """Their requests at `begin`, then each change up to `end`: (since when, all requests)."""
+        yield begin, self.at(begin)
+        for at, text in self.database.rows(CHANGES, (begin, end)):
+            yield at, _read(text)
+
+
+def _read(text: str) -> tuple[Request, ...]:
+    """The requests in a text; none if it is malformed."""
+    try:
+        return tuple(_request(said) for said in json.loads(text))
+    except (ValueError, TypeError, LookupError, RecursionError):
+        return ()
+
+
+def _said(request: Request) -> list[Any]:
+    """Without the last renewal, which makes no other request."""
+    return [request.requester, request.id, request.services, request.reason, request.priority, request.ttl]
+
+
+def _request(said: list[Any]) -> Request:
+    requester, id, services, reason, priority, ttl = said
+    return Request(
+        id=str(id),
+        requester=str(requester),
+        services=tuple(map(str, services)),
+        reason=str(reason),
+        priority=None if priority is None else int(priority),
+        ttl=None if ttl is None else float(ttl),
+    )

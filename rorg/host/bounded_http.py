@@ -1,0 +1,121 @@
+"""Asks a program by TCP or HTTP, with bounds, because it may be anything: each question has one deadline from the
+look-up of the name to the last byte, and a limit of what is read. No redirects, no proxies."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import http.client
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+from typing import Any
+from urllib.parse import urlsplit
+
+from rorg.host.deadline import Deadline
+
+HEAD = 64 << 10
+"""Bytes of an answer of which only the head is read. A usual one has a few hundred."""
+_lookups: dict[tuple[str, int], Future[list[Any]]] = {}
+"""Names that are being looked up. The resolver has no deadline, so whoever asks for the same name meanwhile waits for
+the same look-up."""
+_lock = threading.Lock()
+
+
+class Connection(socket.socket):
+    """Every read and write ends with the deadline; reading more than `most` bytes in all raises OSError."""
+
+    deadline: Deadline
+    most: int
+
+    def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:
+        self.settimeout(self.deadline.left())
+        count = super().recv_into(buffer, nbytes, flags)
+        self.most -= count
+        if self.most < 0:
+            raise OSError(errno.EMSGSIZE, "its answer is too long")
+        return count
+
+    def sendall(self, data: Any, flags: int = 0) -> None:
+        self.settimeout(self.deadline.left())
+        super().sendall(data, flags)
+
+
+def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Connection:
+    """A connection to the first address that accepts one. Raises OSError."""
+    addresses, refused = _addresses(host, port, deadline), OSError(errno.EADDRNOTAVAIL, f"{host} has no address")
+    for index, (family, kind, protocol, _, address) in enumerate(addresses):
+        found = Connection(family, kind, protocol)
+        found.deadline, found.most = deadline, most
+        try:
+            found.settimeout(deadline.left() / (len(addresses) - index))
+            found.connect(address)
+            return found
+        except OSError as error:
+            found.close()
+            refused = error
+    raise refused
+
+
+@contextlib.contextmanager
+def answer(
+    url: str, deadline: Deadline, most: int = HEAD, body: bytes | None = None, headers: Mapping[str, str] | None = None
+) -> Iterator[http.client.HTTPResponse]:
+    """The answer of an http:// URL to a GET, or to a POST of `body`, after its head; read its body within the block.
+    Raises OSError for any failure, also for something that is not HTTP."""
+    host, port = place_of(url)
+    parts = urlsplit(url)
+    asked = http.client.HTTPConnection(host, port)
+    path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+    try:
+        asked.sock = connect(host, port, deadline, most)
+        asked.request("GET" if body is None else "POST", path, body, {"Connection": "close", **(headers or {})})
+        with asked.getresponse() as found:
+            yield found
+    except (http.client.HTTPException, ValueError) as error:
+        raise OSError(f"{type(error).__name__}") from error
+    finally:
+        asked.close()
+
+
+def place_of(url: str, scheme: str = "http") -> tuple[str, int]:
+    """Host and port of a URL, by default 80. Raises OSError."""
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port, parts = None, None, None
+    if not parts or parts.scheme != scheme or not host:
+        raise OSError(errno.EINVAL, f"it is not at a {scheme}:// URL")
+    return host, port or 80
+
+
+def _addresses(host: str, port: int, deadline: Deadline) -> list[Any]:
+    """As getaddrinfo returns them, but before the deadline."""
+    with contextlib.suppress(OSError):
+        return socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
+    with _lock:
+        found = _lookups.get((host, port))
+        if found is None:
+            found = _lookups[host, port] = Future()
+            threading.Thread(target=_look_up, args=(host, port, found), name="resolver", daemon=True).start()
+    try:
+        return found.result(deadline.left())
+    except TimeoutError:
+        raise TimeoutError(f"the look-up of {host} timed out") from None
+
+
+def _look_up(host: str, port: int, found: Future[list[Any]]) -> None:
+    try:
+        addresses: list[Any] | OSError = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except OSError as error:
+        addresses = error
+    except UnicodeError:
+        addresses = OSError(errno.EINVAL, "it is not a host name")
+    with _lock:
+        del _lookups[host, port]
+    if isinstance(addresses, OSError):
+        found.set_exception(addresses)
+    else:
+        found.set_result(addresses)

@@ -1,0 +1,68 @@
+"""The engines that rorg knows, and what each can do: the only place outside of engines/ that names one.
+
+Values only, so that commands, checks of manifests and the planner can ask without loading an engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capabilities:
+    """What an engine can do. rorg reports what it cannot do, and uses the next best way if there is one."""
+
+    server: bool = True
+    """It is a program of its own, which can be stopped or stuck."""
+    isolation: bool = True
+    """Containers have namespaces; otherwise they are plain processes of this machine."""
+    images: bool = True
+    """Containers are made from images that must be built or pulled; otherwise an image is only a name."""
+    pause: bool = True
+    """Without it, services with `idle: {action: pause}` are stopped."""
+    rename: bool = True
+    """Without it, a new container keeps the name that it was created with."""
+    update: bool = True
+    """Live options can be set in place; without it, a change of one makes a new container."""
+    exec: bool = True
+    """Commands run inside a container; without it, `exec` probes cannot be asked."""
+    logs: bool = True
+    """It keeps what containers print."""
+    log_times: bool = True
+    """It knows when a line was printed."""
+    events: bool = True
+    """It reports all changes immediately; without it, some or all are found by the next list."""
+    stats: bool = True
+    """It knows what containers use of CPU and memory."""
+    options: frozenset[str] | None = None
+    """Fields of a spec, devices among them, that have an effect or whose effect is there anyway; None for all."""
+
+    def ignored(self, options: frozenset[str]) -> frozenset[str]:
+        """Those of these options that have no effect."""
+        return frozenset() if self.options is None else options - self.options
+
+
+DEFAULT_ENGINE = "docker"
+ENGINES: Mapping[str, Capabilities] = {
+    DEFAULT_ENGINE: Capabilities(),
+    "process": Capabilities(
+        server=False,
+        isolation=False,
+        images=False,
+        log_times=False,
+        events=False,
+        options=frozenset(
+            (
+                *("image", "command", "entrypoint", "environment", "inherit_environment", "working_dir", "labels"),
+                *("stop_signal", "stop_grace_period", "container_name", "init", "network_mode", "logging"),
+            )
+        ),
+    ),
+}
+"""By name, in the order in which they are tried when nobody chooses one."""
+
+
+def capabilities_of(engine: str) -> Capabilities:
+    """What the engine of this name can do; everything if the name is not known."""
+    return ENGINES.get(engine, Capabilities())
