@@ -20,12 +20,11 @@ from image_trees import Heard, Place, images, orders_of
 
 from rorg.errors import Invalid
 from rorg.images import buildkit
-from rorg.images.build import build
+from rorg.images.build import build, build_log
 from rorg.images.context import context_files
-from rorg.images.logs import build_log
 from rorg.images.order import Order
-from rorg.images.orders import externals
 from rorg.images.process import ProcessBuilder
+from rorg.images.supply import externals
 
 TAG = "0123456789ab"
 """Of the references that the tests build."""

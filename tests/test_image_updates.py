@@ -18,9 +18,9 @@ from image_trees import Heard
 from robots import RealRobot, write_tree
 
 from rorg.errors import EngineError
-from rorg.images.make import make_supplier
 from rorg.images.order import LABEL_IMAGE
 from rorg.images.references import references_for
+from rorg.images.supply import make_supplier
 from rorg.manifest.load import load_or_raise
 from rorg.model.units import stamp
 

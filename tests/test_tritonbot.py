@@ -17,9 +17,9 @@ from test_ros import NODES
 
 from rorg.engines.docker.engine import DockerEngine
 from rorg.images.graph import descendants, hierarchy
-from rorg.images.make import make_supplier
 from rorg.images.order import LABEL_BUILDER
 from rorg.images.references import references_for
+from rorg.images.supply import make_supplier
 from rorg.manifest.load import load_or_raise
 from rorg.model.graph import stands_on
 from rorg.store.state_dir import StateDir

@@ -54,8 +54,8 @@ def command(
     from rorg.cli.building import shown
     from rorg.cli.context import Context
     from rorg.cli.output import check_form, missing
-    from rorg.images.make import make_supplier
     from rorg.images.references import references_for
+    from rorg.images.supply import make_supplier
     from rorg.model.image_names import declared
 
     check_form(output)

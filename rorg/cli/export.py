@@ -63,7 +63,7 @@ def command(
 
 def _write(exported: Exported, output: Path, force: bool) -> None:
     """The file, and what it names beside it; secrets are for their owner alone."""
-    from rorg.compose.writer_text import write
+    from rorg.compose.exported import write
     from rorg.errors import Invalid, Refused
 
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
@@ -82,7 +82,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:
     from rorg.cli.output import dump, echo, note
-    from rorg.compose.writer_text import escaped, write
+    from rorg.compose.exported import escaped, write
     from rorg.model.units import counted
 
     if form == "json":

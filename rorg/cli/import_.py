@@ -190,7 +190,7 @@ def _notes(imported: Imported, form: str) -> None:
 def _write(imported: Imported, output: Path, force: bool) -> None:
     """All of it, or nothing where something is there already."""
     from rorg.errors import Invalid, Refused
-    from rorg.importing.writing import there_already, write_tree
+    from rorg.importing.manifests import there_already, write_tree
 
     there = [str(path) for path in there_already(imported, output)]
     if there and not force:

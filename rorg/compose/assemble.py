@@ -9,7 +9,6 @@ from pathlib import Path
 from rorg.compose.form import Context
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.sections import FILE, SERVICE
-from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
@@ -222,3 +221,23 @@ def _with_bare_names(tree: Node, variables: Variables) -> Node:
             }
             entries[name] = service.but({**service.mapping, "environment": environment.but(filled)})
     return tree.but({**tree.mapping, "services": services.but(entries)})
+
+
+def without(base: Node, resets: Node) -> Node:
+    """What is left of what files before say once `!reset` and `!override` of a later one have taken theirs away."""
+    entries = dict(base.mapping)
+    for key, value in resets.mapping.items():
+        if value.tag and key in entries:
+            del entries[key]
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
+            entries[key] = without(entries[key], value)
+    return base.but(entries)
+
+
+def kept(node: Node) -> Node:
+    """Without what is only there to take something away (`!reset`)."""
+    if isinstance(node.value, dict):
+        return node.but({k: kept(v) for k, v in node.value.items() if v.tag != "reset"})
+    if isinstance(node.value, list):
+        return node.but([kept(v) for v in node.value if v.tag != "reset"])
+    return node

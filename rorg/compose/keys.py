@@ -8,8 +8,7 @@ from typing import Any
 
 from rorg.compose import shorts
 from rorg.compose.form import ANY, Context
-from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
-from rorg.compose.key_forms import Changed, Contexts, Either, is_remote
+from rorg.compose.forms import Changed, Contexts, Either, ListOf, MapOf, Pairs, Section, Words, is_remote
 from rorg.compose.nodes import Node
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, LOOSE, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rorg.compose import keys, shorts
 from rorg.compose.form import ANY
-from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
-from rorg.compose.key_forms import Changed, Either
+from rorg.compose.forms import Changed, Either, ListOf, MapOf, Pairs, Section, Words
 from rorg.compose.keys import ONE_OR_MANY, OPTIONS, UNIQUE
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rorg.compose.form import Suggestions
 from rorg.compose.nodes import MOST_VALUES, Node
 from rorg.compose.project import Variable
-from rorg.compose.suggestions import Suggestions
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import Outside
 from rorg.manifest.template import Refused, interpolate

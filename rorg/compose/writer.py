@@ -7,17 +7,17 @@ What a Compose file cannot say is a Note: `rorg export compose` writes these int
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rorg.compose.exported import Exported
-from rorg.compose.writer_dotenv import dotenv
 from rorg.compose.writer_images import build, only_bases
 from rorg.compose.writer_notes import condition, notes_of
-from rorg.compose.writer_objects import sections
 from rorg.compose.writer_options import OPTIONS, SOCKET, Writing
 from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
+from rorg.model.objects import EngineObject, Kind
+from rorg.model.volumes import is_path
 
 RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
 """What rorg does when a service ends -> what the engine is to do. Nothing for `never`."""
@@ -112,3 +112,55 @@ def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
 def _keys(section: Mapping[str, Any]) -> dict[str, str]:
     """The engine's name -> the key in the Compose file."""
     return {one["name"]: key for key, one in section.items()}
+
+
+_PLAIN = re.compile(r"[A-Za-z0-9_./:@%+,=-]*")
+_ESCAPES = {"\\": "\\\\", '"': '\\"', "$": "\\$", "\n": "\\n", "\r": "\\r", "\t": "\\t"}
+
+
+def dotenv(values: Mapping[str, str]) -> str:
+    """A line for each. What has quotes, spaces or signs of its own is quoted so that it is read as it is."""
+    return "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
+
+
+def _quoted(value: str) -> str:
+    if _PLAIN.fullmatch(value):
+        return value
+    if "'" not in value and "\n" not in value and "\r" not in value and "\\" not in value:
+        return f"'{value}'"
+    return '"' + "".join(_ESCAPES.get(sign, sign) for sign in value) + '"'
+
+
+ENGINES_OWN = ("host", "none", "bridge", "default")
+"""Networks that are always there."""
+
+
+def sections(kind: Kind, declared: Mapping[str, EngineObject], services: Iterable[Service]) -> dict[str, Any]:
+    """All that the tree declares, by the names that it writes, and all else that services name, by the engine's: a
+    network must then be there, and a volume is made where it is not."""
+    found = {name: _declared(one) for name, one in declared.items()}
+    known = {one.called for one in declared.values()}
+    named = _networks if kind == "network" else _volumes
+    for name in sorted({name for service in services for name in named(service.spec or {})} - known):
+        key = name if name not in found else f"{name}-external"
+        found[key] = {"name": name, "external": True} if kind == "network" else {"name": name}
+    return dict(sorted(found.items()))
+
+
+def _declared(one: EngineObject) -> dict[str, Any]:
+    return {"name": one.called, "external": True} if one.external else {"name": one.called, **one.spec}
+
+
+def _networks(spec: Mapping[str, Any]) -> Iterator[str]:
+    """A network_mode names one only where that is declared: else Compose takes it as it is."""
+    yield from (name for name in spec.get("networks") or () if name not in ENGINES_OWN)
+
+
+def _volumes(spec: Mapping[str, Any]) -> Iterator[str]:
+    for value in spec.get("volumes", ()):
+        if isinstance(value, Mapping):
+            name = (value.get("source") or "") if value["type"] == "volume" else ""
+        else:
+            name = value.partition(":")[0] if ":" in value else ""
+        if name and not is_path(name) and not name.startswith("$"):
+            yield name

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import signal
+import subprocess
+import threading
 from collections.abc import Collection, Iterator
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
 import requests
 import urllib3
@@ -15,11 +20,14 @@ from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
 from rorg.errors import EngineError, RorgError, Unreachable
+from rorg.host.commands import end
 from rorg.images import buildkit, classic
 from rorg.images.cancelling import Cancelling
-from rorg.images.dockerfiles import dockerfile_of
-from rorg.images.importing import import_stream
 from rorg.images.order import Order, Say
+from rorg.manifest.dockerfile import DockerfileError, rewritten
+from rorg.manifest.files import read_bytes
+from rorg.manifest.images import machine, read_dockerfile
+from rorg.model.catalog import Image
 from rorg.model.image_names import plain
 
 
@@ -144,3 +152,70 @@ def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: 
         sizes[line["id"]] = int(detail["current"]), int(detail["total"])
         come, whole = (sum(each) / 1e6 for each in zip(*sizes.values(), strict=True))
         say(f"{come:.1f} of {whole:.1f} MB", step=True)
+
+
+def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
+    """Its text, with the references that are in force. Raises OSError where it cannot be read, and EngineError where it
+    makes no sense or needs BuildKit and there is none."""
+    if image.inline:
+        return image.inline.encode()
+    context = Path(image.context or "")
+    # Whatever it is, it is turned back.
+    text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
+    try:
+        if not buildkit and read_dockerfile(text, image).buildkit:
+            remedy = "installing the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
+            raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
+        now = order.replacements
+        stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
+        found = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
+    except DockerfileError as error:
+        raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
+    return found.encode(errors="surrogateescape")
+
+
+SAID = 500
+"""Bytes of the last words of an import command that failed."""
+PATIENCE = 10.0
+"""Seconds for which an import command may go on once its stream has been read."""
+
+
+@contextlib.contextmanager
+def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterator[IO[bytes]]:
+    """Runs an image's import command as long as the block; its standard output is the tar stream. Raises EngineError
+    with what it said last when it fails."""
+    try:
+        process = subprocess.Popen(
+            image.import_command or (),
+            cwd=image.directory,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise EngineError(f"import {image.name}", str(error), "fixing spec.import") from error
+    assert process.stdout
+    assert process.stderr
+    said = bytearray()
+    listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
+    listener.start()
+    try:
+        with (cancelling or Cancelling()).by(lambda: os.killpg(process.pid, signal.SIGKILL)):
+            yield process.stdout
+        process.stdout.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+    finally:
+        end(process, signal.SIGTERM)
+        listener.join(PATIENCE)
+    if process.returncode != 0:
+        why = said.decode(errors="replace").strip()
+        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "fixing spec.import")
+
+
+def _listen(pipe: IO[bytes], said: bytearray) -> None:
+    """Keeps the end of what a command says, and never makes it wait."""
+    with pipe:
+        while chunk := os.read(pipe.fileno(), 1 << 16):
+            said[:] = (said + chunk)[-SAID:]

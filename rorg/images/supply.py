@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.host.clock import wall_clock
 from rorg.images.build import build
 from rorg.images.identity import Identities, renewed
-from rorg.images.order import Builder, Listener, Order, Result
-from rorg.images.orders import externals, orders_for
+from rorg.images.order import LABEL_BUILDER, LABEL_IDENTITY, LABEL_IMAGE, Builder, Listener, Order, Result
+from rorg.images.process import ProcessBuilder
 from rorg.images.records import Built, Records
 from rorg.images.references import Content, bases_of, references
 from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import declared, with_identity
+from rorg.store.state_dir import StateDir
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,3 +161,102 @@ class _Noting:
         bases = bases_of(self.catalog, image.name, self.content.references, digests)
         built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
         self.supplier.records.note({identity: built})
+
+
+def orders_for(
+    catalog: Catalog,
+    names: Iterable[str],
+    *,
+    identities: Mapping[str, str],
+    tags: Mapping[str, str],
+    there: Collection[str],
+    owner: str,
+    pull: bool = False,
+    cache: bool = True,
+) -> list[Order]:
+    """Orders for these images and what they stand on, each after those. `names` are of Images of the tree, or external
+    references; what an Image that is there stands on is not needed. `identities` and `tags`: Image -> identity, and the
+    reference that is in force; `there`: references that the engine has. `pull`: external ones that are there are pulled
+    anew. Without `cache` the named Images are built again, and nothing is used that the engine kept of them."""
+    found: dict[str, Order] = {}
+    names = list(names)
+    anew = set() if cache else {declared(name, catalog.images) for name in names}
+
+    def add(name: str) -> str:
+        """The reference of its order. Trees are checked when they are loaded: there is no circle."""
+        image = catalog.images.get(declared(name, catalog.images))
+        reference = tags[image.name] if image else name
+        if reference in found:
+            return reference
+        if image is None:
+            found[reference] = Order(reference, there=name in there, pull=pull and name in there)
+        elif reference in there and image.name not in anew:
+            found[reference] = order(image, reference, {}, True)
+        else:
+            found[reference] = order(image, reference, {base: add(base) for base in image.bases}, False)
+        return reference
+
+    def order(image: Image, reference: str, below: Mapping[str, str], present: bool) -> Order:
+        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identities.get(image.name, ""), LABEL_BUILDER: owner}
+        return Order(
+            reference,
+            image,
+            also=(image.name,) if image.name != reference else (),
+            labels={key: value for key, value in labels.items() if value},
+            below=tuple(dict.fromkeys(below.values())),
+            replacements={base: to for base, to in below.items() if base != to},
+            there=present,
+            cache=image.name not in anew,
+        )
+
+    for name in names:
+        add(name)
+    return list(found.values())
+
+
+def externals(catalog: Catalog, names: Iterable[str]) -> set[str]:
+    """External references that these images, Images of the tree or not, can need."""
+    found: set[str] = set()
+    pending = list(names)
+    seen: set[str] = set()
+    while pending:
+        name = pending.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        image = catalog.images.get(declared(name, catalog.images))
+        if image is None:
+            found.add(name)
+        else:
+            pending += image.bases
+    return found
+
+
+LOGS = "builds"
+"""Folder of the state directory for the logs of builds."""
+
+
+def make_supplier(engine: Engine, state: StateDir, owner: str, jobs: int, imports: bool = True) -> Supplier:
+    """`owner`: the instance whose images they are; `jobs`: images that are built at once. Without `imports` no command
+    of an import is run, so what stands on such an image is not built unless that is there."""
+    return Supplier(
+        make_builder=lambda: make_builder(engine, state, imports),
+        records=Records(state.path),
+        logs=state.path / LOGS,
+        owner=owner,
+        clock=time.monotonic,
+        wall=wall_clock,
+        jobs=jobs,
+    )
+
+
+def make_builder(engine: Engine, state: StateDir, imports: bool = True) -> Builder:
+    """One that has images where this engine runs them. What it needs is loaded with the first one. Raises
+    Unreachable."""
+    from rorg.engines.docker.engine import DockerEngine
+
+    if not isinstance(engine, DockerEngine):
+        return ProcessBuilder(state.path)
+    from rorg.images.docker import DockerBuilder
+
+    return DockerBuilder(engine, imports=imports)

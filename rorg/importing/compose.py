@@ -5,14 +5,109 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rorg.compose.project import Project
-from rorg.importing.compose_environment import taken
 from rorg.importing.compose_images import images
-from rorg.importing.compose_objects import groups, networks, requests, volumes
-from rorg.importing.compose_services import services
-from rorg.importing.compose_work import Work
+from rorg.importing.compose_keys import NETWORK, VOLUME, Row
+from rorg.importing.compose_options import OF_THE_ENGINE
+from rorg.importing.compose_services import services, taken
+from rorg.importing.compose_work import SOUND, Work
 from rorg.importing.manifests import Imported, Made
+from rorg.manifest.yaml_text import Noted
+
+NAMED = "as Compose calls it"
+
+
+def networks(work: Work) -> list[Made]:
+    """Those that a service is in."""
+    used = {n for said in work.project.services.values() for n in said.get("networks") or ()}
+    found = []
+    for name, said in work.project.networks.items():
+        if name in used and work.known("networks", name) in OF_THE_ENGINE:
+            continue
+        if name in used:
+            found.append(_object(work, "Network", "networks", name, said, NETWORK))
+        else:
+            work.note(f"no service is in the network {name}: there is no manifest of it", "networks", name)
+    return found
+
+
+def volumes(work: Work) -> list[Made]:
+    """Those that a service mounts."""
+    mounts = [m for said in work.project.services.values() for m in said.get("volumes") or ()]
+    used = {m.get("source") for m in mounts if m["type"] == "volume"}
+    found = []
+    for name, said in work.project.volumes.items():
+        if name in used:
+            found.append(_object(work, "Volume", "volumes", name, said, VOLUME))
+        else:
+            work.note(f"no service mounts the volume {name}: there is no manifest of it", "volumes", name)
+    return found
+
+
+def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, Any], table: Mapping[str, Row]) -> Made:
+    work.check(table, said, section, name, shown=f"{section}.{name}.")
+    called, known = work.called(section, name), work.known(section, name)
+    comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}."]
+    if said.get("external"):
+        return Made(kind, called, {**({"name": known} if known != called else {}), "external": True}, tuple(comments))
+    if kind == "Volume":
+        comments.append(
+            f"Where Compose has made {known} already, write `external: true`, and nothing else but the name."
+        )
+    spec: dict[str, Any] = {"name": Noted(known, NAMED)} if known != called else {}
+    for key in table:
+        if key not in ("name", "external", "ipam") and said.get(key) not in (None, {}, []):
+            spec[key] = said[key]
+    spec |= {"ipam": ipam} if (ipam := _ipam(said.get("ipam") or {})) else {}
+    return Made(kind, called, spec, tuple(comments))
+
+
+def _ipam(said: Mapping[str, Any]) -> dict[str, Any]:
+    """Without what is empty: `ipam: {}` says nothing."""
+    pools = [{k: v for k, v in pool.items() if v not in (None, "", {})} for pool in said.get("config") or ()]
+    found = {"driver": said.get("driver"), "config": [p for p in pools if p], "options": said.get("options")}
+    return {k: v for k, v in found.items() if v}
+
+
+def groups(work: Work) -> list[Made]:
+    """One for each profile, and one for each service of several copies."""
+    services = work.project.services
+    found = []
+    for name in services:
+        if (copies := work.copies(name)) > 1:
+            members = [f"{name}-{n}" for n in range(1, copies + 1)]
+            comment = f"From {work.origin('services', name)}: the {copies} copies of {name}."
+            found.append(Made("Group", name, {"services": members}, (comment,)))
+    profiles: dict[str, list[str]] = {}
+    for name in services:
+        for profile in work.project.profiles.get(name, ()):
+            profiles.setdefault(profile, []).append(name)
+    for profile, members in profiles.items():
+        group = f"profile-{profile}" if profile in services or not SOUND.fullmatch(profile) else profile
+        place = ("services", members[0], "profiles")
+        if group != profile:
+            work.note(f"the profile {profile} is the group {group}: a service has its name", *place)
+        comment = f"From {work.origin(*place)}: the profile {profile}. `rorg request {group}` starts it."
+        found.append(Made("Group", group, {"services": members}, (comment,)))
+    return found
+
+
+def requests(work: Work) -> list[Made]:
+    """A standing request for all that `docker compose up` runs."""
+    names = [n for n in work.project.services if n in work.project.enabled and work.copies(n) > 0]
+    if not names:
+        message = "every service has a profile, so nothing runs by itself"
+        work.note(message, "services", remedy="`rorg request GROUP`, or --profile")
+        return []
+    comments = (
+        "What `docker compose up` runs. A service that is not in this list runs while somebody requests it,",
+        "or something that runs needs it.",
+    )
+    spec = {"services": names, "reason": f"docker compose up of {work.project.name}"}
+    return [Made("Request", "compose", spec, comments)]
+
 
 COMMON = Made(
     "Profile",

@@ -11,8 +11,8 @@ from rorg.daemon.tree import Tree
 from rorg.errors import Invalid
 from rorg.model.catalog import Catalog, Image
 from rorg.model.trace import Trace
-from rorg.sim.baseline import everything
 from rorg.sim.player import EmulatedRun, Player
+from rorg.sim.simulate import everything
 from rorg.sim.standins import Share, stand_ins
 from rorg.sim.throwaway import ThrowawayRobot
 

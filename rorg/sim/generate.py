@@ -3,13 +3,74 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rorg.errors import Invalid
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.units import counted, format_seconds
-from rorg.sim import tour_guide as guide
-from rorg.sim.tour_guide import Battery, Span
+
+BEHAVIOUR = "behavioral"
+"""The service that goes through these states. The developer requests it."""
+
+_FACES = ("usb_cam", "openface_client", "openface_server", "face_db", "human_db", "ros_face_train_controller")
+_WAKEWORD = ("microphone", "snowboy")
+_DRIVE = ("navigation_route", "navigation", "cartographer_localization", "laser_repub", "back_laser")
+_SPEAK = ("ros_speak_text",)
+
+STATES: Mapping[str, tuple[str, ...]] = {
+    "start": (),
+    "standby": (*_FACES, *_WAKEWORD),
+    "chat": (*_FACES, *_WAKEWORD, "gcloud_speech_action_server", *_SPEAK),
+    "tour": (*_DRIVE, "traffic_control_server", "leg_tracker", *_SPEAK),
+    "return": (*_DRIVE, "traffic_control_server"),
+    "charging": (),
+}
+"""What the behaviour requests in each state, beside what is always on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Seconds, of which every value is as likely as any other."""
+
+    least: float
+    most: float
+
+
+START = 30.0
+"""Seconds from the developer's request until it looks for visitors."""
+PAUSE = 3.0
+"""Seconds of standby at the least: what the camera saw of the last visitor is valid for so long."""
+SPEAK = Span(2, 5)
+LISTEN = Span(3, 15)
+"""From the first silence that ends an answer to the longest that is listened to."""
+GOES_ON = 0.5
+"""How likely a visitor is to answer once more."""
+POINTS = 4
+"""Places that a tour leads to."""
+GO = Span(15, 60)
+"""The way to the next place."""
+EXPLAIN = Span(15, 30)
+MISSES = 0.05
+"""How likely a way or a docking is to fail."""
+TRIES = 3
+HOME = Span(30, 90)
+"""The way to the place in front of the dock."""
+DOCK = Span(20, 60)
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Shares of a full battery; rates an hour. One charge lasts nearly four hours of a busy day."""
+
+    full: float = 0.95
+    """Charging ends there."""
+    low: float = 0.2
+    """The robot drives to its dock then."""
+    standing: float = 0.16
+    driving: float = 0.32
+    charging: float = 0.5
+
 
 Activity = tuple[tuple[str, float], ...]
 """(state, seconds) one after the other, from standby to standby."""
@@ -34,7 +95,7 @@ def generate_day(duration: float, greetings: int, tours: int, seed: int, *, name
     scale = _widest(visits, gaps, duration, seed)
     day = _through(visits, gaps, scale, seed)
     day.stand(duration - day.now)
-    begin = TraceEvent(0.0, "developer", "autonomy", (guide.BEHAVIOUR,))
+    begin = TraceEvent(0.0, "developer", "autonomy", (BEHAVIOUR,))
     events = [_entering(at, state) for at, state in day.entered if at < duration]
     text = f"{counted(greetings, 'greeting')} and {counted(tours, 'tour')}, generated with seed {seed}: no recording."
     return Trace(name, duration, (begin, *events), text)
@@ -42,16 +103,16 @@ def generate_day(duration: float, greetings: int, tours: int, seed: int, *, name
 
 def _entering(at: float, state: str) -> TraceEvent:
     """The state machine looks ten times a second what is to be done."""
-    return TraceEvent(round(at, 1), guide.BEHAVIOUR, guide.BEHAVIOUR, guide.STATES[state], state)
+    return TraceEvent(round(at, 1), BEHAVIOUR, BEHAVIOUR, STATES[state], state)
 
 
 def _visit(rng: random.Random, tour: bool) -> Activity:
-    talk = _within(rng, guide.SPEAK) + _within(rng, guide.LISTEN)
-    while rng.random() < guide.GOES_ON:
-        talk += _within(rng, guide.SPEAK) + _within(rng, guide.LISTEN)
+    talk = _within(rng, SPEAK) + _within(rng, LISTEN)
+    while rng.random() < GOES_ON:
+        talk += _within(rng, SPEAK) + _within(rng, LISTEN)
     if not tour:
         return (("chat", talk),)
-    shown = sum(_tried(rng, guide.GO) + _within(rng, guide.EXPLAIN) for _ in range(guide.POINTS))
+    shown = sum(_tried(rng, GO) + _within(rng, EXPLAIN) for _ in range(POINTS))
     return (("chat", talk), ("tour", shown), ("return", _home(rng)))
 
 
@@ -62,15 +123,15 @@ def _within(rng: random.Random, span: Span) -> float:
 def _tried(rng: random.Random, span: Span) -> float:
     """Seconds with the tries that fail; the last one counts in any case."""
     taken = _within(rng, span)
-    for _ in range(guide.TRIES - 1):
-        if rng.random() >= guide.MISSES:
+    for _ in range(TRIES - 1):
+        if rng.random() >= MISSES:
             break
         taken += _within(rng, span)
     return taken
 
 
 def _home(rng: random.Random) -> float:
-    return _tried(rng, guide.HOME) + _tried(rng, guide.DOCK)
+    return _tried(rng, HOME) + _tried(rng, DOCK)
 
 
 @dataclass
@@ -80,7 +141,7 @@ class _Day:
     rng: random.Random
     battery: float
     entered: list[tuple[float, str]]
-    now: float = guide.START
+    now: float = START
     rates: Battery = Battery()
 
     def enter(self, state: str, seconds: float) -> None:
@@ -106,7 +167,7 @@ def _through(visits: list[Activity], gaps: list[float], scale: float, seed: int)
     """All visits, with these gaps in between, up to the end of the last one."""
     day = _Day(random.Random(f"docks of {seed}"), Battery().full, [(0.0, "start")])
     for gap, visit in zip(gaps, visits, strict=False):
-        day.stand(guide.PAUSE + gap * scale)
+        day.stand(PAUSE + gap * scale)
         for state, seconds in visit:
             day.enter(state, seconds)
     return day

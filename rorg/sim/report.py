@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
 from statistics import median
 from typing import Any
@@ -114,3 +115,54 @@ def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | i
                 states.pop(0)
             state = states[0][3] if states and states[0][0] <= sample.at else ""
             yield one.name, sample.at, state, sample.cpu, sample.memory, len(sample.active), len(sample.paused)
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """A state of a behaviour, or a request by itself, over a whole trace."""
+
+    kind: str
+    """state or request."""
+    by: str
+    """The behaviour, or the requester."""
+    name: str
+    """Of the state; or the request's id."""
+    lengths: tuple[float, ...]
+    """Seconds of each time, in order. A request that is made anew with other services is another time."""
+
+    @property
+    def total(self) -> float:
+        return sum(self.lengths)
+
+    @property
+    def mean(self) -> float:
+        return self.total / len(self.lengths)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "by": self.by,
+            "name": self.name,
+            "times": len(self.lengths),
+            "total": round(self.total, 3),
+            "mean": round(self.mean, 3),
+            "min": round(min(self.lengths), 3),
+            "max": round(max(self.lengths), 3),
+        }
+
+
+def activities(trace: Trace) -> list[Activity]:
+    """All of a trace, in the order in which they come first."""
+    lengths = dict[tuple[str, str, str], list[float]]()
+    under_way = dict[tuple[str, str], tuple[float, list[float]]]()
+    for event in trace.events:
+        request = event.requester, event.id
+        if request in under_way:
+            since, of = under_way.pop(request)
+            of.append(event.at - since)
+        if event.state or event.services:
+            what = ("state", event.requester, event.state) if event.state else ("request", *request)
+            under_way[request] = event.at, lengths.setdefault(what, [])
+    for since, of in under_way.values():
+        of.append(trace.duration - since)
+    return [Activity(*what, tuple(of)) for what, of in lengths.items()]

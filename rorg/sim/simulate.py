@@ -13,17 +13,37 @@ from rorg.core.observed import Container
 from rorg.core.pressure import pressed
 from rorg.core.requests import problems
 from rorg.core.wanted import wanted
-from rorg.model.catalog import Catalog, Request
+from rorg.model.catalog import DEVELOPER, Catalog, Request
+from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.learned import Learned
 from rorg.model.load import Load
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
-from rorg.sim.baseline import everything
 from rorg.sim.programs import Programs
-from rorg.sim.responses import Responses
-from rorg.sim.results import RunResult
+from rorg.sim.results import Responses, RunResult
 from rorg.sim.robot import CORES, MEMORY
 from rorg.sim.robot_of_programs import RobotOfPrograms
+
+ALL_ON = "all-on"
+"""Id of the request for everything."""
+
+
+def all_on_services(catalog: Catalog, trace: Trace) -> tuple[str, ...]:
+    """Services that run when everything does. Of those that must not run together (conflicts, exclusive resources) the
+    one stays out that the trace does not use; where it uses both, or neither, the one with the later name."""
+    asked = (member for event in trace.events for name in event.services for member in catalog.members(name))
+    used = closure(catalog.services, [*asked, *(n for n, s in catalog.services.items() if s.always_on)])
+    found: set[str] = set()
+    for name in sorted((n for n, s in catalog.services.items() if not s.meta), key=lambda n: (n not in used, n)):
+        more = found | closure(catalog.services, [name])
+        if not conflicting(catalog.services, more) and not overbooked(catalog, more):
+            found = more
+    return tuple(sorted(n for n in found if not catalog.services[n].meta))
+
+
+def everything(catalog: Catalog, trace: Trace) -> Request:
+    """The request that keeps them active."""
+    return Request(ALL_ON, DEVELOPER, all_on_services(catalog, trace), "everything runs, for comparison")
 
 
 def simulate(

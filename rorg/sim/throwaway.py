@@ -19,9 +19,9 @@ from rorg.daemon.wiring import loop_over
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
 from rorg.errors import NotReady, RorgError
-from rorg.images.make import make_supplier
 from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
+from rorg.images.supply import make_supplier
 from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
