@@ -15,7 +15,7 @@ MISTAKES = {
     "environment: [{b: c}]": "services.a.environment[0] is a mapping",
     "privileged: maybe": "'maybe' is neither true nor false",
     "mem_limit: lots": "'lots' is not an amount of memory",
-    "healthcheck: {test: [curl, x]}": "begins with none of NONE, CMD and CMD-SHELL",
+    "healthcheck: {test: [curl, x]}": "does not begin with NONE, CMD or CMD-SHELL",
     "healthcheck: {interval: 5}": "must be a duration, as 1m30s",
     "depends_on: {b: {condition: healthy}}": "'healthy' is not known; try 'service_healthy'",
     "depends_on: [bb]": "service 'a' names service 'bb' in depends_on, which there is not; try 'b'",

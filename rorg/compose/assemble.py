@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rorg.compose.form import Context
+from rorg.compose.keys import FILE, SERVICE
 from rorg.compose.nodes import Node, read_nodes
-from rorg.compose.sections import FILE, SERVICE
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
