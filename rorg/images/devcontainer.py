@@ -11,57 +11,30 @@ from typing import Any
 
 MARK = "rorg"
 """Below `customizations`: a file that has it is ours."""
+_SAME = (
+    *("cap_add", "cap_drop", "cgroup_parent", "cpu_period", "cpu_quota", "cpu_rt_period", "cpu_rt_runtime"),
+    *("cpu_shares", "cpus", "cpuset_mems", "dns", "dns_search", "domainname", "expose", "group_add", "hostname", "ipc"),
+    *("isolation", "oom_score_adj", "pid", "pids_limit", "platform", "runtime", "security_opt", "shm_size"),
+    *("stop_signal", "tmpfs", "uts", "volumes_from"),
+)
 FLAGS = {
-    "cap_add": "cap-add",
-    "cap_drop": "cap-drop",
+    **{name: name.replace("_", "-") for name in _SAME},
     "cgroup": "cgroupns",
-    "cgroup_parent": "cgroup-parent",
-    "cpu_period": "cpu-period",
-    "cpu_quota": "cpu-quota",
-    "cpu_rt_period": "cpu-rt-period",
-    "cpu_rt_runtime": "cpu-rt-runtime",
-    "cpu_shares": "cpu-shares",
-    "cpus": "cpus",
     "cpuset": "cpuset-cpus",
-    "cpuset_mems": "cpuset-mems",
     "device_cgroup_rules": "device-cgroup-rule",
     "devices": "device",
-    "dns": "dns",
     "dns_opt": "dns-option",
-    "dns_search": "dns-search",
-    "domainname": "domainname",
-    "expose": "expose",
     "extra_hosts": "add-host",
-    "group_add": "group-add",
-    "hostname": "hostname",
-    "ipc": "ipc",
-    "isolation": "isolation",
     "links": "link",
     "mem_limit": "memory",
     "mem_reservation": "memory-reservation",
     "mem_swappiness": "memory-swappiness",
     "memswap_limit": "memory-swap",
     "network_mode": "network",
-    "oom_score_adj": "oom-score-adj",
-    "pid": "pid",
-    "pids_limit": "pids-limit",
-    "platform": "platform",
-    "runtime": "runtime",
-    "security_opt": "security-opt",
-    "shm_size": "shm-size",
-    "stop_signal": "stop-signal",
-    "tmpfs": "tmpfs",
     "userns_mode": "userns",
-    "uts": "uts",
-    "volumes_from": "volumes-from",
 }
-"""Options that are a flag of the same value, or one for each of a list."""
-SWITCHES = {
-    "init": "init",
-    "oom_kill_disable": "oom-kill-disable",
-    "privileged": "privileged",
-    "read_only": "read-only",
-}
+"""Options whose value, or each item of it, is the value of a flag."""
+SWITCHES = ("init", "oom_kill_disable", "privileged", "read_only")
 PAIRS = {"annotations": "annotation", "storage_opt": "storage-opt", "sysctls": "sysctl"}
 ELSEWHERE = frozenset(
     ("image", "volumes", "environment", "user", "working_dir", "command", "entrypoint", "stdin_open", "healthcheck")
@@ -109,7 +82,7 @@ def _mount(volume: Mapping[str, Any]) -> str:
 def _flags(option: str, value: Any) -> list[str]:
     """Of `docker run`; none for what it has no flag for."""
     if option in SWITCHES:
-        return [f"--{SWITCHES[option]}"] if value else []
+        return [f"--{option.replace('_', '-')}"] if value else []
     if option in FLAGS:
         return [f"--{FLAGS[option]}={v}" for v in (value if isinstance(value, list) else [value])]
     if option in PAIRS:

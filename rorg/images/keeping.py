@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
@@ -34,15 +34,9 @@ class Kept:
         return 0 if self.reasons else self.size - self.shared
 
     def as_json(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "references": list(self.references),
-            "id": self.id,
-            "created": self.created,
-            "size": self.size,
-            "shared": self.shared,
-            "kept_for": list(self.reasons),
-        }
+        fields = asdict(self)
+        reasons = fields.pop("reasons")
+        return {**fields, "references": list(self.references), "kept_for": list(reasons)}
 
 
 def ours(

@@ -231,20 +231,10 @@ READ: Mapping[str, Callable[[_Service, str], None]] = {
     "User": _Service.user,
     "WorkingDirectory": lambda service, value: service.container.update(working_dir=value.removeprefix("-")),
 }
-HANDLED = frozenset(
-    (
-        "BindsTo",
-        "Conflicts",
-        "Description",
-        "ExecStart",
-        "ExecStartPre",
-        "RequiredBy",
-        "Requires",
-        "Requisite",
-        "Restart",
-        "Wants",
-    )
-)
+HANDLED = {
+    *("BindsTo", "Conflicts", "Description", "ExecStart", "ExecStartPre", "RequiredBy", "Requires", "Requisite"),
+    *("Restart", "Wants"),
+}
 
 
 def _bare(command: str) -> str:

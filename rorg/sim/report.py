@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import ceil
 from statistics import median
 from typing import Any
@@ -68,11 +68,8 @@ def as_json(results: Sequence[RunResult]) -> list[dict[str, Any]]:
     return [
         {
             **summary(one, results[0] if one is not results[0] else None),
-            "requests": [
-                {"at": r.at, "requester": r.requester, "id": r.id, "state": r.state, "seconds": r.seconds}
-                for r in one.responses
-            ],
-            "violated": [{"at": v.at, "code": v.code, "service": v.service, "text": v.text} for v in one.violations],
+            "requests": [asdict(response) for response in one.responses],
+            "violated": [asdict(violation) for violation in one.violations],
         }
         for one in results
     ]

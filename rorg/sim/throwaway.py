@@ -21,7 +21,7 @@ from rorg.engines.protocol import Usage
 from rorg.errors import NotReady, RorgError
 from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
-from rorg.images.supply import make_supplier
+from rorg.images.supply import Supplier
 from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
@@ -69,7 +69,7 @@ class ThrowawayRobot:
 
     def build(self, catalog: Catalog, say: Callable[[str], None]) -> None:
         """Has the images that its services are made from. `say` gets a line for each. Raises NotReady."""
-        supplier = make_supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
+        supplier = Supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
         content = self.references.of(catalog)
         used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
         self._builder = supplier.make_builder()
