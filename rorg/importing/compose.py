@@ -1,5 +1,6 @@
-"""A Compose project as a robot: its services under a common profile that adds nothing, so that rorg creates what
-Compose creates."""
+"""Imports a Compose project as a robot.
+
+Its services get a common profile that adds nothing, so that rorg creates the same containers as Compose does."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ NAMED = "as Compose calls it"
 
 
 def networks(work: Work) -> list[Made]:
-    """Those that a service is in."""
+    """Networks that a service is in."""
     used = {n for said in work.project.services.values() for n in said.get("networks") or ()}
     found = []
     for name, said in work.project.networks.items():
@@ -29,12 +30,12 @@ def networks(work: Work) -> list[Made]:
         if name in used:
             found.append(_object(work, "Network", "networks", name, said, NETWORK))
         else:
-            work.note(f"no service is in the network {name}: there is no manifest of it", "networks", name)
+            work.note(f"no service is in the network {name}, so it gets no manifest", "networks", name)
     return found
 
 
 def volumes(work: Work) -> list[Made]:
-    """Those that a service mounts."""
+    """Volumes that a service mounts."""
     mounts = [m for said in work.project.services.values() for m in said.get("volumes") or ()]
     used = {m.get("source") for m in mounts if m["type"] == "volume"}
     found = []
@@ -42,7 +43,7 @@ def volumes(work: Work) -> list[Made]:
         if name in used:
             found.append(_object(work, "Volume", "volumes", name, said, VOLUME))
         else:
-            work.note(f"no service mounts the volume {name}: there is no manifest of it", "volumes", name)
+            work.note(f"no service mounts the volume {name}, so it gets no manifest", "volumes", name)
     return found
 
 
@@ -54,7 +55,7 @@ def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, A
         return Made(kind, called, {**({"name": known} if known != called else {}), "external": True}, tuple(comments))
     if kind == "Volume":
         comments.append(
-            f"Where Compose has made {known} already, write `external: true`, and nothing else but the name."
+            f"If Compose has already created {known}, write `external: true` and nothing else but the name."
         )
     spec: dict[str, Any] = {"name": Noted(known, NAMED)} if known != called else {}
     for key in table:
@@ -65,14 +66,14 @@ def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, A
 
 
 def _ipam(said: Mapping[str, Any]) -> dict[str, Any]:
-    """Without what is empty: `ipam: {}` says nothing."""
+    """Without empty values: `ipam: {}` means nothing."""
     pools = [{k: v for k, v in pool.items() if v not in (None, "", {})} for pool in said.get("config") or ()]
     found = {"driver": said.get("driver"), "config": [p for p in pools if p], "options": said.get("options")}
     return {k: v for k, v in found.items() if v}
 
 
 def groups(work: Work) -> list[Made]:
-    """One for each profile, and one for each service of several copies."""
+    """One group for each profile, and one for each service with several copies."""
     services = work.project.services
     found = []
     for name in services:
@@ -88,22 +89,22 @@ def groups(work: Work) -> list[Made]:
         group = f"profile-{profile}" if profile in services or not SOUND.fullmatch(profile) else profile
         place = ("services", members[0], "profiles")
         if group != profile:
-            work.note(f"the profile {profile} is the group {group}: a service has its name", *place)
+            work.note(f"the profile {profile} becomes the group {group}, because a service has its name", *place)
         comment = f"From {work.origin(*place)}: the profile {profile}. `rorg request {group}` starts it."
         found.append(Made("Group", group, {"services": members}, (comment,)))
     return found
 
 
 def requests(work: Work) -> list[Made]:
-    """A standing request for all that `docker compose up` runs."""
+    """A standing request for everything that `docker compose up` runs."""
     names = [n for n in work.project.services if n in work.project.enabled and work.copies(n) > 0]
     if not names:
-        message = "every service has a profile, so nothing runs by itself"
+        message = "every service has a profile, so nothing runs without a request"
         work.note(message, "services", remedy="`rorg request GROUP`, or --profile")
         return []
     comments = (
-        "What `docker compose up` runs. A service that is not in this list runs while somebody requests it,",
-        "or something that runs needs it.",
+        "What `docker compose up` runs. A service that is not in this list runs only while something requests it,",
+        "or while a running service needs it.",
     )
     spec = {"services": names, "reason": f"docker compose up of {work.project.name}"}
     return [Made("Request", "compose", spec, comments)]
@@ -114,8 +115,8 @@ COMMON = Made(
     "common",
     {},
     (
-        "Adds nothing to what a service says, as Compose does. Without this file rorg gives every container",
-        "network_mode: host, an init process, no-new-privileges and a rotation of its log; see `rorg explain`.",
+        "Adds nothing to a service, like Compose. Without this file, rorg gives every container network_mode: host,",
+        "an init process, no-new-privileges and a log rotation; see `rorg explain`.",
     ),
 )
 
@@ -127,9 +128,11 @@ def from_compose(
     environment: Mapping[str, str],
     read: Callable[[Path], str | None],
 ) -> Imported:
-    """The manifests of a project. `tree`: where they will lie; `top`: what is below it is named relative to them (both
-    absolute); `environment`: what secrets and configs may take their content from; `read`: the text of a file, None for
-    one that is not there. Everything that cannot be carried over is told at once."""
+    """The manifests of a project, with a finding for everything that cannot be carried over.
+
+    `tree`: where the manifests will be; `top`: paths below it are written relative to them (both absolute).
+    `environment`: variables that secrets and configs may take their content from. `read`: the text of a file, None if
+    it does not exist."""
     work = Work(project, tree, top, environment, read)
     built, used = images(work)
     made = [COMMON, *services(work, used), *built, *networks(work), *volumes(work), *groups(work), *requests(work)]

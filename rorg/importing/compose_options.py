@@ -1,5 +1,5 @@
-"""The options of one service of Compose as the `container` section of a manifest. What Compose and rorg call alike is
-taken as it is; the rest has a function here."""
+"""The options of a Compose service as the `container` section of a manifest. Options with the same name and form are
+copied; all others have a function here."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rorg.importing.compose_mounts import volumes
 from rorg.importing.compose_work import Work, duration, size
 
 ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
-"""Carried over beside the others, since more than one key makes them."""
+"""Handled separately, because several keys contribute to them."""
 
 OF_THE_ENGINE = frozenset(("host", "none", "bridge"))
-"""Networks that are always there, which are joined by network_mode."""
+"""Networks that always exist; a container joins them with network_mode."""
 WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
-"""Options that the engine takes no notice of, by the kind of network."""
+"""Options that the engine ignores, by kind of network."""
 
 
 def options(work: Work, name: str) -> dict[str, Any]:
-    """All that is carried over of a service, in the order of the table."""
+    """All options of a service that are carried over, in the order of the table."""
     said = work.project.services[name]
     found: dict[str, Any] = {}
     for key, row in SERVICE.items():
@@ -32,7 +32,7 @@ def options(work: Work, name: str) -> dict[str, Any]:
 
 
 def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, Any]:
-    """Without what has no effect on a network that is not the container's own."""
+    """Without options that have no effect on a network that is not the container's own."""
     own = {work.known("networks", n) for n in work.project.services[name].get("networks") or ()} & OF_THE_ENGINE
     if own:
         del found["networks"]
@@ -85,7 +85,7 @@ def _hosts(value: Any) -> Any:
 
 
 def gpus(value: Any) -> Any:
-    """Requests of `gpus`, or of devices of a deployment, as one of a container."""
+    """Requests for GPUs, from `gpus` or from the devices of a deployment."""
     if not isinstance(value, list):
         return value
     return [{k: "all" if k == "count" and v == -1 else v for k, v in item.items()} for item in value]
@@ -118,7 +118,7 @@ def _port(item: Mapping[str, Any]) -> str:
 
 
 def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
-    """Every network with the service's name as an alias: that is how others find it under Compose."""
+    """Every network has the service's name as an alias, because that is how services find each other under Compose."""
     found = {}
     for network, said in value.items():
         work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
@@ -132,7 +132,7 @@ def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
 
 
 def _namespace(work: Work, value: str) -> Any:
-    """service:NAME means one container, also where NAME has several."""
+    """`service:NAME` means one container, even if NAME has several copies."""
     kind, colon, other = value.partition(":")
     return f"service:{work.first(other)}" if kind == "service" and colon else value
 
@@ -177,7 +177,7 @@ FORMS: Mapping[str, Callable[[Any], Any]] = {
     "shm_size": size,
     "stop_grace_period": duration,
 }
-"""Of keys whose form is another one here."""
+"""Keys whose value has a different form in rorg."""
 FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
     "ipc": _namespace,
     "network_mode": _namespace,
@@ -185,11 +185,11 @@ FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
     "security_opt": _security,
     "volumes_from": _volumes_from,
 }
-"""Of those that name other services, or files."""
+"""Keys that name other services, or files."""
 FORMS_BY_SERVICE: Mapping[str, Callable[[Work, str, Any], Any]] = {
     "healthcheck": _healthcheck,
     "isolation": _isolation,
     "networks": _networks,
     "volumes": volumes,
 }
-"""Of those that can be wrong, or go by the service's name."""
+"""Keys that can be wrong, or that depend on the service's name."""

@@ -1,4 +1,7 @@
-"""What an import makes: manifests and other files as texts, what is to be told of it, and where each came from."""
+"""The result of an import: manifests and other files as texts, with findings about them; and writing it.
+
+A new directory appears complete or not at all. Whole files are moved into an existing one, one after the
+other, once all of them are on the disk."""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ FOLDERS = {
 }
 """Kind -> the folder of its manifests."""
 NOTE = "note"
-"""Severity of a finding that says how something was carried over. A warning says what is different now."""
+"""Severity of a finding about how something was carried over. A warning is about a difference."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +44,13 @@ class Made:
     spec: Mapping[str, Any]
     """Plain values, some with a comment (yaml_text.Noted)."""
     comments: tuple[str, ...] = ()
-    """Lines above it: where it came from first."""
+    """Lines above the document; the first says where it came from."""
     labels: Mapping[str, str] = field(default_factory=dict)
     description: str = ""
 
     @property
     def path(self) -> str:
-        """Where it belongs in a tree of manifests."""
+        """Its path in a tree of manifests."""
         return f"{FOLDERS[self.kind]}/{stem(self.name)}.yaml"
 
     @property
@@ -65,7 +68,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Imported:
-    """The result of an import. Nothing of it may be written where there are errors."""
+    """The result of an import. It must not be written if there are errors."""
 
     manifests: tuple[Made, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
@@ -75,12 +78,12 @@ class Imported:
     diagnostics: tuple[Diagnostic, ...] = ()
 
     def with_diagnostics(self, more: Iterable[Diagnostic]) -> Imported:
-        """The same, with what was found before."""
+        """The same result, with earlier findings added."""
         return replace(self, diagnostics=tuple(sorted({*self.diagnostics, *more})))
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
-        """What keeps it from being written."""
+        """The findings that prevent writing."""
         return tuple(d for d in self.diagnostics if d.severity == "error")
 
     @property
@@ -90,17 +93,17 @@ class Imported:
 
 
 _PART = re.compile(r"\..*\.part([0-9]+)")
-"""The name of a directory on its way. A killed import leaves it; the next one removes it."""
+"""The name of an unfinished directory. A killed import leaves one behind; the next import removes it."""
 
 
 def there_already(imported: Imported, output: Path) -> list[Path]:
-    """Files that would be written over."""
+    """Existing files that would be overwritten."""
     return [output / name for name in imported.texts if os.path.lexists(output / name)]
 
 
 def write_tree(imported: Imported, output: Path) -> None:
-    """Writes all files of an import, and the schemas of manifests. Raises OSError, and then has changed nothing but
-    what it wrote last."""
+    """Writes all files of an import, and the schemas of manifests. On OSError, nothing but the last file written may
+    have changed."""
     for name in imported.texts:
         if not real((output / name).parent).is_relative_to(real(output)):
             raise OSError(errno.EPERM, "it leads out of the directory", str(output / name))
@@ -140,7 +143,7 @@ def _move(names: Iterable[Path], part: Path, output: Path) -> None:
 
 
 def _clear(folder: Path) -> None:
-    """Removes what killed imports left."""
+    """Removes what killed imports left behind."""
     for path in folder.glob(".*"):
         found = _PART.fullmatch(path.name)
         if found and path.is_dir() and not path.is_symlink() and not os.path.exists(f"/proc/{found[1]}"):
