@@ -1,4 +1,4 @@
-"""What comes of writing a robot as a Compose file: the document, what stands beside it, and what is not in it."""
+"""A robot as a Compose file: the document, the files beside it, notes on what it does not say, and its text."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ class Note:
     """Something that a Compose file cannot say, or says in other words."""
 
     service: str
-    """Empty for what is said of the whole robot."""
+    """Empty for the whole robot."""
     field: str
-    """Of the manifest: `spec.idle`, `spec.container.cpuset_mems`."""
+    """In the manifest: `spec.idle`, `spec.container.cpuset_mems`."""
     text: str
     """What becomes of it."""
     lost: bool = True
-    """It is not in the Compose file at all; False where other words stand for it."""
+    """Whether the Compose file does not have it at all; False if the file says it in other words."""
 
     def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        """The note as a JSON object."""
         carried = "not carried" if self.lost else "translated"
         return {"service": self.service, "field": self.field, "carried": carried, "message": self.text}
 
@@ -37,24 +37,24 @@ class Exported:
     """A robot as a Compose file."""
 
     document: Mapping[str, Any]
-    """As Compose takes it, but for `$` in texts, which stands once."""
+    """The document in the form of Compose, except that `$` is not doubled yet."""
     notes: tuple[Note, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
-    """Name -> text of what the document names beside it. Those that end in .env hold secrets."""
+    """Name -> text of files beside the document that it refers to. Those that end in .env hold secrets."""
     descriptions: Mapping[str, str] = field(default_factory=dict)
     """Service -> its description."""
 
 
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.@=+-]*( [A-Za-z_/][A-Za-z0-9_/.@=+-]*)*")
-"""What no version of YAML takes for anything but a text; other texts are quoted."""
+"""Texts that every version of YAML reads as text; all other texts are quoted."""
 _WORDS = re.compile(r"(?i:y|n|yes|no|on|off|true|false|null|\.?inf|\.?nan)")
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML that means the same by 1.1 and by 1.2, which readers of Compose files mix."""
+    """Writes YAML that means the same in 1.1 and 1.2, because readers of Compose files mix the two."""
 
     def ignore_aliases(self, _data: Any) -> bool:
-        """Each value is written out where it stands."""
+        """Writes out every value, without aliases."""
         return True
 
 
@@ -75,7 +75,7 @@ _Dumper.add_representer(type(None), _nothing)
 
 
 def escaped(value: Any) -> Any:
-    """The same with each `$` of its texts doubled: Compose fills in variables where one stands alone."""
+    """The same value with each `$` doubled, because Compose fills in variables after a single one."""
     if isinstance(value, str):
         return value.replace("$", "$$")
     if isinstance(value, Mapping):
@@ -84,7 +84,7 @@ def escaped(value: Any) -> Any:
 
 
 def write(exported: Exported) -> str:
-    """A whole Compose file, with what it cannot say as comments where it would stand."""
+    """The text of a whole Compose file. What it cannot say is a comment in its place."""
     document = escaped(exported.document)
     notes = exported.notes
     parts = [_comments("of this robot", (n for n in notes if not n.service)), _yaml({"name": document["name"]}, 0)]
@@ -109,7 +109,7 @@ def _said(note: Note) -> list[str]:
 
 def _comments(what: str, notes: Iterable[Note]) -> str:
     lines = [line for note in notes for line in _said(note)]
-    head = ["Written by `rorg export compose`."] + ([f"What is {what} and not in this file:"] if lines else [])
+    head = ["Written by `rorg export compose`."] + ([f"Parts {what} that are not in this file:"] if lines else [])
     return "".join(f"# {line}\n" for line in head + lines)
 
 

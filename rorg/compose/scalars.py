@@ -42,7 +42,7 @@ def duration(text: str) -> float:
 
 
 def boolean(text: str) -> bool:
-    """Raises ValueError."""
+    """Whether a text means true. Raises ValueError."""
     try:
         return _TRUE[text.lower()]
     except KeyError:
@@ -50,14 +50,14 @@ def boolean(text: str) -> bool:
 
 
 def integer(text: str) -> int:
-    """Raises ValueError for all but decimal digits with a sign."""
+    """An integer in decimal digits, perhaps with a sign. Raises ValueError."""
     if not re.fullmatch(r"[-+]?[0-9]{1,19}", text):
         raise ValueError(f"'{text}' is not a whole number")
     return int(text)
 
 
 def number(text: str) -> float:
-    """Raises ValueError."""
+    """A decimal number. Raises ValueError."""
     try:
         return float(Decimal(text))
     except (InvalidOperation, ValueError, OverflowError):
@@ -65,7 +65,7 @@ def number(text: str) -> float:
 
 
 def shown(value: object) -> str:
-    """A scalar as Compose makes text of it: true, 5, 1.5, and no point in a float that is whole."""
+    """A scalar as Compose converts it to text: true, 5, 1.5; whole floats have no decimal point."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -89,11 +89,11 @@ def _float(value: float) -> str:
 
 @dataclass(frozen=True)
 class Scalar(Form):
-    """A text or number that `convert` turns into its value (ValueError: why not)."""
+    """A text or number, converted by `convert`, which raises ValueError with the reason if it cannot."""
 
     wanted: str
     types: tuple[type, ...]
-    """What YAML may say: of bool only where it is among them."""
+    """Accepted YAML types; bool only if it is listed."""
     convert: Callable[[Any], Any] = lambda value: value
     one_of: tuple[str, ...] = ()
 
@@ -116,7 +116,7 @@ class Scalar(Form):
         return node.but(value)
 
     def otherwise(self, value: object) -> str:
-        """A remedy for a value of another type."""
+        """A remedy for a value of a wrong type."""
         if str not in self.types or not isinstance(value, int | float | bool):
             return ""
         return self.wanted if self.convert is duration else f'"{shown(value)}"'
@@ -143,13 +143,13 @@ DURATION = Scalar("a duration, as 1m30s", (str,), duration)
 
 
 def one_of(*names: str) -> Scalar:
-    """A text that is one of these."""
+    """One of these texts."""
     return Scalar(f"one of {', '.join(names)}", (str,), one_of=names)
 
 
 @dataclass(frozen=True)
 class PathOf(Scalar):
-    """A path of this machine, made absolute, but for what `kept` takes for something else."""
+    """A path of this machine, made absolute unless `kept` recognizes it as something else."""
 
     wanted: str = "a path"
     types: tuple[type, ...] = (str,)

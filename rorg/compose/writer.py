@@ -1,7 +1,7 @@
-"""A robot as a Compose file, without its requests: services with every option of their containers, how their images
-are built, and the networks and volumes that they name.
+"""Writes a robot as a Compose file, without its requests: services with all options of their containers, how their
+images are built, and the networks and volumes that they name.
 
-What a Compose file cannot say is a Note: `rorg export compose` writes these into the file as comments.
+What a Compose file cannot say becomes a Note, which `rorg export compose` writes into the file as a comment.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from rorg.model.objects import EngineObject, Kind
 from rorg.model.volumes import is_path
 
 RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
-"""What rorg does when a service ends -> what the engine is to do. Nothing for `never`."""
+"""rorg's `restart` -> that of Compose. `never` has none."""
 BUILD = "build"
-"""The profile of images that no service is made from, but other images are."""
+"""The profile of images that only other images are based on."""
 
 
 def export(catalog: Catalog, base: str, name: str) -> Exported:
-    """The whole robot. `base` is the absolute directory that the Compose file is for: paths below it, or below the one
-    above it, are relative to it. `name` is that of the project, made of any text."""
+    """The whole robot. `base`: absolute directory of the Compose file; paths below it or its parent are written
+    relative to it. `name`: any text, from which the project's name is made."""
     services = {n: s for n, s in sorted(catalog.services.items()) if s.spec is not None}
     containers = {s.container_name: n for n, s in services.items()}
     networks = sections("network", catalog.networks, services.values())
@@ -50,7 +50,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
 
 
 def project(name: str) -> str:
-    """A project's name, as Compose allows them: small letters, digits, - and _, and no sign before the first letter."""
+    """A valid name of a Compose project: lower-case letters, digits, - and _, starting with a letter or digit."""
     return re.sub(r"^[^a-z0-9]+", "", re.sub(r"[^a-z0-9_-]+", "-", name.lower())) or "robot"
 
 
@@ -70,10 +70,10 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
         spec["network_mode"] = "bridge"
     for option in sorted(spec):
         OPTIONS[option](writing, option, spec[option])
-    if "deploy" in writing.section and "mem_reservation" in spec:  # Compose wants it said in both places, or in one
+    if "deploy" in writing.section and "mem_reservation" in spec:  # Compose wants both to agree
         writing.section["deploy"]["resources"]["reservations"]["memory"] = str(spec["mem_reservation"])
     if SOCKET in spec.get("environment", {}):
-        writing.note("may_request", "no rorg is there to be asked: its socket and RORG_SOCKET are left out")
+        writing.note("may_request", "rorg does not run here, so its socket and RORG_SOCKET are left out")
     image = catalog.images.get(declared(str(spec["image"]), catalog.images))
     if image is not None:
         writing.put("image", image.name)
@@ -92,7 +92,7 @@ def _ordered(section: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
-    """Its needs; for a meta-service, which is no container, what that needs."""
+    """The needs of a service. A meta-service has no container, so its own needs replace it."""
     found: dict[str, Any] = {}
     pending, seen = list(service.needs), set[str]()
     while pending:
@@ -119,7 +119,7 @@ _ESCAPES = {"\\": "\\\\", '"': '\\"', "$": "\\$", "\n": "\\n", "\r": "\\r", "\t"
 
 
 def dotenv(values: Mapping[str, str]) -> str:
-    """A line for each. What has quotes, spaces or signs of its own is quoted so that it is read as it is."""
+    """One line for each value, quoted if Compose would otherwise change it."""
     return "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
 
 
@@ -132,12 +132,12 @@ def _quoted(value: str) -> str:
 
 
 ENGINES_OWN = ("host", "none", "bridge", "default")
-"""Networks that are always there."""
+"""Networks that always exist."""
 
 
 def sections(kind: Kind, declared: Mapping[str, EngineObject], services: Iterable[Service]) -> dict[str, Any]:
-    """All that the tree declares, by the names that it writes, and all else that services name, by the engine's: a
-    network must then be there, and a volume is made where it is not."""
+    """All declared objects, by their names in the tree, and all others that services name, by the engine's names. Such
+    a network must exist already; a volume is created if it is missing."""
     found = {name: _declared(one) for name, one in declared.items()}
     known = {one.called for one in declared.values()}
     named = _networks if kind == "network" else _volumes
@@ -152,7 +152,7 @@ def _declared(one: EngineObject) -> dict[str, Any]:
 
 
 def _networks(spec: Mapping[str, Any]) -> Iterator[str]:
-    """A network_mode names one only where that is declared: else Compose takes it as it is."""
+    """Networks that a container joins. A network_mode needs no declaration here: Compose passes it on."""
     yield from (name for name in spec.get("networks") or () if name not in ENGINES_OWN)
 
 
