@@ -103,7 +103,7 @@ def test_mounts_of_other_images_need_buildkit(dockerd, place, tmp_path):
     assert files_of(place, f"taker:{TAG}")["found"][1] == b"of the mount\n"
     classic = Place(dockerd.host, False, tmp_path / "classic")
     refused = classic.build(orders_of(catalog, {BASE_IMAGE, f"given:{TAG}"}, names=["taker"]))["taker"]
-    assert (refused.outcome, refused.message) == ("failed", "Dockerfile needs BuildKit, which is not here")
+    assert (refused.outcome, refused.message) == ("failed", "Dockerfile needs BuildKit, which is missing")
 
 
 def files_of(place: Place, reference: str) -> dict[str, tuple[tarfile.TarInfo, bytes]]:

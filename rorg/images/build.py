@@ -1,5 +1,5 @@
-"""Carries out orders of images: parents before children, independent ones at once; a failure stops what stands on it
-and nothing else."""
+"""Carries out orders for images: parents before children, independent ones in parallel. A failure stops only the images
+that are based on the failed one."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from rorg.model.image_names import SHORT
 from rorg.store.files import make_directory, regular
 
 TURN = 0.2
-"""Seconds until a build is ended after its `stop` is set."""
+"""Seconds until a build ends after its `stop` is set."""
 STOPPED = "stopped"
-"""The message of what was ended, or not begun, since whoever asked for it wants it no more."""
+"""The message of orders that were ended or not begun because the caller no longer wants them."""
 SHORTEST = 4
-"""Characters of a build argument that is kept out of what is shown; less is no secret, and part of any text."""
+"""Least length of a build argument that is hidden; shorter ones are not secrets, and occur in any text."""
 
 
 def build(
@@ -37,14 +37,14 @@ def build(
     stop: threading.Event | None = None,
     logs: Path | None = None,
 ) -> list[Result]:
-    """Has all these images, `jobs` at once, each of these workers with a builder of its own. Results are in the order
-    of `orders`. `clock` is in seconds; `logs` is the folder for the logs of builds. Once `stop` is set nothing is
-    begun, and what is under way is ended. Raises Invalid for images that stand on each other."""
+    """Carries out all orders, `jobs` of them in parallel, each worker with its own builder. Results are in the order of
+    `orders`. `clock`: in seconds; `logs`: folder for the logs of builds. Once `stop` is set, nothing more begins, and
+    running builds are ended. Raises Invalid if images are based on each other in a cycle."""
     return _Build(orders, make_builder, clock, listener, stop or threading.Event(), logs).run(jobs)
 
 
 class _Build:
-    """One thread, the caller's, decides what comes next; the workers do it."""
+    """The calling thread decides what comes next; the workers do it."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class _Build:
             sorter.prepare()
         except CycleError as error:
             cycle = " -> ".join(error.args[1])
-            raise Invalid("build", f"images stand on each other: {cycle}", "breaking the cycle") from error
+            raise Invalid("build", f"images are based on each other: {cycle}", "breaking the cycle") from error
         most = min(max(1, jobs), sum(not _is_present(order) for order in self._orders.values()))
         workers = [threading.Thread(target=self._work, name=f"build-{n}", daemon=True) for n in range(most)]
         for worker in workers:
@@ -77,7 +77,7 @@ class _Build:
         try:
             self._go_through(sorter)
         finally:
-            if len(self._results) < len(self._orders):  # whoever waits is interrupted
+            if len(self._results) < len(self._orders):  # the caller was interrupted
                 self._cancel()
             for _ in workers:
                 self._todo.put(None)
@@ -101,7 +101,7 @@ class _Build:
                 sorter.done(result.reference)
 
     def _without_work(self, order: Order) -> Result | None:
-        """What can be said of an order without doing anything; None where there is something to do."""
+        """The result of an order that needs no work; None if it does."""
         if _is_present(order):
             return Result(order.reference, "present")
         if self._stopping():
@@ -115,7 +115,7 @@ class _Build:
         return None
 
     def _next(self) -> Result:
-        """The next one that ends."""
+        """The next result. Checks now and then whether to stop."""
         while True:
             try:
                 return self._done.get(timeout=TURN)
@@ -127,7 +127,7 @@ class _Build:
         return self._stop.is_set() or self._cancelled.is_set()
 
     def _cancel(self) -> None:
-        """Ends what is under way. A worker that makes its builder at this moment sees that itself."""
+        """Ends running orders. A worker that is just making its builder checks this itself."""
         if not self._cancelled.is_set():
             self._cancelled.set()
             for builder in list(self._builders):
@@ -146,7 +146,7 @@ class _Build:
             try:
                 builder = builder or self._builder()
                 result = self._carry_out(order, builder)
-            except BaseException as error:  # whatever it is: the one who waits must hear of it
+            except BaseException as error:  # the caller waits for a result, whatever happened
                 result = self._failure(order, error)
             result = replace(result, seconds=self._clock() - began)
             try:
@@ -165,7 +165,7 @@ class _Build:
         return builder
 
     def _carry_out(self, order: Order, builder: Builder) -> Result:
-        """Raises what the builder raises."""
+        """The result of an order. Raises what the builder raises."""
         if self._stopping():
             return Result(order.reference, "skipped", STOPPED)
         with self._hearing:
@@ -214,7 +214,7 @@ def _pulled(order: Order, builder: Builder, say: Say) -> Result:
     except RorgError as error:
         if not order.there:
             raise
-        return Result(order.reference, "present", f"it is as it was, since it cannot be pulled: {error.why}")
+        return Result(order.reference, "present", f"the old one stays, because it cannot be pulled: {error.why}")
     return Result(order.reference, "pulled", id=builder.digest(order.reference))
 
 
@@ -231,25 +231,26 @@ def _made(order: Order, builder: Builder, say: Say) -> Result:
 
 
 def _shown(text: str, order: Order) -> str:
-    """One line, without the values of build arguments."""
+    """The text on one line, without the values of build arguments."""
     values = {value for value in (order.image.args.values() if order.image else ()) if len(value) >= SHORTEST}
     return " ".join(hidden(_hidden(text, order), sorted(values, key=len, reverse=True)).split())
 
 
 def _hidden(text: str, order: Order) -> str:
-    """Without the secrets among them, as it may be kept."""
+    """The text without secret build arguments, for the log."""
     return hidden(text, forms(order.image.args[name] for name in order.image.secrets)) if order.image else text
 
 
 KEPT = 5
-"""Logs of one image."""
+"""Logs kept for each image."""
 PRIVATE = 0o600
-"""Build arguments may be secrets."""
+"""Mode of the logs, because build arguments may be secrets."""
 
 
 @contextlib.contextmanager
 def build_log(folder: Path | None, order: Order) -> Iterator[Callable[[str], None]]:
-    """Takes all that a build says, whatever whoever hears of it is shown. Raises OSError."""
+    """Opens the log of a build and returns a function that writes to it; discards everything if there is no folder.
+    Raises OSError."""
     if folder is None:
         with open(os.devnull, "w") as nothing:
             yield lambda text: print(text, file=nothing)
@@ -264,7 +265,7 @@ def build_log(folder: Path | None, order: Order) -> Iterator[Callable[[str], Non
 
 
 def log_path(folder: Path | None, order: Order) -> str:
-    """The file of it; empty where logs have no folder."""
+    """The path of an order's log; empty if there is no folder."""
     stem, identity = order.log_name
     return str(folder / f"{stem}-{identity}.log") if folder else ""
 

@@ -1,4 +1,4 @@
-"""Images on Docker: built by BuildKit or by the classic builder, pulled, imported."""
+"""Images on Docker: built by BuildKit or the classic builder, pulled, or imported from the output of a command."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rorg.model.image_names import plain
 
 @contextlib.contextmanager
 def library_errors(what: str) -> Iterator[None]:
-    """docker-py's errors as ours."""
+    """Converts docker-py's errors into rorg's."""
     try:
         yield
     except APIError as error:
@@ -43,11 +43,11 @@ def library_errors(what: str) -> Iterator[None]:
 
 
 class DockerBuilder:
-    """Builds with the engine that also runs what is built; see Builder."""
+    """Builds with the engine that also runs the images; see Builder."""
 
     def __init__(self, engine: DockerEngine, buildkit: bool = True, imports: bool = True) -> None:
-        """Without `buildkit` the classic builder is used although there is a better one; without `imports` no command
-        of an import is run."""
+        """Without `buildkit`, the classic builder is used even if BuildKit is available. Without `imports`, no import
+        command runs."""
         self._imports = imports
         self._engine, self._client, self._wanted = engine, engine.client, buildkit
         self._cancelling = Cancelling()
@@ -57,7 +57,7 @@ class DockerBuilder:
         return set(references) - self._engine.missing_images(references)
 
     def pull(self, reference: str, say: Say) -> None:
-        """By docker-py, which knows where Docker's own commands keep the credentials for a registry."""
+        """Pulls with docker-py, which knows where Docker's commands keep the credentials of registries."""
         what, sizes = f"pull {reference}", dict[str, tuple[int, int]]()
         with library_errors(what):
             api = self._engine.api()
@@ -77,20 +77,20 @@ class DockerBuilder:
         return classic.build(self._client, order, image, text, say, self._cancelling)
 
     def _buildkit(self) -> str:
-        """The command for it where the engine has it too; empty where not."""
+        """The docker command if the engine supports BuildKit too; otherwise empty."""
         if self._found is None:
             with docker_errors("reach the engine"):
                 parts = self._client.get("/version").get("Components") or () if self._wanted else ()
-            known = any(part["Name"] == "Engine" for part in parts)  # Podman speaks the same API without it
+            known = any(part["Name"] == "Engine" for part in parts)  # Podman has the same API, but not BuildKit
             self._found = buildkit.find_command() if known else ""
         return self._found
 
     def load(self, order: Order, say: Say) -> str:
-        """It is tagged once the command has ended well: what it wrote until it failed is no image."""
+        """See Builder. Tags the image only after the command has succeeded: output of a failed one is incomplete."""
         assert order.image
         what = f"import {order.name}"
         if not self._imports:
-            raise EngineError(what, "a running rorg runs no command of a manifest", f"`rorg build {order.name}`")
+            raise EngineError(what, "a running rorg runs no commands of manifests", f"`rorg build {order.name}`")
         labels = " ".join(f"{key}={json.dumps(value)}" for key, value in order.labels.items())
         query: dict[str, Any] = {
             "fromSrc": "-",
@@ -146,7 +146,7 @@ def _parted(reference: str) -> tuple[str, str]:
 
 
 def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: Say) -> None:
-    """How much of all layers has come, as it grows."""
+    """Reports how much of all layers has been downloaded."""
     detail = line.get("progressDetail") or {}
     if line.get("status") == "Downloading" and "total" in detail:
         sizes[line["id"]] = int(detail["current"]), int(detail["total"])
@@ -155,17 +155,17 @@ def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: 
 
 
 def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
-    """Its text, with the references that are in force. Raises OSError where it cannot be read, and EngineError where it
-    makes no sense or needs BuildKit and there is none."""
+    """The Dockerfile that the engine gets, with the references in force. Raises OSError if it cannot be read, and
+    EngineError if it is invalid or needs a missing BuildKit."""
     if image.inline:
         return image.inline.encode()
     context = Path(image.context or "")
-    # Whatever it is, it is turned back.
+    # surrogateescape keeps any bytes, which encode() below restores
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
     try:
         if not buildkit and read_dockerfile(text, image).buildkit:
-            remedy = "installing the docker command with buildx (Debian's docker.io has it), and an engine of Docker's"
-            raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is not here", remedy)
+            remedy = "installing the docker command with buildx (in Debian's docker.io), and an engine by Docker"
+            raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is missing", remedy)
         now = order.replacements
         stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
         found = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
@@ -175,15 +175,15 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
 
 
 SAID = 500
-"""Bytes of the last words of an import command that failed."""
+"""Bytes of the last output of a failed import command that are shown."""
 PATIENCE = 10.0
-"""Seconds for which an import command may go on once its stream has been read."""
+"""Seconds that an import command may take to end after its output was read."""
 
 
 @contextlib.contextmanager
 def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterator[IO[bytes]]:
-    """Runs an image's import command as long as the block; its standard output is the tar stream. Raises EngineError
-    with what it said last when it fails."""
+    """Runs an image's import command during the block; its standard output is the tar stream. If the command fails,
+    raises EngineError with its last error output."""
     try:
         process = subprocess.Popen(
             image.import_command or (),
@@ -215,7 +215,7 @@ def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterato
 
 
 def _listen(pipe: IO[bytes], said: bytearray) -> None:
-    """Keeps the end of what a command says, and never makes it wait."""
+    """Keeps the end of a command's error output, and reads all of it so that the command never blocks."""
     with pipe:
         while chunk := os.read(pipe.fileno(), 1 << 16):
             said[:] = (said + chunk)[-SAID:]

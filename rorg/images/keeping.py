@@ -1,4 +1,4 @@
-"""Which images of ours are kept, why, and what they take on the disk."""
+"""Which of rorg's images are kept, why, and how much disk space they take."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from rorg.model.units import counted
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """One image of ours on the engine's machine. Sizes are in bytes."""
+    """One of rorg's images on the engine's machine. Sizes are in bytes."""
 
     name: str
     """The Image of the tree that it was built from."""
     references: tuple[str, ...]
-    """All that the engine calls it."""
+    """All of its names on the engine."""
     id: str
     created: float
     """Seconds since the epoch."""
     size: int
     shared: int
-    """Of its size, what other images have too."""
+    """The part of its size that other images also use."""
     reasons: tuple[str, ...]
-    """Why it is kept: it is in force, a revision used it, so many containers are made from it. Empty: it may go."""
+    """Why it is kept: it is in force, a revision used it, containers use it. Empty: it may be removed."""
 
     @property
     def freed(self) -> int:
-        """Bytes that its removal frees for sure."""
+        """Bytes that its removal is certain to free."""
         return 0 if self.reasons else self.size - self.shared
 
     def as_json(self) -> dict[str, Any]:
@@ -46,8 +46,8 @@ def ours(
     revisions: Sequence[Collection[str]],
     keep: int,
 ) -> list[Kept]:
-    """Images that this instance built, by name and age, the newest first. `rows`: as the engine tells its disk use;
-    `in_force`: references that the tree declares; `revisions`: those of states of the manifests, the last first, of
+    """Images that this instance built, by name, newest first. `rows`: the engine's report of disk usage; `in_force`:
+    references that the tree declares; `revisions`: references of earlier states of the manifests, latest first, of
     which `keep` count."""
     found = []
     for row in rows:
