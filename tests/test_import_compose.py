@@ -276,7 +276,9 @@ def test_a_task_that_others_wait_for_is_not_restarted_when_it_has_ended_well(tmp
         "  task: {image: b, restart: always}\n",
     )
     assert spec(found, "task")["restart"] == "on-failure"
-    assert told(found) == ["4:20: warning: some services wait until task has ended, so it is restarted only if it fails"]
+    assert told(found) == [
+        "4:20: warning: some services wait until task has ended, so it is restarted only if it fails"
+    ]
     tree = write(found, tmp_path / "manifests")
     assert not load(tree).errors
     path = tree / "services/task.yaml"

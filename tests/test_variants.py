@@ -82,7 +82,7 @@ def test_a_longer_linger_costs_cpu_and_spares_waiting(tree):
         ("lingr=2s", "lingr"),
         ("nosuch", "no setting"),
         ("linger=2s,linger=3s", "twice"),
-        ("linger=2s,speed=3", "'speed=3' is no setting"),
+        ("linger=2s,speed=3", "'speed=3' is not a setting"),
         ("linger=soon", "not a duration"),
         ("idle=sleep", "'pause', 'stop' or 'remove'"),
     ],

@@ -84,7 +84,7 @@ def escaped(value: Any) -> Any:
 
 
 def write(exported: Exported) -> str:
-    """The text of a whole Compose file. What it cannot say is a comment in its place."""
+    """The text of a whole Compose file. Comments say what it cannot express."""
     document = escaped(exported.document)
     notes = exported.notes
     parts = [_comments("of this robot", (n for n in notes if not n.service)), _yaml({"name": document["name"]}, 0)]

@@ -1,4 +1,4 @@
-"""Lets one thread end what another one does."""
+"""Lets one thread end the work of another."""
 
 from __future__ import annotations
 

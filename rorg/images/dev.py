@@ -70,7 +70,7 @@ class Developer:
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """What was requested in addition to the service's own options."""
+        """Everything requested in addition to the service's own options."""
         return (*(("x11",) if self.display is not None else ()), *(("gpu",) if self.gpu else ()))
 
 
@@ -80,7 +80,7 @@ def name_for(of: str) -> str:
 
 
 def plain_spec(image: str) -> Spec:
-    """The options for an image by itself: the host's network, as for every service."""
+    """The options for an image without a service: the host's network, as for every service."""
     return {"image": image, "network_mode": "host"}
 
 

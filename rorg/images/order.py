@@ -1,4 +1,4 @@
-"""Orders for images: what to do, who does it, who is told, and the result."""
+"""Orders for images: what to do, who does it, who listens, and the result."""
 
 from __future__ import annotations
 

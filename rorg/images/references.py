@@ -17,7 +17,7 @@ from rorg.model.image_names import declared, with_identity
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """What the images of a tree are made from."""
+    """The content of the images of a tree."""
 
     identities: Mapping[str, str] = field(default_factory=dict)
     """Image -> its identity."""

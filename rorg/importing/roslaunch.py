@@ -37,8 +37,8 @@ class Element:
 
 
 def read_launch(path: Path, text: str) -> Element | Diagnostic:
-    """The outermost element, or why there is none. A document type is refused, because its entities multiply and nobody
-    uses them in launch files. Raises TooMuch."""
+    """The outermost element, or why there is none. A document type is refused, because its entities multiply, and
+    launch files do not use them. Raises TooMuch."""
     parser = expat.ParserCreate("utf-8")  # the text is decoded already, whatever encoding it declares
     top = Element("", {}, Where(str(path)))
     way, count = [top], 0

@@ -1,4 +1,4 @@
-"""What runs of a trace came to, in figures: values for programs, rows for tables, time series."""
+"""Figures of traces and of their runs: values for programs, rows for tables, time series."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rorg.model.units import format_memory
 from rorg.sim.results import Response, RunResult
 
 COLUMNS = ("run", "cpu", "memory", "peak", "ready", "95%", "never", "violations")
-"""Of a table, a row each run."""
+"""Columns of a table with a row for each run."""
 WIDE = ("calls",)
 SERIES = ("run", "at", "state", "cpu", "memory", "active", "paused")
-"""Of a time series, a row each sample."""
+"""Columns of a time series with a row for each sample."""
 
 
 def summary(result: RunResult, against: RunResult | None = None) -> dict[str, Any]:
-    """Cores, bytes and seconds; `reduction` is the part of what `against` uses that this run does not."""
+    """Cores, bytes and seconds. `reduction`: the fraction that this run saves compared with `against`."""
     return {
         "run": result.name,
         "duration": result.duration,
@@ -36,7 +36,7 @@ def summary(result: RunResult, against: RunResult | None = None) -> dict[str, An
 
 
 def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
-    """Parts of 1: of CPU and of memory."""
+    """The fractions of CPU and memory that are saved."""
     return {
         "cpu": 1 - result.cpu / against.cpu if against.cpu else 0.0,
         "memory": 1 - result.memory / against.memory if against.memory else 0.0,
@@ -44,7 +44,7 @@ def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
 
 
 def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
-    """By the state that was entered, or the id of a request by itself."""
+    """Response times by the state that was entered, or by the id of a request outside of any state."""
     found: dict[str, list[Response]] = {}
     for one in responses:
         found.setdefault(one.state or one.id, []).append(one)
@@ -52,7 +52,7 @@ def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
 
 
 def _times(responses: Sequence[Response]) -> dict[str, Any]:
-    """Seconds; `never` counts those that were given up before they were ready."""
+    """Response times in seconds; `never` counts requests that were released before they were ready."""
     seconds = sorted(r.seconds for r in responses if r.seconds is not None)
     return {
         "count": len(responses),
@@ -64,7 +64,7 @@ def _times(responses: Sequence[Response]) -> dict[str, Any]:
 
 
 def as_json(results: Sequence[RunResult]) -> list[dict[str, Any]]:
-    """All but the samples; each run is compared with the first one."""
+    """Everything but the samples; each run is compared with the first one."""
     return [
         {
             **summary(one, results[0] if one is not results[0] else None),
@@ -76,7 +76,7 @@ def as_json(results: Sequence[RunResult]) -> list[dict[str, Any]]:
 
 
 def rows(results: Sequence[RunResult]) -> list[dict[str, str]]:
-    """For a table: each run is compared with the first one."""
+    """Rows for a table; each run is compared with the first one."""
     return [_row(summary(one, results[0] if one is not results[0] else None)) for one in results]
 
 
@@ -104,7 +104,7 @@ def _seconds(value: float | None) -> str:
 
 
 def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | int | float, ...]]:
-    """Rows of SERIES: cores since the sample before, bytes, and how many services run and are paused."""
+    """Rows of SERIES: cores since the last sample, bytes, and the number of running and paused services."""
     for one in results:
         states = trace.states()
         for sample in one.samples:
@@ -116,16 +116,16 @@ def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | i
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """A state of a behaviour, or a request by itself, over a whole trace."""
+    """A state of a behaviour, or a request outside of any state, over a whole trace."""
 
     kind: str
     """state or request."""
     by: str
     """The behaviour, or the requester."""
     name: str
-    """Of the state; or the request's id."""
+    """The state, or the request's id."""
     lengths: tuple[float, ...]
-    """Seconds of each time, in order. A request that is made anew with other services is another time."""
+    """Seconds of each occurrence, in order. Requesting other services under the same id is a new occurrence."""
 
     @property
     def total(self) -> float:
@@ -149,7 +149,7 @@ class Activity:
 
 
 def activities(trace: Trace) -> list[Activity]:
-    """All of a trace, in the order in which they come first."""
+    """All activities of a trace, in order of their first occurrence."""
     lengths = dict[tuple[str, str, str], list[float]]()
     under_way = dict[tuple[str, str], tuple[float, list[float]]]()
     for event in trace.events:

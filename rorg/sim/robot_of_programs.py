@@ -21,16 +21,16 @@ from rorg.sim.robot import SimRobot
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """Of one container, from `since` on."""
+    """What one container uses, starting at `since`."""
 
     service: str
     doing: tuple[str, bool, str]
-    """The state of its container, whether it is in use, and when this run began: another value, another use."""
+    """Its state, whether it is in use, and when this run began: if one of them changes, so does its use."""
     cores: float
     memory: float
-    """Bytes at `since`, beside what it has grown by."""
+    """Bytes at `since`, without what it has grown by."""
     grew: float
-    """Bytes that it has grown by until `since`."""
+    """Bytes that it had grown by at `since`."""
     growth: float
     """Bytes per second."""
     since: float
@@ -40,7 +40,7 @@ class Use:
         return self.doing[0] == "running"
 
     def grown(self, now: float) -> float:
-        """Bytes until now."""
+        """Bytes that it has grown by until now."""
         return self.grew + self.growth * (now - self.since)
 
     def memory_at(self, now: float) -> float:
@@ -48,7 +48,7 @@ class Use:
 
 
 class MachineUse:
-    """The sum over containers. `samples` are taken every `every` seconds, and at the end."""
+    """The sum over all containers. Samples are taken every `every` seconds, and at the end."""
 
     def __init__(self, every: float) -> None:
         self.every, self.now = every, 0.0
@@ -56,35 +56,35 @@ class MachineUse:
         self.samples: list[Sample] = []
         self._uses: dict[str, Use] = {}
         self._cores = self._memory = self._growth = 0.0
-        """Sums of now; memory at `_since`."""
+        """Current sums, with the memory as of `_since`."""
         self._since, self._stale = 0.0, False
         self._active, self._paused = frozenset[str](), frozenset[str]()
         self._sampled = 0.0, 0.0
-        """When the last sample was, and the CPU seconds then."""
+        """Time of the last sample, and the CPU seconds at that time."""
 
     @property
     def cores(self) -> float:
-        """That are used now."""
+        """Cores in use now."""
         if self._stale:
             self._sum()
         return self._cores
 
     @property
     def memory(self) -> float:
-        """Bytes, now."""
+        """Bytes in use now."""
         if self._stale:
             self._sum()
         return self._memory + self._growth * (self.now - self._since)
 
     def by_service(self) -> dict[str, tuple[float, int]]:
-        """Cores and bytes, now."""
+        """Service -> cores and bytes in use now."""
         return {use.service: (use.cores, int(use.memory_at(self.now))) for use in self._uses.values()}
 
     def of(self, container: str) -> Use | None:
         return self._uses.get(container)
 
     def change(self, container: str, use: Use | None) -> None:
-        """From now on a container uses this; None where it is over."""
+        """Sets what a container uses from now on; None if it has ended."""
         if use is None:
             self._uses.pop(container, None)
         else:
@@ -92,7 +92,7 @@ class MachineUse:
         self._stale = True
 
     def _sum(self) -> None:
-        """After changes, all of which are of now."""
+        """Updates the sums after changes at the current time."""
         uses = self._uses.values()
         self._since, self._cores = self.now, sum([u.cores for u in uses])
         self._memory, self._growth = sum([u.memory_at(self.now) for u in uses]), sum([u.growth for u in uses])
@@ -101,7 +101,7 @@ class MachineUse:
         self._stale = False
 
     def advance(self, now: float) -> None:
-        """Time goes on to `now`, with a sample whenever one is due."""
+        """Moves the time forward, and takes the samples that are due."""
         while (due := (len(self.samples) + 1) * self.every) <= now:
             self._add(due)
             self.sample()
@@ -115,7 +115,7 @@ class MachineUse:
         self.byte_seconds += (before + self.memory) / 2 * for_seconds
 
     def sample(self) -> None:
-        """How it is now; nothing where a sample has just been taken."""
+        """Takes a sample, unless there is one of this moment already."""
         at, seconds = self._sampled
         if self.now > at:
             mean = (self.cpu_seconds - seconds) / (self.now - at)
@@ -124,30 +124,30 @@ class MachineUse:
 
 
 ANSWER = 0.002
-"""Seconds that a probe takes to be answered."""
+"""Seconds until a probe is answered."""
 
 
 class RobotOfPrograms(SimRobot):
-    """`every`: seconds between two samples of what they use."""
+    """A SimRobot with programs. `every`: seconds between two samples of their use."""
 
     def __init__(self, catalog: Catalog, programs: Programs, every: float) -> None:
         super().__init__(catalog)
         self.programs, self.use = programs, MachineUse(every)
         self.violations = Violations(catalog.policy.budget)
         self.in_use: frozenset[str] = frozenset()
-        """Services that do what they are for."""
+        """Services that currently do their work."""
         self._up: dict[str, float] = {}
-        """Container -> when its program does what it is for; while it is paused, seconds that it still needs."""
+        """Container -> when its program does its work; while it is paused, the seconds that it still needs."""
         self._began: dict[str, float] = {}
         """Container -> when it was last started or resumed."""
         self._life: dict[str, float] = {}
-        """Container -> when it crashes; while it is paused, seconds that are left."""
+        """Container -> when it crashes; while it is paused, the remaining seconds."""
         self._looks: list[float] = []
-        """When programs come up, which is nothing to the loop."""
+        """When programs come up. The loop does not need to know."""
         self._accounted: tuple[Container, ...] = ()
 
     def _asked_next(self) -> float:
-        """When a probe tells something new."""
+        """When a probe has a new answer."""
         times = [inf]
         for (name, role), target in self._asked.items():
             told = self._told.get((name, role))
@@ -158,7 +158,7 @@ class RobotOfPrograms(SimRobot):
         return min(times)
 
     def _answers_at(self, container: Container | None, every: float) -> float:
-        """When the first probe of a run is made that it answers."""
+        """When a run answers a probe for the first time."""
         if container is None or container.state != "running":
             return inf
         began, up = self._began[container.id], self._up[container.id]
@@ -181,7 +181,7 @@ class RobotOfPrograms(SimRobot):
         return found
 
     def _check(self, decision: Decision) -> None:
-        """What the plan violates is told with the rest."""
+        """Violations of the plan are reported with all others."""
 
     def _latency(self, action: Action) -> float:
         return self.programs.call(action.verb, action.service)
@@ -198,7 +198,7 @@ class RobotOfPrograms(SimRobot):
             self._begin(container, up, self._life[container])
 
     def _begin(self, container: str, up: float, life: float) -> None:
-        """Its program runs from now on: it needs so long to come up, and lives so long."""
+        """Its program runs from now on, comes up after `up` seconds, and crashes after `life` seconds."""
         self._began[container], self._up[container], self._life[container] = self.now, self.now + up, self.now + life
         heapq.heappush(self._looks, self._up[container])
         service = self.desired.catalog.services.get(self.engine.containers[container].service)
@@ -208,13 +208,13 @@ class RobotOfPrograms(SimRobot):
             self.at(self._life[container], lambda: self._end(container, self._life, 1))
 
     def _end(self, container: str, times: Mapping[str, float], code: int) -> None:
-        """It ends by itself, where it runs and its time is come: a pause has put that off."""
+        """Ends a running container if its time has come. A pause may have put it off."""
         found = self.engine.containers.get(container)
         if found and found.state == "running" and times[container] <= self.now:
             self.engine.kill(container, code)
 
     def _account(self) -> None:
-        """What containers use has changed with what they do."""
+        """Updates the use of containers that have changed."""
         containers = tuple(self.engine.list())
         if not changed_items(self._accounted, containers):
             return
