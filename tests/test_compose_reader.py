@@ -35,7 +35,7 @@ MISTAKES = {
     "ulimits: {nofile: many}": "'many' is not a whole number",
     "extra_hosts: [x]": "'x' is not a host with an address",
     "1: x": 'key 1 is not a text; try "1"',
-    "cpus: 1\n    deploy: {resources: {limits: {cpus: 2}}}": "different values for cpus and deploy.resources.limits.cpus",
+    "cpus: 1\n    deploy: {resources: {limits: {cpus: 2}}}": "different values for cpus and deploy.resources",
     "container_name: x\n    scale: 2": "has 2 copies",
     "network_mode: host\n    networks: {default: }": "network_mode and networks, which exclude each other",
     "tty: true\n    tty: false": "key 'tty' appears twice in one mapping",

@@ -31,7 +31,7 @@ STAY = (
     "trap 'exit 0' TERM; while sleep 86400 2>/dev/null & wait $!; do :; done; while read -r _; do :; done",
 )
 """Runs until SIGTERM. An image without `sleep` has a shell that reads from its standard input, which the engine keeps
-open and nobody writes to."""
+open without ever writing to it."""
 OF_ONE = frozenset(
     ("container_name", "ports", "publish_all_ports", "mac_address", "restart", "labels", "stop_grace_period", "tty")
 )

@@ -62,9 +62,9 @@ class SimRobot:
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
         self.learned: Learned | None = None
-        """What earlier requests have taught; None: nothing is prewarmed."""
+        """Knowledge from earlier requests; None: nothing is prewarmed."""
         self.ros: Graphs = {}
-        """What ROS 1 masters say."""
+        """Answers of ROS 1 masters."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
