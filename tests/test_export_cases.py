@@ -10,9 +10,9 @@ import pytest
 from compose_cases import CASES, environment_of, load_from
 
 from rorg.compose import load as read_project
-from rorg.compose.exported import write
 from rorg.compose.project import Project
 from rorg.compose.writer import export
+from rorg.compose.writer_text import write
 from rorg.importing.compose import from_compose
 from rorg.manifest.load import load
 from rorg.model.catalog import Catalog, Service

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg.cli.options import FILES, Argument, Directory, Option, StateDirectory
 
 if TYPE_CHECKING:
-    from rorg.compose.exported import Exported
+    from rorg.compose.writer_text import Exported
 
 FORMATS = ("compose",)
 FORMS = ("yaml", "json")
@@ -63,7 +63,7 @@ def command(
 
 def _write(exported: Exported, output: Path, force: bool) -> None:
     """The file, and what it names beside it; secrets are for their owner alone."""
-    from rorg.compose.exported import write
+    from rorg.compose.writer_text import write
     from rorg.errors import Invalid, Refused
 
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
@@ -82,7 +82,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:
     from rorg.cli.output import dump, echo, note
-    from rorg.compose.exported import escaped, write
+    from rorg.compose.writer_text import escaped, write
     from rorg.model.units import counted
 
     if form == "json":

@@ -60,7 +60,7 @@ class Assembler:
             for layer in self.read(path, directory, variables, where):
                 services = self.extended(layer, directory, variables)
                 tree = layer.tree.but({**layer.tree.mapping, **({"services": services} if services else {})})
-                total = tree if total is None else FILE.merge(without(total, layer.written), tree)
+                total = tree if total is None else FILE.merge(apply_resets(total, layer.written), tree)
         total = total or Node({}, where)
         for entry in total.mapping["include"].items if "include" in total.mapping else ():
             total = self.included(total, entry, directory, variables, (*trail, *paths))
@@ -87,7 +87,7 @@ class Assembler:
         context = Context(directory, self.home, self.diagnostics, self.files.spend, self.files.near)
         for document in documents:
             written = fill(document, variables, self.diagnostics)
-            tree = FILE.read(kept(written), "", context)
+            tree = FILE.read(without_resets(written), "", context)
             if tree is not None:
                 self.layers[key].append(Layer(path, written, tree))
         return self.layers[key]
@@ -127,7 +127,7 @@ class Assembler:
         base = self.service(target.value, base_layer, base_directory, variables, trail)
         if base is None:
             return own
-        merged = SERVICE.merge(without(base, layer.written_service(name)), own)
+        merged = SERVICE.merge(apply_resets(base, layer.written_service(name)), own)
         self.files.spend(merged.size(), target.where)
         return own.but(merged.value)
 
@@ -225,21 +225,21 @@ def _with_bare_names(tree: Node, variables: Variables) -> Node:
     return tree.but({**tree.mapping, "services": services.but(entries)})
 
 
-def without(base: Node, resets: Node) -> Node:
+def apply_resets(base: Node, resets: Node) -> Node:
     """What remains of earlier files after `!reset` and `!override` of a later one have removed their keys."""
     entries = dict(base.mapping)
     for key, value in resets.mapping.items():
         if value.tag and key in entries:
             del entries[key]
         elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
-            entries[key] = without(entries[key], value)
+            entries[key] = apply_resets(entries[key], value)
     return base.but(entries)
 
 
-def kept(node: Node) -> Node:
+def without_resets(node: Node) -> Node:
     """A node without entries that only remove something (`!reset`)."""
     if isinstance(node.value, dict):
-        return node.but({k: kept(v) for k, v in node.value.items() if v.tag != "reset"})
+        return node.but({k: without_resets(v) for k, v in node.value.items() if v.tag != "reset"})
     if isinstance(node.value, list):
-        return node.but([kept(v) for v in node.value if v.tag != "reset"])
+        return node.but([without_resets(v) for v in node.value if v.tag != "reset"])
     return node

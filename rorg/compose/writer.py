@@ -10,10 +10,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rorg.compose.exported import Exported
-from rorg.compose.writer_images import build, only_bases
+from rorg.compose.writer_images import base_images, build
 from rorg.compose.writer_notes import condition, notes_of
 from rorg.compose.writer_options import OPTIONS, SOCKET, Writing
+from rorg.compose.writer_text import Exported
 from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
 from rorg.model.objects import EngineObject, Kind
@@ -39,7 +39,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
         document["services"][service.name] = _service(writing, service, catalog)
         notes += writing.notes
         files |= writing.files
-    for image in only_bases(catalog, services):
+    for image in base_images(catalog, services):
         document["services"][f"image-{stem(image.name)}"] = {
             "image": image.name,
             "build": build(image, catalog.images, base),

@@ -53,7 +53,7 @@ def is_directory(image: Image) -> bool:
     return image.inline == FILES
 
 
-def only_bases(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
+def base_images(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
     """Images that are built only because other images need them."""
     used = {declared(str((s.spec or {})["image"]), catalog.images) for s in services.values()}
     for name, image in sorted(catalog.images.items()):

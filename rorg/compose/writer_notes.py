@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from rorg.compose.exported import Note
 from rorg.compose.writer_images import is_directory
+from rorg.compose.writer_text import Note
 from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Service, Updating
 from rorg.model.graph import parents_first, stands_on
 from rorg.model.image_names import declared, stem

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.compose.exported import Note
+from rorg.compose.writer_text import Note
 from rorg.model.catalog import RUN
 from rorg.model.units import format_duration
 from rorg.model.volumes import is_path

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rorg.errors import EngineError
 from rorg.host.commands import end
-from rorg.images.cancelling import Cancelling
+from rorg.images.cancel import Cancellation
 from rorg.images.context import copy_context
 from rorg.images.ignore import NAME
 from rorg.images.order import Order, Say, StepFailed
@@ -74,7 +74,7 @@ def environment(host: str, folder: str) -> dict[str, str]:
 
 
 def build(
-    command: str, host: str, order: Order, image: Image, dockerfile: bytes, say: Say, cancelling: Cancelling
+    command: str, host: str, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation
 ) -> str:
     """The id of the image. Raises StepFailed, and OSError for unreadable files of the context."""
     with tempfile.TemporaryDirectory(prefix="rorg-build-") as name:
@@ -84,7 +84,7 @@ def build(
         (folder / f"Dockerfile{NAME}").touch()  # overrides the .dockerignore of the context, which is applied already
         (folder / "config").mkdir()
         line, values = command_line(order, image, folder)
-        _run([command, *line], {**environment(host, str(folder / "config")), **values}, order, say, cancelling)
+        _run([command, *line], {**environment(host, str(folder / "config")), **values}, order, say, cancellation)
         return (folder / "id").read_text().strip()
 
 
@@ -108,7 +108,7 @@ def command_line(order: Order, image: Image, folder: Path) -> tuple[list[str], d
     return ["build", *words, *([] if order.cache else ["--no-cache"]), str(folder / "context")], values
 
 
-def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Say, cancelling: Cancelling) -> None:
+def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Say, cancellation: Cancellation) -> None:
     try:
         process = subprocess.Popen(
             command,
@@ -122,7 +122,7 @@ def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Sa
         raise EngineError(f"build {order.name}", f"{command[0]}: {error.strerror}") from error
     assert process.stdout
     try:
-        with cancelling.by(lambda: os.killpg(process.pid, signal.SIGKILL)):  # the engine ends builds without a client
+        with cancellation.by(lambda: os.killpg(process.pid, signal.SIGKILL)):  # the engine ends builds without a client
             step, why = _read((line.decode(errors="replace") for line in process.stdout), say)
         process.wait(PATIENCE)
     finally:

@@ -12,13 +12,13 @@ from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import docker_errors
 from rorg.errors import EngineError
-from rorg.images.cancelling import Cancelling
+from rorg.images.cancel import Cancellation
 from rorg.images.context import write_tar
 from rorg.images.order import Order, Say, StepFailed
 from rorg.model.catalog import Image
 
 
-def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancelling: Cancelling) -> str:
+def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation) -> str:
     """The id of the image. `dockerfile`: its text after rewriting. Raises StepFailed, and OSError for unreadable files
     of the context."""
     with tempfile.TemporaryFile(prefix="rorg-build-") as tar:
@@ -27,9 +27,9 @@ def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Sa
         query = query_of(order, image, name)
         with (
             docker_errors(f"build {order.name}"),
-            cancelling.by(tar.close),
+            cancellation.by(tar.close),
             client.stream("POST", "/build", tar, **query) as stream,
-            cancelling.by(stream.close),
+            cancellation.by(stream.close),
         ):
             return _read(order, stream.lines(), say)
 

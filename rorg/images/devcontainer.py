@@ -66,7 +66,7 @@ def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any
     return found, left
 
 
-def ours(text: bytes) -> bool:
+def written_by_rorg(text: bytes) -> bool:
     """Whether rorg wrote a file. A file with comments is not rorg's."""
     try:
         return MARK in json.loads(text)["customizations"]

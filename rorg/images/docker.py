@@ -22,7 +22,7 @@ from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
 from rorg.errors import EngineError, RorgError, Unreachable
 from rorg.host.commands import end
 from rorg.images import buildkit, classic
-from rorg.images.cancelling import Cancelling
+from rorg.images.cancel import Cancellation
 from rorg.images.order import Order, Say
 from rorg.manifest.dockerfile import DockerfileError, rewritten
 from rorg.manifest.files import read_bytes
@@ -50,7 +50,7 @@ class DockerBuilder:
         command runs."""
         self._imports = imports
         self._engine, self._client, self._wanted = engine, engine.client, buildkit
-        self._cancelling = Cancelling()
+        self._cancellation = Cancellation()
         self._found: str | None = None
 
     def there(self, references: Collection[str]) -> set[str]:
@@ -63,7 +63,7 @@ class DockerBuilder:
             api = self._engine.api()
             with contextlib.closing(api), contextlib.closing(api.pull(reference, stream=True, decode=True)) as lines:
                 for line in lines:
-                    with self._cancelling.by(lambda: None):
+                    with self._cancellation.by(lambda: None):
                         _say_progress(line, sizes, say)
                     if "error" in line:
                         raise EngineError(what, line["error"], "an Image of that name in the tree")
@@ -73,8 +73,8 @@ class DockerBuilder:
         command, image = self._buildkit(), order.image
         text = dockerfile_of(order, image, bool(command))
         if command:
-            return buildkit.build(command, self._client.host, order, image, text, say, self._cancelling)
-        return classic.build(self._client, order, image, text, say, self._cancelling)
+            return buildkit.build(command, self._client.host, order, image, text, say, self._cancellation)
+        return classic.build(self._client, order, image, text, say, self._cancellation)
 
     def _buildkit(self) -> str:
         """The docker command if the engine supports BuildKit too; otherwise empty."""
@@ -100,7 +100,7 @@ class DockerBuilder:
         made = ""
         try:
             with (
-                import_stream(order.image, self._cancelling) as archive,
+                import_stream(order.image, self._cancellation) as archive,
                 docker_errors(what),
                 self._client.stream("POST", "/images/create", archive, **query) as stream,
             ):
@@ -133,7 +133,7 @@ class DockerBuilder:
                 self._client.delete(f"/images/{reference}", force=True)
 
     def cancel(self) -> None:
-        self._cancelling.cancel()
+        self._cancellation.cancel()
 
     def close(self) -> None:
         self._client.close()
@@ -181,7 +181,7 @@ PATIENCE = 10.0
 
 
 @contextlib.contextmanager
-def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterator[IO[bytes]]:
+def import_stream(image: Image, cancellation: Cancellation | None = None) -> Iterator[IO[bytes]]:
     """Runs an image's import command during the block; its standard output is the tar stream. If the command fails,
     raises EngineError with its last error output."""
     try:
@@ -201,7 +201,7 @@ def import_stream(image: Image, cancelling: Cancelling | None = None) -> Iterato
     listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
     listener.start()
     try:
-        with (cancelling or Cancelling()).by(lambda: os.killpg(process.pid, signal.SIGKILL)):
+        with (cancellation or Cancellation()).by(lambda: os.killpg(process.pid, signal.SIGKILL)):
             yield process.stdout
         process.stdout.close()
         with contextlib.suppress(subprocess.TimeoutExpired):

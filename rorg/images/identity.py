@@ -91,6 +91,6 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode(errors="surrogateescape")).hexdigest()
 
 
-def renewed(identity: str, bases: Mapping[str, str]) -> str:
+def rebuilt_identity(identity: str, bases: Mapping[str, str]) -> str:
     """The identity of an image that is rebuilt from the same files on other bases."""
     return _digest([VERSION, identity, dict(bases)])

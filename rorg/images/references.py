@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from rorg.images.identity import Identities, renewed
+from rorg.images.identity import Identities, rebuilt_identity
 from rorg.images.records import Built, Records
 from rorg.model.catalog import Catalog
 from rorg.model.engines import ENGINES
@@ -72,7 +72,7 @@ def references(
         elif all(last.bases.get(reference, now) == now for reference, now in bases.items()):
             found[name] = last.reference
         else:
-            found[name] = with_identity(name, renewed(identity, {**last.bases, **bases}))
+            found[name] = with_identity(name, rebuilt_identity(identity, {**last.bases, **bases}))
     return found
 
 

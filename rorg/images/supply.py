@@ -13,7 +13,7 @@ from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.host.clock import wall_clock
 from rorg.images.build import build
-from rorg.images.identity import Identities, renewed
+from rorg.images.identity import Identities, rebuilt_identity
 from rorg.images.order import LABEL_BUILDER, LABEL_IDENTITY, LABEL_IMAGE, Builder, Listener, Order, Result
 from rorg.images.process import ProcessBuilder
 from rorg.images.records import Built, Records
@@ -104,7 +104,7 @@ class Supplier:
             cache=cache,
         )
         return [
-            replace(order, unchanged=partial(_is_still, order.image, content))
+            replace(order, unchanged=partial(_is_unchanged, order.image, content))
             if order.image and content.identities
             else order
             for order in orders
@@ -126,11 +126,11 @@ class Supplier:
         found = references(catalog, content.identities, self.records.built(), digests)
         salt = {"built at": wall_clock()}
         for name in filter(None, (declared(n, catalog.images) for n in anew)):
-            found[name] = with_identity(name, renewed(content.identities[name], salt))
+            found[name] = with_identity(name, rebuilt_identity(content.identities[name], salt))
         return replace(content, references=found)
 
 
-def _is_still(image: Image, content: Content) -> bool:
+def _is_unchanged(image: Image, content: Content) -> bool:
     """Whether an image's files still have its identity: they may have been edited since the image was requested."""
     return Identities().one(image, content.identities) == content.identities[image.name]
 

@@ -12,7 +12,7 @@ from rorg.compose.project import Project
 from rorg.importing.compose_images import images
 from rorg.importing.compose_keys import NETWORK, VOLUME, Row
 from rorg.importing.compose_options import OF_THE_ENGINE
-from rorg.importing.compose_services import services, taken
+from rorg.importing.compose_services import fixed_variables, services
 from rorg.importing.compose_work import SOUND, Work
 from rorg.importing.manifests import Imported, Made
 from rorg.manifest.yaml_text import Noted
@@ -136,5 +136,5 @@ def from_compose(
     work = Work(project, tree, top, environment, read)
     built, used = images(work)
     made = [COMMON, *services(work, used), *built, *networks(work), *volumes(work), *groups(work), *requests(work)]
-    found = [*work.found, *taken(work)]
+    found = [*work.found, *fixed_variables(work)]
     return Imported(tuple(made), dict(work.files), frozenset(work.private), tuple(sorted(dict.fromkeys(found))))

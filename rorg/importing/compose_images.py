@@ -62,7 +62,7 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
     context = str(said.get("context") or work.project.directory)
     if REMOTE.match(context):
         work.refuse(f"rorg cannot build from {context}", *place, "context", remedy="a clone of it beside the manifests")
-    _holds_the_tree(work, image, context, place)
+    _warn_of_manifests(work, image, context, place)
     spec: dict[str, Any] = {"context": work.local(context, "images")}
     dockerfile = _dockerfile(work, image, context, said)
     spec |= {"dockerfile": dockerfile} if dockerfile not in ("", "Dockerfile") else {}
@@ -79,7 +79,7 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
     return Made("Image", image, spec, (f"From {work.origin(*place)}, service {name}.",))
 
 
-def _holds_the_tree(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:
+def _warn_of_manifests(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:
     """Warns if the manifests are part of the build context, so that editing them changes the image."""
     if context != str(work.tree) and not f"{work.tree}/".startswith(f"{context}/"):
         return

@@ -10,6 +10,8 @@ from rorg.importing.compose_keys import HEALTHCHECK, SERVICE, SERVICE_NETWORK
 from rorg.importing.compose_mounts import volumes
 from rorg.importing.compose_work import Work, duration, size
 
+Form = Callable[[Work, str, Any], Any]
+"""Converts a value; gets the service's name for messages."""
 ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
 """Handled separately, because several keys contribute to them."""
 
@@ -25,7 +27,7 @@ def options(work: Work, name: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, row in SERVICE.items():
         if row.how == "carried" and key not in ELSEWHERE and said.get(key) is not None:
-            value = _formed(work, name, key, said[key])
+            value = FORMS[key](work, name, said[key]) if key in FORMS else said[key]
             if value not in ({}, []) or key == "entrypoint":
                 found[key] = value
     return _on_its_network(work, name, found)
@@ -43,14 +45,6 @@ def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, A
         if key in found:
             work.note(f"{key} has no effect under network_mode: {mode}", "services", name, key)
     return {key: value for key, value in found.items() if key not in without}
-
-
-def _formed(work: Work, name: str, key: str, value: Any) -> Any:
-    if key in FORMS_BY_SERVICE:
-        return FORMS_BY_SERVICE[key](work, name, value)
-    if key in FORMS_BY_PROJECT:
-        return FORMS_BY_PROJECT[key](work, value)
-    return FORMS[key](value) if key in FORMS else value
 
 
 def _texts(value: Any) -> Any:
@@ -131,13 +125,13 @@ def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     return found
 
 
-def _namespace(work: Work, value: str) -> Any:
+def _namespace(work: Work, _name: str, value: str) -> Any:
     """`service:NAME` means one container, even if NAME has several copies."""
     kind, colon, other = value.partition(":")
     return f"service:{work.first(other)}" if kind == "service" and colon else value
 
 
-def _volumes_from(work: Work, value: list[str]) -> Any:
+def _volumes_from(work: Work, _name: str, value: list[str]) -> Any:
     found = []
     for item in value:
         other, colon, access = item.partition(":")
@@ -145,7 +139,7 @@ def _volumes_from(work: Work, value: list[str]) -> Any:
     return found
 
 
-def _security(work: Work, value: list[str]) -> Any:
+def _security(work: Work, _name: str, value: list[str]) -> Any:
     found = []
     for item in value:
         kind, _, profile = item.partition("=") if "=" in item else item.partition(":")
@@ -162,34 +156,27 @@ def _isolation(work: Work, name: str, value: str) -> Any:
     return value
 
 
-FORMS: Mapping[str, Callable[[Any], Any]] = {
-    "blkio_config": _rates,
-    "cpus": float,
-    "devices": _devices,
-    "expose": _texts,
-    "extra_hosts": _hosts,
-    "gpus": gpus,
-    "group_add": _texts,
-    "mem_limit": size,
-    "mem_reservation": size,
-    "memswap_limit": size,
-    "ports": _ports,
-    "shm_size": size,
-    "stop_grace_period": duration,
-}
-"""Keys whose value has a different form in rorg."""
-FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
-    "ipc": _namespace,
-    "network_mode": _namespace,
-    "pid": _namespace,
-    "security_opt": _security,
-    "volumes_from": _volumes_from,
-}
-"""Keys that name other services, or files."""
-FORMS_BY_SERVICE: Mapping[str, Callable[[Work, str, Any], Any]] = {
+def _plain(form: Callable[[Any], Any]) -> Form:
+    """A form that depends only on the value."""
+    return lambda _work, _name, value: form(value)
+
+
+FORMS: Mapping[str, Form] = {
+    "blkio_config": _plain(_rates),
+    "cpus": _plain(float),
+    "devices": _plain(_devices),
+    "extra_hosts": _plain(_hosts),
+    "gpus": _plain(gpus),
     "healthcheck": _healthcheck,
     "isolation": _isolation,
     "networks": _networks,
+    "ports": _plain(_ports),
+    "security_opt": _security,
+    "stop_grace_period": _plain(duration),
     "volumes": volumes,
+    "volumes_from": _volumes_from,
+    **dict.fromkeys(("expose", "group_add"), _plain(_texts)),
+    **dict.fromkeys(("ipc", "network_mode", "pid"), _namespace),
+    **dict.fromkeys(("mem_limit", "mem_reservation", "memswap_limit", "shm_size"), _plain(size)),
 }
-"""Keys that can be wrong, or that depend on the service's name."""
+"""Keys whose value has a different form in rorg."""

@@ -91,7 +91,7 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
         spec["needs"] = needs
     if ready := _ready(work, name, awaited):
         spec["ready"] = ready
-    resources, limits = deployed(work, name)
+    resources, limits = deploy_options(work, name)
     spec["restart"] = _restart(work, name, awaited)
     if resources:
         spec["resources"] = Inline(resources)
@@ -180,7 +180,7 @@ def _labels(work: Work, name: str) -> dict[str, str]:
     return {key: str(value) for key, value in found.items()}
 
 
-def deployed(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`resources` of the service, options of its container) from `deploy`, as far as it concerns more than a swarm."""
     said = work.project.services[name].get("deploy") or {}
     place = ("services", name, "deploy")
@@ -248,7 +248,7 @@ def _files(work: Work, name: str) -> tuple[list[Any], dict[str, str]]:
     return listed, values
 
 
-def taken(work: Work) -> list[Diagnostic]:
+def fixed_variables(work: Work) -> list[Diagnostic]:
     """One note for each variable whose value from the process's environment is now in the manifests."""
     users: dict[str, list[tuple[str | int, ...]]] = {}
     for place, names in work.project.taken.items():

@@ -96,7 +96,7 @@ _PART = re.compile(r"\..*\.part([0-9]+)")
 """The name of an unfinished directory. A killed import leaves one behind; the next import removes it."""
 
 
-def there_already(imported: Imported, output: Path) -> list[Path]:
+def existing_files(imported: Imported, output: Path) -> list[Path]:
     """Existing files that would be overwritten."""
     return [output / name for name in imported.texts if os.path.lexists(output / name)]
 

@@ -202,12 +202,8 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
 
 
 def _agreement(found: Agreement) -> dict[str, Any]:
-    return {
-        "moments": found.moments,
-        "services": round(found.services, 4),
-        "sets": round(found.sets, 4),
-        "differing": dict(found.differing),
-    }
+    rounded = {"services": round(found.services, 4), "sets": round(found.sets, 4)}
+    return {"moments": found.moments, **rounded, "differing": dict(found.differing)}
 
 
 def _changes(result: RunResult) -> Iterator[dict[str, Any]]:

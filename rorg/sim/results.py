@@ -159,9 +159,9 @@ class Violations:
                 self._well.discard(name)
             elif name in self._in_use and step.ready and name not in memory.in_flight:
                 self._well.add(name)
-        self._late_ones(decision, now)
+        self._check_late(decision, now)
 
-    def _late_ones(self, decision: Decision, now: float) -> None:
+    def _check_late(self, decision: Decision, now: float) -> None:
         for (name, role), target in decision.to_probe.items():
             since = decision.memory.of(name).running_since
             if role != "ready" or since is None or now < since + target.probe.timeout:

@@ -204,7 +204,7 @@ class SimRobot:
                 )
         return found
 
-    def _until_asked_again(self) -> float:
+    def _seconds_to_next_probe(self) -> float:
         """Seconds until the next pass because of probes. It is soon, unless every answer is the same as in the last
         pass and only an event can change it. A service that is not ready yet becomes ready just by time."""
         found = self._findings()
@@ -247,7 +247,7 @@ class SimRobot:
                 return decision
             times = [self._events[0][0]] if self._events else []
             times += [decision.deadline] if decision.deadline is not None else []
-            times += [self.now + self._until_asked_again()] if decision.to_probe else []
+            times += [self.now + self._seconds_to_next_probe()] if decision.to_probe else []
             times += [self.now + OFTEN] if decision.to_look else []
             limits = self.desired.catalog.policy.pressure
             times += [self.now + limits.step] if limits else []

@@ -160,7 +160,7 @@ class _Run(RobotOfPrograms):
         self._standing.pop(key, None)
         if event.services:
             self._standing[key] = event
-        if event.services and self._asks_more(event):
+        if event.services and self._needs_request(event):
             self._unmade.add(key)
         else:
             self.document = self.document.without({key})
@@ -178,7 +178,7 @@ class _Run(RobotOfPrograms):
     def _made(self) -> bool:
         """Makes the requests whose requesters are ready; whether there were any."""
         held = {r.key for r in self.document.requests}
-        self._unmade |= {key for key, event in self._standing.items() if key not in held and self._asks_more(event)}
+        self._unmade |= {key for key, event in self._standing.items() if key not in held and self._needs_request(event)}
         made = False
         for key in sorted(self._unmade, key=list(self._standing).index):
             event = self._standing[key]
@@ -198,7 +198,7 @@ class _Run(RobotOfPrograms):
             made = True
         return made
 
-    def _asks_more(self, event: TraceEvent) -> bool:
+    def _needs_request(self, event: TraceEvent) -> bool:
         """Whether an event names a service that is not requested anyway."""
         return any(m not in self._on for name in event.services for m in self.desired.catalog.members(name))
 

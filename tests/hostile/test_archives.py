@@ -83,7 +83,7 @@ def test_a_sparse_file_of_3_gib_costs_no_memory(tmp_path):
     os.truncate(path, (3 << 30) + 2048)
     tracemalloc.start()
     try:
-        with path.open("rb") as file, pytest.raises(Invalid, match="no file of at most"):
+        with path.open("rb") as file, pytest.raises(Invalid, match="not a file of at most"):
             read_records(file, "robot.tar")
         assert tracemalloc.get_traced_memory()[1] < MOST
     finally:

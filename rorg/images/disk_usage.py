@@ -39,7 +39,7 @@ class Kept:
         return {**fields, "references": list(self.references), "kept_for": list(reasons)}
 
 
-def ours(
+def own_images(
     rows: Iterable[Mapping[str, Any]],
     owner: str,
     in_force: Collection[str],

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rorg.errors import NotReady
 
 
-class Cancelling:
+class Cancellation:
     """Ends everything that is under way, and everything that starts afterwards."""
 
     def __init__(self) -> None:
