@@ -1,4 +1,4 @@
-"""`rorg image load` of any file: what is no archive of images is told, soon, and without its size in memory."""
+"""`rorg image load` of any file: anything else than an archive of images is refused, soon, and without its size in memory."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_what_is_no_archive_of_images_is_told(tmp_path, content):
     path.write_bytes(content)
     tracemalloc.start()
     try:
-        with path.open("rb") as file, pytest.raises(Invalid, match="it is no archive of images"):
+        with path.open("rb") as file, pytest.raises(Invalid, match="it is not an archive of images"):
             read_records(file, "robot.tar")
         assert tracemalloc.get_traced_memory()[1] < 4 * MOST
     finally:
