@@ -62,7 +62,7 @@ def test_the_battery_is_charged_when_it_is_low_and_the_rest_of_the_day_goes_on()
     assert any(since > charges[0][1] and state == "chat" for since, _, _, state in states)
 
 
-@pytest.mark.parametrize(("greetings", "tours", "why"), [(300, 3, "they take"), (2, 3, "begins with a greeting")])
+@pytest.mark.parametrize(("greetings", "tours", "why"), [(300, 3, "they take"), (2, 3, "starts with a greeting")])
 def test_what_no_day_can_hold_is_refused(greetings, tours, why):
     with pytest.raises(Invalid, match=why):
         generate_day(3600, greetings, tours, 1)

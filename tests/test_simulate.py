@@ -10,7 +10,7 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Behaviour, Distribution, Workload
-from rorg.sim.programs import LATENCY
+from rorg.sim.calls import LATENCY
 from rorg.sim.simulate import all_on_services, simulate
 
 MIB = 1 << 20

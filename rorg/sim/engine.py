@@ -8,7 +8,7 @@ import itertools
 import queue
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -24,34 +24,14 @@ from rorg.model.joining import NAMESPACES
 from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
 from rorg.model.units import stamp
-from rorg.sim.programs import LATENCY
+from rorg.sim.calls import LATENCY, UNSUPPORTED, Faults
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
-UNSUPPORTED = "not supported"
-"""The message of a fault that counts as a call that an engine does not support."""
 
 
 def iso(now: float) -> str:
     """A virtual time, in seconds, as the engine writes it."""
     return stamp(EPOCH + now)
-
-
-@dataclass
-class Faults:
-    """Faults to simulate. Keys are (verb, service)."""
-
-    hang: dict[tuple[str, str], float] = field(default_factory=dict)
-    """Additional seconds that a call takes."""
-    fail: dict[tuple[str, str], list[str]] = field(default_factory=dict)
-    """Messages of the next failures, each used once."""
-    spent: set[str] = field(default_factory=set)
-    """Containers that cannot be started again."""
-    crash_after: dict[str, float] = field(default_factory=dict)
-    """Service -> seconds after each start until it exits."""
-    exit_code: int = 1
-    bad: dict[str, str] = field(default_factory=dict)
-    """Digest -> how its containers fail: they refuse to `start`, or `exit` soon after the start."""
-    unreachable: bool = False
 
 
 class SimEngine:

@@ -9,19 +9,8 @@ from random import Random
 
 from rorg.model.catalog import Service
 from rorg.model.workload import Behaviour, Distribution, Workload
+from rorg.sim.calls import LATENCY
 
-LATENCY: Mapping[str, float] = {
-    "create": 0.014,
-    "start": 0.088,
-    "pause": 0.013,
-    "resume": 0.013,
-    "stop": 0.047,
-    "remove": 0.028,
-    "rename": 0.005,
-    "update": 0.010,
-    "signal": 0.005,
-}
-"""Seconds that each call of the engine takes: medians measured with Docker 20.10 on a 2-core machine."""
 COMES_UP = Distribution((0.1,))
 """Seconds that a program takes to come up, unless the workload says otherwise."""
 HOUR = 3600.0

@@ -27,7 +27,8 @@ from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.model.learned import Learned
 from rorg.model.load import Load
-from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
+from rorg.sim.calls import Faults
+from rorg.sim.engine import EPOCH, SimEngine
 from rorg.store.requests_document import RequestsDocument
 
 PROBE_AFTER = 0.1
@@ -277,6 +278,3 @@ class SimRobot:
 
     def active(self) -> set[str]:
         return {c.service for c in self.engine.list() if c.state == "running"}
-
-
-__all__ = ["SimRobot", "iso"]

@@ -1,4 +1,4 @@
-"""`rorg image load` of any file: anything else than an archive of images is refused, soon, and without its size in memory."""
+"""`rorg image load` refuses any file but an archive of images, soon, and without reading all of it into memory."""
 
 from __future__ import annotations
 
