@@ -98,7 +98,7 @@ def test_what_was_saved_is_read():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda path: path.write_bytes(ZEROS), "no archive of images"),
+        (lambda path: path.write_bytes(ZEROS), "not an archive of images"),
         (lambda path: path.write_bytes(member("else", b"x") + ZEROS), ""),
         (lambda path: path.write_bytes(member(content=b"{}") + ZEROS), ""),
         (os.mkfifo, "not a regular file"),
