@@ -101,7 +101,7 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
     container |= {k: v for k, v in options(work, name).items() if k != "container_name"}
     if "ipc" not in container and (users := _users_of_memory(work, name)):
         container["ipc"] = "shareable"
-        message = f"ipc: shareable is added, because {', '.join(users)} joins it and the engine requires it"
+        message = f"ipc: shareable is added, which the engine requires for {', '.join(users)} to join it"
         work.warn(message, "services", users[0], "ipc")
     container |= limits
     mounts = [m for section in ("configs", "secrets") for m in files_of(work, name, section)]
